@@ -1,0 +1,146 @@
+"""What a block is: a typed, compiled piece of a model with an explicit memory.
+
+A block is one compiled recursion ``kernel(x, y, state, p, dt, frequency)`` that reads the input
+``x``, writes the output ``y`` of the same length and updates ``state`` in place. A whole record is
+one call, one sample is a call of length one: both give the same bits because they are the same
+code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import ModelError
+
+Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
+
+
+class Slot(StrEnum):
+    """Where in the chain a block belongs; the chain is ordered by slot."""
+
+    INPUT = 'input'
+    HYSTERESIS = 'hysteresis'
+    STRUCTURE = 'structure'
+    SLOW = 'slow'
+    SENSOR = 'sensor'
+    ADDED = 'added'
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a block.
+
+    Attributes
+    ----------
+    name : str
+        The field's standard name, as in the papers (``A1``, ``beta``, ``natural_frequency``).
+    unit : str
+        SI unit, ``1`` where there is none.
+    default : float
+        Value used where nothing better is known.
+    low, high : float
+        Bounds of what is physically possible; fits stay inside, loading refuses what is outside.
+    description : str
+        One sentence.
+    scale : float
+        Typical size, by which fits scale the parameter.
+    """
+
+    name: str
+    unit: str
+    default: float
+    low: float
+    high: float
+    description: str
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """One immutable piece of a model; its memory is an array that the caller holds.
+
+    Attributes
+    ----------
+    name : str
+        Unique name, used in model files.
+    slot : Slot
+        Its place in the chain.
+    parameters : tuple of Parameter
+        In the order in which the kernel reads them.
+    kernel : callable
+        ``kernel(x, y, state, p, dt, frequency)``, compiled; `frequency` is the fundamental
+        frequency of the excitation [Hz], 0 where there is none.
+    state_size : callable or int
+        Length of the state, or a function of dt that gives it (delays).
+    description : str
+        One sentence on what the block does physically.
+    source : str
+        Paper and equation.
+    check : callable or None
+        ``check(values)`` returns '' or the reason why these parameters are impossible together.
+    """
+
+    name: str
+    slot: Slot
+    parameters: tuple[Parameter, ...]
+    kernel: Kernel
+    state_size: int | Callable[[float], int]
+    description: str
+    source: str = ''
+    check: Callable[[Mapping[str, float]], str] | None = None
+
+    def initial_state(self, dt: float) -> FloatArray:
+        """Return the memory of the block at rest, shape (state_size,)."""
+        size = self.state_size if isinstance(self.state_size, int) else self.state_size(dt)
+        return np.zeros(size)
+
+    def defaults(self) -> dict[str, float]:
+        """Return every parameter at its default."""
+        return {parameter.name: parameter.default for parameter in self.parameters}
+
+    def pack(self, values: Mapping[str, float]) -> FloatArray:
+        """Order `values` as the kernel reads them; missing ones take their default.
+
+        Raises
+        ------
+        ModelError
+            If a value is outside its bounds, not finite, or the block refuses the combination.
+        """
+        known = {parameter.name for parameter in self.parameters}
+        stray = sorted(set(values) - known)
+        if stray:
+            raise ModelError(
+                f'block {self.name} has no parameter {", ".join(stray)}; '
+                f'it has {", ".join(sorted(known))}'
+            )
+        packed = np.array([float(values.get(q.name, q.default)) for q in self.parameters])
+        for parameter, value in zip(self.parameters, packed, strict=True):
+            if not (parameter.low <= value <= parameter.high):
+                raise ModelError(
+                    f'{self.name}.{parameter.name} = {value:g} {parameter.unit} is '
+                    f'outside {parameter.low:g} .. {parameter.high:g}'
+                )
+        if self.check is not None:
+            reason = self.check(dict(zip((q.name for q in self.parameters), packed, strict=True)))
+            if reason:
+                raise ModelError(f'block {self.name}: {reason}')
+        return packed
+
+    def respond(
+        self,
+        signal: FloatArray,
+        values: FloatArray,
+        dt: float,
+        *,
+        state: FloatArray,
+        frequency: float = 0.0,
+    ) -> FloatArray:
+        """Answer a whole signal, shape (n,), updating `state` in place."""
+        output = np.empty_like(signal)
+        self.kernel(signal, output, state, values, dt, frequency)
+        return output

@@ -1,0 +1,88 @@
+"""``python -m piezo_hysteresis VERB``: finds the verb's file, runs it, reports errors in a line."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+from piezo_hysteresis import __version__
+from piezo_hysteresis.errors import PiezoError
+
+# Each file offers HELP (one line), configure(parser) and run(arguments) -> exit code.
+VERBS = {
+    'import': 'import_data',
+    'export': 'export',
+    'info': 'info',
+    'identify': 'identify',
+    'validate': 'validate',
+    'compensate': 'compensate',
+    'discover': 'discover',
+    'record': 'record',
+    'play': 'play',
+    'demo': 'demo',
+}
+
+
+def load_verb(verb: str) -> ModuleType:
+    """Import the file of `verb`; the others stay unloaded, so that start-up is fast."""
+    return importlib.import_module(f'piezo_hysteresis.cli.{VERBS[verb]}')
+
+
+def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words behind the program's name; those of the process where not given.
+    verb : str, optional
+        Verb that is already known (``ros2 run piezo_hysteresis identify``).
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 2 for anything the user can mend, 130 interrupted.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if verb is not None:
+        words = [verb, *words]
+    try:
+        return _run(words)
+    except PiezoError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print('interrupted', file=sys.stderr)
+        return 130
+
+
+def _run(words: list[str]) -> int:
+    wanted = words[0] if words and words[0] in VERBS else None
+    if wanted is None:
+        return _overview(words)
+    module = load_verb(wanted)
+    parser = argparse.ArgumentParser(
+        prog=f'piezo_hysteresis {wanted}', description=module.__doc__ or module.HELP
+    )
+    module.configure(parser)
+    return int(module.run(parser.parse_args(words[1:])))
+
+
+def _overview(words: list[str]) -> int:
+    parser = argparse.ArgumentParser(
+        prog='piezo_hysteresis',
+        description='Model, identify and compensate piezo hysteresis; find what the model misses.',
+    )
+    parser.add_argument('--version', action='version', version=__version__)
+    verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
+    for verb in VERBS:
+        try:
+            verbs.add_parser(verb, help=load_verb(verb).HELP, add_help=False)
+        except ModuleNotFoundError as error:
+            if not (error.name or '').startswith('piezo_hysteresis.cli'):
+                raise
+    parser.parse_args(words)
+    return 2  # pragma: no cover - argparse has answered or refused

@@ -1,0 +1,1 @@
+"""Inverses, harmonic attenuation, feedback laws and limits; knows no ROS."""

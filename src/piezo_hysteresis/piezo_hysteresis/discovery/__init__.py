@@ -1,0 +1,1 @@
+"""Finds what a model misses: check, locate, compete, verdict, advise."""

@@ -1,0 +1,24 @@
+"""Errors that tell the user what to do; the command line prints them as one line, exit code 2."""
+
+
+class PiezoError(Exception):
+    """Base of every error that a user can cause and mend.
+
+    The message is one sentence saying what is wrong and what to do about it.
+    """
+
+
+class RecordError(PiezoError):
+    """A record, bag or CSV file cannot be used as it is."""
+
+
+class ModelError(PiezoError):
+    """A model file, model name or parameter cannot be used as it is."""
+
+
+class IdentificationError(PiezoError):
+    """The data cannot identify what was asked for."""
+
+
+class CompensationError(PiezoError):
+    """A model cannot be inverted or a controller cannot be built."""

@@ -1,0 +1,1 @@
+"""Named chains of blocks: classical, modified, extended, enhanced, second order, ..."""

@@ -1,0 +1,1 @@
+"""Thin rclpy wrappers; the only room that imports rclpy or piezo_interfaces."""

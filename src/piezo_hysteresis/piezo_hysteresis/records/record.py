@@ -1,0 +1,142 @@
+"""One experiment at a constant rate: what was commanded and what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import RecordError
+
+
+@dataclass(frozen=True)
+class RecordInfo:
+    """What is known about an experiment besides its samples.
+
+    Attributes
+    ----------
+    actuator : str
+        Name of the actuator, so that two actuators in one bag are noticed.
+    excitation : str
+        Kind of waveform: ``sine``, ``triangle``, ``multisine``, ``rest``, ... or ``unknown``.
+    frequency : float
+        Fundamental frequency of the excitation [Hz]; 0 where there is none.
+    amplitude : float
+        Amplitude of the commanded input [V]; 0 where it is not known.
+    warm_up : float
+        Seconds at the start that errors leave out [s].
+    input_unit : str
+        ``V`` for a voltage, ``N`` for a force (mechanical benchmarks).
+    """
+
+    actuator: str = ''
+    excitation: str = 'unknown'
+    frequency: float = 0.0
+    amplitude: float = 0.0
+    warm_up: float = 0.0
+    input_unit: str = 'V'
+
+
+@dataclass(frozen=True)
+class Record:
+    """One experiment at a constant rate.
+
+    ``voltage[k]`` is what is commanded at tick k; ``displacement[k]`` is what is measured at tick
+    k, before that voltage acts.
+
+    Attributes
+    ----------
+    name : str
+        Unique within a data set; used in every table and figure.
+    dt : float
+        Sampling interval [s].
+    voltage : ndarray, shape (n,)
+        Commanded input [V] (or force [N], see ``info.input_unit``).
+    displacement : ndarray, shape (n,)
+        Measured displacement [m].
+    start : float
+        Time of the first sample [s].
+    reference : ndarray, shape (n,), or None
+        Desired displacement [m] where there was one.
+    info : RecordInfo
+        What is known about the experiment.
+
+    Raises
+    ------
+    RecordError
+        If the arrays have different lengths, are empty or not finite, or ``dt`` is not positive.
+    """
+
+    name: str
+    dt: float
+    voltage: FloatArray
+    displacement: FloatArray
+    start: float = 0.0
+    reference: FloatArray | None = None
+    info: RecordInfo = field(default_factory=RecordInfo)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise RecordError(
+                f'record {self.name}: the sampling interval must be positive, got {self.dt} s'
+            )
+        columns = {'voltage': self.voltage, 'displacement': self.displacement}
+        if self.reference is not None:
+            columns['reference'] = self.reference
+        for key, column in columns.items():
+            array = np.ascontiguousarray(column, dtype=np.float64)
+            object.__setattr__(self, key, array)
+            self._check_column(key, array)
+
+    def _check_column(self, key: str, array: FloatArray) -> None:
+        if array.ndim != 1 or array.size == 0:
+            raise RecordError(
+                f'record {self.name}: {key} is empty; record at least a few '
+                'periods of the excitation'
+            )
+        if array.size != np.size(self.voltage):
+            raise RecordError(
+                f'record {self.name}: {key} has {array.size} samples but voltage '
+                f'has {np.size(self.voltage)}; export both from the same clock'
+            )
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            raise RecordError(
+                f'record {self.name}: {key} has {bad.size} values that are not '
+                f'numbers, the first at sample {bad[0]}; cut or mend them'
+            )
+
+    def __len__(self) -> int:
+        return int(self.voltage.size)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz]."""
+        return 1.0 / self.dt
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each sample [s], shape (n,)."""
+        return self.start + np.arange(len(self)) * self.dt
+
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return len(self) * self.dt
+
+    @property
+    def warm_up_samples(self) -> int:
+        """Samples at the start that errors leave out."""
+        return min(round(self.info.warm_up / self.dt), len(self) - 1)
+
+    def section(self, first: int, last: int) -> Record:
+        """Return samples ``first`` to ``last - 1`` as a record of their own."""
+        cut = slice(first, last)
+        return replace(
+            self,
+            voltage=self.voltage[cut],
+            displacement=self.displacement[cut],
+            reference=None if self.reference is None else self.reference[cut],
+            start=self.start + first * self.dt,
+        )
