@@ -1,4 +1,4 @@
-"""``python -m piezo_hysteresis VERB``: finds the verb's file, runs it, reports errors in a line."""
+"""``python -m piezo_hysteresis VERB``: runs the file of the verb; an error is one line."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Link(Protocol):
         """Forget everything but the parameters."""
 
     def counters(self) -> dict[str, int]:
-        """What went wrong so far, by name (clamped slopes, limited samples, ...)."""
+        """Return what went wrong so far, by name (clamped slopes, limited samples, ...)."""
 
 
 @dataclass(frozen=True)
