@@ -1,0 +1,28 @@
+# make demo   sets up and runs the main job: record, identify, compensate, report
+# make test   sets up, checks the style and runs every test
+# make setup  only sets up;  make clean  removes what was made
+
+.PHONY: demo test lint setup build clean
+.DEFAULT_GOAL := help
+DATA ?=
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+run := source setup.bash &&
+SHELL := /bin/bash
+
+help:
+	@sed -n '1,3s/^# //p' Makefile
+
+setup build:
+	@bash tools/setup.sh
+
+demo: setup
+	@$(run) python -m piezo_hysteresis demo $(if $(DATA),--data '$(DATA)') --out out/demo
+
+lint: setup
+	@$(run) ruff check . && ruff format --check . && mypy
+
+test: lint
+	@$(run) python -m pytest
+
+clean:
+	rm -rf build install log .venv out

@@ -1,0 +1,27 @@
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+package = 'piezo_ros_common'
+config = Path('../../config')
+nodes = []
+
+setup(
+    name=package,
+    version='0.1.0',
+    packages=find_packages(),
+    package_data={package: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package}']),
+        (f'share/{package}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    maintainer='The piezo_hysteresis maintainers',
+    maintainer_email='maintainers@example.org',
+    description='',
+    license='Apache-2.0',
+    extras_require={'test': ['pytest']},
+    entry_points={'console_scripts':
+                  [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
+)
