@@ -1,0 +1,66 @@
+"""What an online method answers at any moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+
+#: Factors from metres to the working unit of a recursive method.
+WORKING_UNITS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Parameters of a model as a recursive method sees them now, in SI units.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameter names, those of the named model `model`.
+    units : tuple of str
+        SI unit of each parameter.
+    values : ndarray, shape (p,)
+        Estimates.
+    standard_deviations : ndarray, shape (p,)
+        From the covariance and the one-step scatter; they hold only if the model is right, and
+        say nothing about bias.
+    one_step_rms : float
+        Root mean square of the one-step prediction error [m], forgetting as the method does.
+    samples : int
+        Samples taken in so far.
+    condition_number : float
+        Of the covariance scaled to unit diagonal: near 1 where the data tell the parameters
+        apart, above 1e8 where they do not.
+    notes : tuple of str
+        What a user must know about these numbers, in words.
+    model : str
+        Named model whose parameters these are; empty where there is none.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    standard_deviations: FloatArray
+    one_step_rms: float
+    samples: int
+    condition_number: float
+    notes: tuple[str, ...] = ()
+    model: str = ''
+
+    def parameters(self) -> dict[str, float]:
+        """Return the estimates by name, as `Model.pack` reads them."""
+        return dict(zip(self.names, (float(value) for value in self.values), strict=True))
+
+
+def scaled_condition(covariance: FloatArray) -> float:
+    """Return the condition number of a covariance, shape (p, p), scaled to unit diagonal."""
+    if not np.all(np.isfinite(covariance)):
+        return float('inf')
+    spread = np.sqrt(np.abs(np.diag(covariance)))
+    spread[spread == 0.0] = 1.0
+    eigenvalues = np.linalg.eigvalsh(covariance / np.outer(spread, spread))
+    least = float(eigenvalues[0])
+    return float(eigenvalues[-1]) / least if least > 0 else float('inf')

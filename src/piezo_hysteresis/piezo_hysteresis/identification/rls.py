@@ -1,0 +1,243 @@
+"""The papers' recursive least squares (000 (8)-(12), 001 (8)-(11)), compiled, sample by sample.
+
+Kept as close to the papers as they are consistent, behaviour included: small one-step errors, but
+a free run that may be far off, because hysteresis sums stand in the regressor and the result
+depends on the unit of the displacement through P0 = I. `rls_ud` and `output_error` are the
+well-posed methods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import pi, sqrt
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.estimate import WORKING_UNITS, Estimate, scaled_condition
+from piezo_hysteresis.identification.rls_kernels import (
+    ERROR_SUM,
+    FORGETTING,
+    MEMORY,
+    SAMPLES,
+    WEIGHT_SUM,
+    free_run,
+    update,
+    update_many,
+)
+
+VARIANTS = ('V0', 'V1', 'V2')
+
+
+@dataclass(frozen=True)
+class RlsSettings:
+    """How the papers' RLS is to run.
+
+    Attributes
+    ----------
+    variant : str
+        ``V1``: 000 (3), target y[k]-y[k-1], columns y[k-2], y[k-3] (default, parameters of the
+        model `extended`). ``V0``: 000 (10) as printed, a free second-order autoregression.
+        ``V2``: 001 (10) as printed.
+    offset : bool
+        Add a constant column; the papers have none, and miss the off-centre loop by it.
+    harmonic : int
+        0, or 3 or 5 for the exogenous odd harmonic of 000 (6), (7).
+    frequency : float
+        Fundamental frequency of the drive [Hz]; needed with `harmonic`.
+    forgetting : float
+        Forgetting factor in (0, 1]; the papers give none, so 1.
+    unit : str
+        Working unit of y: ``mm`` reproduces the papers, because P0 = I has a unit.
+    dt : float
+        Sampling interval [s].
+    """
+
+    variant: str = 'V1'
+    offset: bool = False
+    harmonic: int = 0
+    frequency: float = 0.0
+    forgetting: float = 1.0
+    unit: str = 'mm'
+    dt: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.variant not in VARIANTS:
+            raise IdentificationError(
+                f'variant {self.variant!r} is unknown; choose one of {", ".join(VARIANTS)}'
+            )
+        if self.harmonic not in (0, 3, 5):
+            raise IdentificationError(f'harmonic must be 0, 3 or 5, got {self.harmonic}')
+        if self.harmonic and self.variant == 'V2':
+            raise IdentificationError('V2 (paper 001) has no harmonic; choose V0 or V1 for it')
+        if self.harmonic and not (0 < self.harmonic * self.frequency * self.dt < 0.5):
+            raise IdentificationError(
+                f'harmonic {self.harmonic} of {self.frequency:g} Hz cannot be seen at '
+                f'{1 / self.dt:g} samples/s; give the frequency of the drive'
+            )
+        if not 0.0 < self.forgetting <= 1.0:
+            raise IdentificationError(
+                f'forgetting must be above 0 and at most 1, got {self.forgetting}'
+            )
+        if self.unit not in WORKING_UNITS:
+            raise IdentificationError(
+                f'unit {self.unit!r} is unknown; choose one of {", ".join(WORKING_UNITS)}'
+            )
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise IdentificationError(f'dt must be positive, got {self.dt} s')
+
+
+class OnlineRls:
+    """The papers' RLS, one sample at a time.
+
+    Starts as the papers do: P0 = I, all parameters 0 but A1 = .01, A = .005, beta = gamma = .001
+    in the working unit per volt; h = 0 and y = 0 before the first sample.
+
+    Parameters
+    ----------
+    settings : RlsSettings
+        Variant, columns, unit and forgetting.
+    """
+
+    def __init__(self, settings: RlsSettings | None = None) -> None:
+        self._settings = settings or RlsSettings()
+        self._scale = WORKING_UNITS[self._settings.unit]
+        self._columns = 7 + self._settings.offset + 4 * (self._settings.harmonic > 0)
+        self.reset()
+
+    @property
+    def settings(self) -> RlsSettings:
+        """The settings in force."""
+        return self._settings
+
+    @property
+    def forgetting(self) -> float:
+        """Forgetting factor; may be set while running."""
+        return self._settings.forgetting
+
+    @forgetting.setter
+    def forgetting(self, value: float) -> None:
+        self._settings = replace(self._settings, forgetting=value)
+        self._c[FORGETTING] = value
+
+    def reset(self) -> None:
+        """Forget everything and start as the papers do."""
+        s = self._settings
+        omega = 2 * pi * s.harmonic * s.frequency * s.dt
+        self._c = np.array(
+            [VARIANTS.index(s.variant), s.offset, s.harmonic, omega, s.forgetting], dtype=float
+        )
+        self._theta = np.zeros(self._columns)
+        self._theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001
+        self._p = np.eye(self._columns)
+        self._w = np.zeros((2, self._columns))
+        self._m = np.zeros(MEMORY)
+
+    def update(self, voltage: float, displacement: float) -> float:
+        """Take one sample in: voltage [V], displacement [m]; return the one-step error [m].
+
+        A sample that is not finite is skipped and answered by NaN.
+        """
+        error: float = update(
+            voltage, displacement * self._scale, self._theta, self._p, self._w, self._m, self._c
+        )
+        return error / self._scale
+
+    def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Take samples in, shapes (n,); return the one-step errors [m], the same bits as `update`.
+
+        Raises
+        ------
+        IdentificationError
+            If the two arrays differ in length.
+        """
+        u = np.ascontiguousarray(voltage, dtype=np.float64)
+        y = np.ascontiguousarray(displacement, dtype=np.float64)
+        if u.shape != y.shape or u.ndim != 1:
+            raise IdentificationError(
+                f'voltage has shape {u.shape}, displacement {y.shape}; give two columns of one '
+                'length'
+            )
+        errors = np.empty_like(u)
+        update_many(u, y, self._scale, errors, self._theta, self._p, self._w, self._m, self._c)
+        return errors
+
+    def free_run(self, voltage: FloatArray) -> FloatArray:
+        """Simulate the present estimate from rest, with `voltage` [V]; return displacement [m]."""
+        u = np.ascontiguousarray(voltage, dtype=np.float64)
+        y = np.empty_like(u)
+        free_run(u, y, self._theta, self._c)
+        y /= self._scale
+        return y
+
+    def estimate(self) -> Estimate:
+        """Return the present parameters in SI units."""
+        names, units, factors, order = self._layout()
+        sigma = sqrt(self._m[ERROR_SUM] / self._m[WEIGHT_SUM]) if self._m[WEIGHT_SUM] > 0 else 0.0
+        values = self._theta[order] * factors
+        spread = sigma * np.sqrt(np.abs(np.diag(self._p))[order]) * np.abs(factors)
+        if self._settings.offset:
+            self._place_offset(values, spread)
+        return Estimate(
+            names=names,
+            units=units,
+            values=values,
+            standard_deviations=spread,
+            one_step_rms=sigma / self._scale,
+            samples=int(self._m[SAMPLES]),
+            condition_number=scaled_condition(self._p),
+            notes=self._notes(),
+            model=self._model(),
+        )
+
+    def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray, list[int]]:
+        """Names, units and factors to SI in the order of the named model."""
+        s = self._settings
+        lags = ('a1', 'a2') if s.variant == 'V0' else ('c1', 'c2')
+        names = ['A1', 'A', 'A0', 'beta', 'gamma', *lags]
+        units = ['m/V', 'm/V', 'm/V', '1/V', '1/V', '1', '1']
+        metre = 1 / self._scale
+        # 001 writes -A0|du| where 000 has +A0|du|.
+        factors = [metre, metre, -metre if s.variant == 'V2' else metre, 1.0, 1.0, 1.0, 1.0]
+        order = [2, 3, 4, 5, 6, 0, 1]
+        if s.offset:
+            names.append('offset')
+            units.append('m')
+            factors.append(metre)
+            order.append(7)
+        if s.harmonic:
+            names += ['c3', 'c4', 'alpha1', 'alpha2']
+            if s.harmonic == 5:
+                names[-4:] = ['c5', 'c6', 'alpha3', 'alpha4']
+            units += ['1', '1', 'm', 'm']
+            factors += [1.0, 1.0, metre, metre]
+            order += range(self._columns - 4, self._columns)
+        return tuple(names), tuple(units), np.array(factors), order
+
+    def _place_offset(self, values: FloatArray, spread: FloatArray) -> None:
+        """Turn the constant column into an offset of the output, as the named model has it."""
+        lag = 1.0 if self._settings.variant == 'V0' else 0.0
+        steady = lag - values[5] - values[6]
+        values[7] = values[7] / steady if steady != 0 else 0.0
+        spread[7] = spread[7] / abs(steady) if steady != 0 else float('inf')
+
+    def _model(self) -> str:
+        if self._settings.variant == 'V0':
+            return ''
+        return {0: 'extended', 3: 'enhanced3', 5: 'enhanced5'}[self._settings.harmonic]
+
+    def _notes(self) -> tuple[str, ...]:
+        notes = [
+            'RLS sees only A1 - A, so A1 + A keeps its start for ever; use output_error instead.'
+        ]
+        if self._settings.offset:
+            notes.append('A0 and the offset cannot be told apart in steady state.')
+        if self._settings.harmonic:
+            notes.append(
+                'One sine excites two of the four harmonic columns: their split is that of least '
+                'norm, not physics.'
+            )
+        if self._settings.variant == 'V0':
+            notes.append('V0 is a free second-order autoregression: no named model has its form.')
+        return tuple(notes)
