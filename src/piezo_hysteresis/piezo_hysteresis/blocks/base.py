@@ -59,6 +59,11 @@ class Parameter:
     description: str
     scale: float = 1.0
 
+    @property
+    def held(self) -> bool:
+        """Whether the bounds leave it no room, so that fits leave it alone."""
+        return self.low == self.high
+
 
 @dataclass(frozen=True)
 class Block:
@@ -83,6 +88,8 @@ class Block:
         Paper and equation.
     check : callable or None
         ``check(values)`` returns '' or the reason why these parameters are impossible together.
+    clocked : bool
+        Whether ``state[0]`` is the time [s] of the first sample, for blocks that depend on it.
     """
 
     name: str
@@ -93,11 +100,23 @@ class Block:
     description: str
     source: str = ''
     check: Callable[[Mapping[str, float]], str] | None = None
+    clocked: bool = False
 
-    def initial_state(self, dt: float) -> FloatArray:
-        """Return the memory of the block at rest, shape (state_size,)."""
+    def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
+        """Return the memory of the block at rest, shape (state_size,).
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval [s].
+        start : float
+            Time of the first sample [s]; matters to clocked blocks only.
+        """
         size = self.state_size if isinstance(self.state_size, int) else self.state_size(dt)
-        return np.zeros(size)
+        state = np.zeros(size)
+        if self.clocked:
+            state[0] = start
+        return state
 
     def defaults(self) -> dict[str, float]:
         """Return every parameter at its default."""

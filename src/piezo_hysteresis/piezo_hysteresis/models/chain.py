@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,12 +30,19 @@ class Model:
         What commands and files call it.
     blocks : tuple of Block
         From the voltage to the displacement, ordered by slot.
+    held : mapping of str to float
+        Parameters that are not free: their bounds coincide at this value (``A0`` of the classical
+        model, the range that the thresholds of a play bank refer to). Fits leave them alone.
     """
 
     name: str
     blocks: tuple[Block, ...]
+    held: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        stray = sorted(set(self.held) - {name for row in self._names for name in row})
+        if stray:
+            raise ModelError(f'model {self.name} holds {", ".join(stray)} which it does not have')
         places = [_ORDER[block.slot] for block in self.blocks]
         if places != sorted(places):
             chain = ' -> '.join(f'{block.name} ({block.slot})' for block in self.blocks)
@@ -58,9 +65,17 @@ class Model:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every parameter of the chain, with its unique name."""
+        """Every parameter of the chain, with its unique name; held ones have equal bounds."""
         return tuple(
             replace(parameter, name=name)
+            if name not in self.held
+            else replace(
+                parameter,
+                name=name,
+                default=self.held[name],
+                low=self.held[name],
+                high=self.held[name],
+            )
             for block, row in zip(self.blocks, self._names, strict=True)
             for parameter, name in zip(block.parameters, row, strict=True)
         )
@@ -70,12 +85,25 @@ class Model:
         """Names of `parameters`, in the order of packed values."""
         return tuple(parameter.name for parameter in self.parameters)
 
+    @cached_property
+    def free_names(self) -> tuple[str, ...]:
+        """Names of the parameters that a fit may move."""
+        return tuple(parameter.name for parameter in self.parameters if not parameter.held)
+
     def defaults(self) -> dict[str, float]:
-        """Return every parameter at its default."""
+        """Return every parameter at its default, held ones at what they are held at."""
         return {parameter.name: parameter.default for parameter in self.parameters}
 
-    def pack(self, values: Mapping[str, float]) -> FloatArray:
+    def pack(self, values: Mapping[str, float], *, checked: bool = True) -> FloatArray:
         """Order `values` for `respond`, checking bounds and combinations.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Parameters by name; missing ones take their default.
+        checked : bool
+            False leaves out bounds and combinations, for estimates that are to be looked at
+            before they are judged.
 
         Raises
         ------
@@ -88,23 +116,44 @@ class Model:
                 f'model {self.name} has no parameter {", ".join(stray)}; it has '
                 f'{", ".join(self.parameter_names)}'
             )
-        packed = []
-        for block, row in zip(self.blocks, self._names, strict=True):
-            own = {
-                parameter.name: values[name]
-                for parameter, name in zip(block.parameters, row, strict=True)
-                if name in values
-            }
-            packed.append(block.pack(own))
+        every = {**self.defaults(), **values}
+        if not checked:
+            return np.array([float(every[name]) for name in self.parameter_names])
+        for name, value in self.held.items():
+            if every[name] != value:
+                raise ModelError(
+                    f'model {self.name} holds {name} at {value:g}, got {every[name]:g}; leave it '
+                    'out, or free it with Model.free'
+                )
+        packed = [
+            block.pack(
+                {q.name: every[name] for q, name in zip(block.parameters, row, strict=True)}
+            )
+            for block, row in zip(self.blocks, self._names, strict=True)
+        ]
         return np.concatenate(packed) if packed else np.empty(0)
+
+    def block_values(self, values: Mapping[str, float], block_name: str) -> dict[str, float]:
+        """Return the values of the first block called `block_name` under the block's own names.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such block.
+        """
+        every = {**self.defaults(), **values}
+        for block, row in zip(self.blocks, self._names, strict=True):
+            if block.name == block_name:
+                return {q.name: every[name] for q, name in zip(block.parameters, row, strict=True)}
+        raise ModelError(f'model {self.name} has no block {block_name}')
 
     def unpack(self, packed: FloatArray) -> dict[str, float]:
         """Name the numbers of `packed`."""
         return dict(zip(self.parameter_names, (float(v) for v in packed), strict=True))
 
-    def initial_state(self, dt: float) -> State:
-        """Return the memory of every block at rest."""
-        return [block.initial_state(dt) for block in self.blocks]
+    def initial_state(self, dt: float, start: float = 0.0) -> State:
+        """Return every block's memory at rest; `start` is the time of the first sample [s]."""
+        return [block.initial_state(dt, start) for block in self.blocks]
 
     def respond(
         self,
@@ -141,16 +190,51 @@ class Model:
             first = last
         return signal
 
-    def with_block(self, block: Block, name: str = '') -> Model:
-        """Return the chain with `block` added behind the others of its slot."""
-        blocks = sorted([*self.blocks, block], key=lambda each: _ORDER[each.slot])
-        return Model(name or f'{self.name}+{block.name}', tuple(blocks))
+    def hold(self, **values: float) -> Model:
+        """Return the model with these parameters held at these values."""
+        return replace(self, held={**self.held, **values})
+
+    def free(self, *names: str) -> Model:
+        """Return the model with these parameters no longer held."""
+        return replace(self, held={k: v for k, v in self.held.items() if k not in names})
+
+    def with_block(self, block: Block, name: str = '', *, first: bool = False) -> Model:
+        """Return the chain with `block` added behind (or before) the others of its slot."""
+        chain = [block, *self.blocks] if first else [*self.blocks, block]
+        blocks = sorted(chain, key=lambda each: _ORDER[each.slot])
+        return Model(name or f'{self.name}+{block.name}', tuple(blocks), self.held)
+
+    def with_replaced(self, block_name: str, block: Block, name: str = '') -> Model:
+        """Return the chain with `block` in the place of the first one called `block_name`.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such block.
+        """
+        names = [each.name for each in self.blocks]
+        if block_name not in names:
+            raise ModelError(f'model {self.name} has no block {block_name}')
+        place = names.index(block_name)
+        rest = (*self.blocks[:place], *self.blocks[place + 1 :])
+        blocks = sorted([*rest[:place], block, *rest[place:]], key=lambda each: _ORDER[each.slot])
+        return Model(name or self.name, tuple(blocks))._holding(self.held)
 
     def without_block(self, block_name: str) -> Model:
-        """Return the chain without the last block called `block_name`."""
+        """Return the chain without the last block called `block_name`.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such block.
+        """
         kept = list(self.blocks)
         for place in reversed(range(len(kept))):
             if kept[place].name == block_name:
                 del kept[place]
-                return Model(self.name, tuple(kept))
+                return Model(self.name, tuple(kept))._holding(self.held)
         raise ModelError(f'model {self.name} has no block {block_name}')
+
+    def _holding(self, held: Mapping[str, float]) -> Model:
+        known = set(self.parameter_names)
+        return replace(self, held={k: v for k, v in held.items() if k in known})

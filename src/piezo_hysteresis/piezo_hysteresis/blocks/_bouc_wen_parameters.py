@@ -1,0 +1,67 @@
+"""The parameters that every Bouc-Wen block shares, in the order of its kernel.
+
+Blocks that stand for the same hysteresis (Euler step, exact step, with exponent, ...) use the
+same names for the same quantities, so that one can take the place of another and keep the values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from piezo_hysteresis.blocks.base import Parameter
+
+LINEAR_GAIN = Parameter(
+    'A1',
+    'm/V',
+    1.5e-4,
+    -1e-2,
+    1e-2,
+    'Linear gain from voltage to displacement before the hysteretic share h is taken off.',
+    1e-4,
+)
+PARAMETERS = (
+    LINEAR_GAIN,
+    Parameter(
+        'A',
+        'm/V',
+        4e-5,
+        -1e-2,
+        1e-2,
+        'Growth of the hysteretic share h with the travel of the voltage.',
+        5e-5,
+    ),
+    Parameter(
+        'A0',
+        'm/V',
+        0.0,
+        -1e-2,
+        1e-2,
+        'Asymmetry: growth of h with the length of the travel, moves the loop off centre.',
+        1e-5,
+    ),
+    Parameter(
+        'beta',
+        '1/V',
+        1.0,
+        0.0,
+        1e4,
+        'Decay of h with the length of the travel; 1/(beta + gamma) is the memory in volts.',
+        1.0,
+    ),
+    Parameter(
+        'gamma',
+        '1/V',
+        0.1,
+        -1e4,
+        1e4,
+        'Difference of the decay of h between loading and unloading, sets the shape of the tips.',
+        1.0,
+    ),
+)
+
+
+def check(values: Mapping[str, float]) -> str:
+    """Return '' or why these values make h grow without bound."""
+    if values['beta'] == 0.0 and values['A0'] != 0.0:
+        return 'A0 without decay (beta = 0) grows for ever; set beta above 0 or A0 to 0'
+    return ''

@@ -1,0 +1,39 @@
+"""Exact zero-order hold of one second-order system of unit DC gain."""
+
+from math import cos, cosh, exp, sin, sinh, sqrt
+
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def hold(omega: float, damping_ratio: float, dt: float) -> tuple[float, float, float, float]:
+    """Return the transition (a11, a12, a21, a22) of ``x'' + 2 zeta w x' + w^2 x = w^2 v``.
+
+    The input matrix is ``(1 - a11, -a21)``, because the DC gain is 1. Holds for under-,
+    over- and critically damped systems alike.
+    """
+    s = damping_ratio * omega
+    d = omega * omega * (damping_ratio * damping_ratio - 1.0)
+    z = d * dt * dt
+    if abs(z) < 1e-4:
+        e = exp(-s * dt)
+        c = e * (1.0 + z * (1.0 / 2.0 + z * (1.0 / 24.0 + z / 720.0)))
+        w = e * dt * (1.0 + z * (1.0 / 6.0 + z * (1.0 / 120.0 + z / 5040.0)))
+    elif z < 0.0:
+        root = sqrt(-d)
+        e = exp(-s * dt)
+        c = e * cos(root * dt)
+        w = e * sin(root * dt) / root
+    elif z < 1.0:
+        root = sqrt(d)
+        e = exp(-s * dt)
+        c = e * cosh(root * dt)
+        w = e * sinh(root * dt) / root
+    else:
+        # exponents combined before they overflow; s - root without cancellation
+        root = sqrt(d)
+        slow = exp(-omega * omega / (s + root) * dt)
+        fast = exp(-(s + root) * dt)
+        c = 0.5 * (slow + fast)
+        w = 0.5 * (slow - fast) / root
+    return c + s * w, w, -omega * omega * w, c - s * w

@@ -1,0 +1,35 @@
+"""Bouc-Wen hysteresis by the papers' forward Euler step."""
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m])."""
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        du = x[k] - last
+        last = x[k]
+        rise = abs(du)
+        h += a * du + a0 * rise - gamma * abs(h) * du - beta * rise * h
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+
+
+BLOCK = Block(
+    name='bouc_wen',
+    slot=Slot.HYSTERESIS,
+    parameters=PARAMETERS,
+    kernel=kernel,
+    state_size=2,
+    description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',
+    source='000 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; 001 (18)',
+    check=check,
+)

@@ -1,0 +1,74 @@
+"""Bouc-Wen hysteresis by its exact step: the same model at every sampling rate."""
+
+from math import exp, expm1, log1p
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def decay(h: float, a: float, kp: float, travel: float) -> float:
+    """Return h after ``dh/dz = a - kp h`` over `travel`, stable for kp near 0 and of any sign."""
+    z = kp * travel
+    if abs(z) < 1e-8:
+        return h * (1.0 - z) + a * travel * (1.0 - 0.5 * z)
+    return h * exp(-z) - a * expm1(-z) / kp
+
+
+@jit
+def exact_step(h: float, du: float, a: float, a0: float, beta: float, gamma: float) -> float:
+    """Return h [m] after the voltage moved monotonically by `du` [V].
+
+    Within a monotone move ``dh/dz = c - (beta + gamma sgn(h) s) h`` with ``z = |u - u0|``,
+    ``s = sgn(du)`` and ``c = s A + A0``, so h relaxes exponentially; where it runs through zero
+    the rate changes and the move is split there (EQUATIONS E.2b).
+    """
+    if du == 0.0:
+        return h
+    side = 1.0 if du > 0.0 else -1.0
+    travel = abs(du)
+    c = side * a + a0
+    if h * c < 0.0:
+        kp = beta - side * gamma if c > 0.0 else beta + side * gamma
+        # h moves towards zero under both terms and reaches it after `needed`
+        ratio = kp * h / c
+        if ratio < 1.0:
+            needed = -h / c if abs(ratio) < 1e-12 else log1p(-ratio) / kp
+            if needed >= travel:
+                return decay(h, c, kp, travel)
+            travel -= needed
+            h = 0.0
+        else:
+            return decay(h, c, kp, travel)
+    positive = h > 0.0 or (h == 0.0 and c > 0.0)
+    kp = beta + side * gamma if positive else beta - side * gamma
+    return decay(h, c, kp, travel)
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m])."""
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        h = exact_step(h, x[k] - last, a, a0, beta, gamma)
+        last = x[k]
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+
+
+BLOCK = Block(
+    name='bouc_wen_exact',
+    slot=Slot.HYSTERESIS,
+    parameters=PARAMETERS,
+    kernel=kernel,
+    state_size=2,
+    description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
+    source='003 (1), 000 (1); exact step for exponent 1',
+    check=check,
+)

@@ -1,0 +1,26 @@
+"""Linear gain: an actuator without hysteresis."""
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen_parameters import LINEAR_GAIN
+from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``A1 u``; no state."""
+    for k in range(x.size):
+        y[k] = p[0] * x[k]
+
+
+BLOCK = Block(
+    name='gain',
+    slot=Slot.HYSTERESIS,
+    parameters=(LINEAR_GAIN,),
+    kernel=kernel,
+    state_size=0,
+    description='Linear gain without memory.',
+    source='000 (2) with h = 0',
+)
