@@ -22,6 +22,5 @@ setup(
     description='',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
-    entry_points={'console_scripts':
-                  [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
+    entry_points={'console_scripts': [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
 )

@@ -1,0 +1,211 @@
+"""Declares a parameter table on a node: validate first, apply only after acceptance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+Apply = Callable[[dict[str, Value]], None]
+Refuse = Callable[[dict[str, Value]], str]
+
+LARGEST = 1.7976931348623157e308
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Rows that are judged and applied together."""
+
+    table: ParameterTable
+    apply: Apply
+    refuse: Refuse | None
+
+
+class NodeParameters:
+    """The parameters of a node: declared from a table, judged on merged values, then applied.
+
+    Parameters
+    ----------
+    node : rclpy node
+        Whose parameters they are.
+    table : ParameterTable
+        What there is and what is allowed.
+    apply : callable
+        Gets the accepted changes ``{name: value}``, after they are stored.
+    refuse : callable, optional
+        Gets the changes that the table allows and returns '' or a reason to refuse them all;
+        must change nothing.
+
+    Raises
+    ------
+    SystemExit
+        If a value of a parameter file is not allowed; the reason has been logged.
+    """
+
+    def __init__(
+        self, node: Node, table: ParameterTable, apply: Apply, refuse: Refuse | None = None
+    ) -> None:
+        self._node = node
+        self._groups: list[_Group] = []
+        self.values: dict[str, Value] = {}
+        self.extend(table, apply, refuse)
+        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_on_set_parameters_callback(self._judge)
+        node.add_post_set_parameters_callback(self._accept)
+
+    def extend(self, table: ParameterTable, apply: Apply, refuse: Refuse | None = None) -> None:
+        """Declare further rows, for parts that are known only once the node runs."""
+        values = {spec.name: self._declare_one(spec) for spec in table.specs}
+        reason = table.judge(values, values)
+        if not reason and refuse is not None:
+            reason = refuse(values)
+        if reason:
+            self._give_up(reason)
+        self.values.update(values)
+        self._groups.append(_Group(table, apply, refuse))
+
+    def drop(self, table: ParameterTable) -> None:
+        """Undeclare the rows of `table`."""
+        self._groups = [group for group in self._groups if group.table is not table]
+        for spec in table.specs:
+            self._node.undeclare_parameter(spec.name)
+            del self.values[spec.name]
+
+    def overwrite(self, values: Mapping[str, Value]) -> None:
+        """Set several parameters at once from within the node."""
+        self._node.set_parameters_atomically(
+            [Parameter(name, value=value) for name, value in values.items()]
+        )
+
+    def __getitem__(self, name: str) -> Value:
+        return self.values[name]
+
+    def number(self, name: str) -> float:
+        """Return a float or int parameter as a float."""
+        value = self.values[name]
+        assert isinstance(value, int | float)
+        return float(value)
+
+    def integer(self, name: str) -> int:
+        """Return an int parameter."""
+        value = self.values[name]
+        assert isinstance(value, int)
+        return value
+
+    def text(self, name: str) -> str:
+        """Return a str parameter."""
+        value = self.values[name]
+        assert isinstance(value, str)
+        return value
+
+    def flag(self, name: str) -> bool:
+        """Return a bool parameter."""
+        value = self.values[name]
+        assert isinstance(value, bool)
+        return value
+
+    def numbers(self, name: str) -> list[float]:
+        """Return a list of floats."""
+        value = self.values[name]
+        assert isinstance(value, list)
+        return [float(each) for each in value]
+
+    def _spec(self, name: str) -> ParameterSpec | None:
+        found = (group.table.spec(name) for group in self._groups)
+        return next((spec for spec in found if spec is not None), None)
+
+    def _declare_one(self, spec: ParameterSpec) -> Value:
+        descriptor = describe(spec)
+        try:
+            found = self._node.declare_parameter(spec.name, spec.default, descriptor).value
+        except InvalidParameterTypeException:
+            found = self._declare_converted(spec, descriptor)
+        except ValueError as error:
+            self._give_up(f'{spec.name}: {error}; allowed is {spec.range_text()}')
+        return list(found) if isinstance(spec.default, list) else found
+
+    def _declare_converted(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
+        # A parameter file that says 5 for a float: read it untyped, then declare it as 5.0.
+        loose = ParameterDescriptor(dynamic_typing=True)
+        given = self._node.declare_parameter(spec.name, spec.default, loose).value
+        self._node.undeclare_parameter(spec.name)
+        value = spec.coerce(given)
+        reason = spec.judge(value)
+        if reason:
+            self._give_up(reason)
+        declared = self._node.declare_parameter(spec.name, value, descriptor, ignore_override=True)
+        result: Value = declared.value
+        return result
+
+    def _give_up(self, reason: str) -> None:
+        self._node.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
+        raise SystemExit(2)
+
+    def _coerce(self, parameters: list[Parameter]) -> list[Parameter]:
+        coerced = []
+        for parameter in parameters:
+            spec = self._spec(parameter.name)
+            value = parameter.value if spec is None else spec.coerce(parameter.value)
+            if value is parameter.value:
+                coerced.append(parameter)
+            else:
+                coerced.append(Parameter(parameter.name, value=value))
+        return coerced
+
+    def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
+        changes = {parameter.name: _plain(parameter.value) for parameter in parameters}
+        reasons = (self._judge_group(group, changes) for group in self._groups)
+        reason = next((reason for reason in reasons if reason), '')
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _judge_group(self, group: _Group, changes: dict[str, Value]) -> str:
+        own = _own(group, changes)
+        if not own:
+            return ''
+        reason = group.table.judge(self.values, own)
+        return reason or (group.refuse(own) if group.refuse is not None else '')
+
+    def _accept(self, parameters: list[Parameter]) -> None:
+        changes = {parameter.name: _plain(parameter.value) for parameter in parameters}
+        for group in self._groups:
+            own = _own(group, changes)
+            if own:
+                self.values.update(own)
+                group.apply(own)
+
+
+def _own(group: _Group, changes: dict[str, Value]) -> dict[str, Value]:
+    return {name: value for name, value in changes.items() if group.table.spec(name) is not None}
+
+
+def _plain(value: object) -> Value:
+    if isinstance(value, bool | int | float | str):
+        return value
+    return list(value)  # type: ignore[call-overload, no-any-return]
+
+
+def describe(spec: ParameterSpec) -> ParameterDescriptor:
+    """Return the ROS descriptor of a row: description, unit and range."""
+    unit = f' [{spec.unit}]' if spec.unit else ''
+    choices = f' One of {", ".join(spec.choices)}.' if spec.choices else ''
+    descriptor = ParameterDescriptor(
+        description=f'{spec.description}{unit}{choices}', read_only=spec.read_only
+    )
+    if spec.choices:
+        descriptor.additional_constraints = f'one of {", ".join(spec.choices)}'
+    if type(spec.default) is float:
+        low = max(spec.low, spec.above, -LARGEST)
+        high = min(spec.high, LARGEST)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif type(spec.default) is int and math.isfinite(spec.low) and math.isfinite(spec.high):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)
+        ]
+    return descriptor

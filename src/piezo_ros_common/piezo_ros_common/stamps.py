@@ -1,0 +1,15 @@
+"""Time stamps from sample numbers: control never looks at the wall clock."""
+
+from builtin_interfaces.msg import Time
+
+NANOSECONDS = 1_000_000_000
+
+
+def stamp_into(stamp: Time, nanoseconds: int) -> None:
+    """Write `nanoseconds` since the epoch into `stamp`."""
+    stamp.sec, stamp.nanosec = divmod(nanoseconds, NANOSECONDS)
+
+
+def tick_nanoseconds(sample: int, rate: float) -> int:
+    """Return the time of tick `sample` at `rate` [Hz], in nanoseconds from tick 0."""
+    return round(sample * NANOSECONDS / rate)

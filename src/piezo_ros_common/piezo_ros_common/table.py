@@ -1,0 +1,178 @@
+"""One table states every parameter of a node; declaration, checks and documents come from it.
+
+This file knows no ROS, so that parameter files are checked without starting a node.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str]
+Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One parameter of a node.
+
+    Attributes
+    ----------
+    name : str
+        Full name; dots group.
+    default : bool, int, float, str or list
+        Also fixes the type. An integer is accepted for a float and converted.
+    description : str
+        One sentence.
+    unit : str
+        SI unit, ``1`` for numbers without one, '' for what is not a number.
+    low, high : float
+        Smallest and largest value allowed, edges included.
+    above : float
+        The value must be strictly larger than this.
+    choices : tuple of str
+        The words allowed; empty for any.
+    read_only : bool
+        Fixed once the node runs; all others are tunable while it runs.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    def coerce(self, value: object) -> object:
+        """Return `value` with integers made floats where floats are meant."""
+        if isinstance(self.default, float) and type(value) is int:
+            return float(value)
+        if isinstance(self.default, list) and self._element is float and _is_list(value):
+            return [float(v) if type(v) is int else v for v in value]  # type: ignore[attr-defined]
+        return value
+
+    @property
+    def _element(self) -> type:
+        assert isinstance(self.default, list)
+        return type(self.default[0]) if self.default else float
+
+    def judge(self, value: object) -> str:
+        """Return '' where `value` is allowed, else the reason and what is allowed."""
+        if isinstance(self.default, list):
+            if not _is_list(value):
+                return f'{self.name} must be a list of {self._element.__name__}, got {value!r}'
+            reasons = (self._judge_one(v, self._element) for v in value)  # type: ignore[attr-defined]
+            return next((reason for reason in reasons if reason), '')
+        return self._judge_one(value, type(self.default))
+
+    def _judge_one(self, value: object, wanted: type) -> str:
+        if type(value) is not wanted:
+            return (
+                f'{self.name} must be of type {wanted.__name__}, got {value!r}; '
+                f'{"write for example " + repr(self.default)}'
+            )
+        if isinstance(value, str):
+            if self.choices and value not in self.choices:
+                return f'{self.name} must be one of {", ".join(self.choices)}, got {value!r}'
+            return ''
+        if isinstance(value, bool):
+            return ''
+        assert isinstance(value, int | float)
+        if not math.isfinite(value):
+            return f'{self.name} must be a finite number, got {value}'
+        if not (self.low <= value <= self.high and value > self.above):
+            return f'{self.name} = {value:g} {self.unit} is outside {self.range_text()}'
+        return ''
+
+    def range_text(self) -> str:
+        """Say the range in words."""
+        if math.isfinite(self.above):
+            low = f'above {self.above:g}'
+        else:
+            low = f'{self.low:g}' if math.isfinite(self.low) else 'any'
+        high = f'{self.high:g}' if math.isfinite(self.high) else 'any'
+        return f'{low} .. {high} {self.unit}'.strip()
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, Sequence | Iterable) and not isinstance(value, str | bytes | Mapping)
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Every parameter of a node, and the rules that bind several of them.
+
+    Attributes
+    ----------
+    specs : tuple of ParameterSpec
+        One row per parameter.
+    rules : tuple of callable
+        Each takes all values, merged with the new ones, and returns '' or why they are impossible
+        together.
+    """
+
+    specs: tuple[ParameterSpec, ...]
+    rules: tuple[Rule, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        names = [spec.name for spec in self.specs]
+        double = {name for name in names if names.count(name) > 1}
+        if double:
+            raise ValueError(f'parameters stated twice: {sorted(double)}')
+
+    def spec(self, name: str) -> ParameterSpec | None:
+        """Return the row of `name`, or None."""
+        return next((spec for spec in self.specs if spec.name == name), None)
+
+    def defaults(self) -> dict[str, Value]:
+        """Return every parameter at its default."""
+        return {spec.name: spec.default for spec in self.specs}
+
+    def judge(self, current: Mapping[str, Value], changes: Mapping[str, object]) -> str:
+        """Return '' where `changes` may be made to `current`, else the reason."""
+        merged: dict[str, Value] = dict(current)
+        for name, value in changes.items():
+            spec = self.spec(name)
+            if spec is None:
+                continue  # parameters that ROS itself declares
+            reason = spec.judge(value)
+            if reason:
+                return reason
+            merged[name] = value  # type: ignore[assignment]
+        return next((reason for rule in self.rules if (reason := rule(merged))), '')
+
+    def check_file(self, values: Mapping[str, object]) -> list[str]:
+        """Return every reason why `values` (of a parameter file) would be refused or ignored."""
+        reasons = [
+            f'{name} is no parameter of this node' for name in values if self.spec(name) is None
+        ]
+        known = {
+            name: spec.coerce(value)
+            for name, value in values.items()
+            if (spec := self.spec(name)) is not None
+        }
+        reason = self.judge(self.defaults(), known)
+        return [*reasons, reason] if reason else reasons
+
+    def markdown(self) -> str:
+        """Return the reference table of the parameters."""
+        lines = [
+            '| parameter | default | range | changes while running | what it is |',
+            '|---|---|---|---|---|',
+        ]
+        for spec in self.specs:
+            allowed = ', '.join(spec.choices) if spec.choices else spec.range_text()
+            if not spec.choices and not isinstance(spec.default, int | float | list):
+                allowed = ''
+            if isinstance(spec.default, bool):
+                allowed = 'true, false'
+            lines.append(
+                f'| `{spec.name}` | `{spec.default}` | {allowed} | '
+                f'{"no" if spec.read_only else "yes"} | {spec.description} |'
+            )
+        return '\n'.join(lines)

@@ -1,0 +1,79 @@
+"""The simulator's own parameters; those of the plant come from the plant's table."""
+
+from __future__ import annotations
+
+from piezo_ros_common.table import ParameterSpec, ParameterTable
+
+from piezo_sim.plant import Plant
+
+
+def simulator_table() -> ParameterTable:
+    """Return what the node itself has, before any plant is loaded."""
+    return ParameterTable(
+        (
+            ParameterSpec(
+                'preset', 'fdk_pzba_00030', 'Actuator that is simulated at start.', read_only=True
+            ),
+            ParameterSpec(
+                'rate', 1000.0, 'Sampling rate.', 'Hz', above=0.0, high=1e5, read_only=True
+            ),
+            ParameterSpec(
+                'clock',
+                'real_time',
+                'lock_step waits for the command of every tick, real_time keeps its own pace.',
+                choices=('real_time', 'lock_step'),
+                read_only=True,
+            ),
+            ParameterSpec(
+                'speed_factor',
+                1.0,
+                'How many times real time the real_time clock runs.',
+                '1',
+                above=0.0,
+                high=100.0,
+            ),
+            ParameterSpec(
+                'lock_step_deadline',
+                5.0,
+                'Silence after which a lock-step loop is reported as broken.',
+                's',
+                above=0.0,
+                high=3600.0,
+            ),
+            ParameterSpec(
+                'command_timeout',
+                0.1,
+                'Silence after which the voltage ramps to safe_voltage (real_time).',
+                's',
+                above=0.0,
+                high=3600.0,
+            ),
+            ParameterSpec(
+                'safe_voltage', 0.0, 'Where the voltage goes without commands.', 'V', -500.0, 500.0
+            ),
+            ParameterSpec('ramp', 1.0, 'How fast it goes there.', 'V/s', above=0.0, high=1e6),
+            ParameterSpec(
+                'publish_clock', False, 'Publish simulated time on /clock.', read_only=True
+            ),
+            ParameterSpec(
+                'seed', 0, 'Seed of noise and drop-outs.', low=0, high=2**31 - 1, read_only=True
+            ),
+        )
+    )
+
+
+def plant_table(plant: Plant) -> ParameterTable:
+    """Return a row for every parameter of `plant`, with its present value as the default."""
+    values = plant.parameters
+    rows = (
+        ParameterSpec(
+            row.name,
+            values[row.name],
+            row.description,
+            row.unit,
+            row.low,
+            row.high,
+        )
+        for row in plant.parameter_table
+    )
+    return ParameterTable(tuple(rows))
