@@ -49,6 +49,11 @@ class Parameter:
         One sentence.
     scale : float
         Typical size, by which fits scale the parameter.
+    powers : tuple of int, or None
+        Powers of the input and of the displacement amplitude by which default and scale grow;
+        read off the unit (V, m) where it is None.
+    follows_range : bool
+        Held at a value that grows with the amplitudes (the range that thresholds refer to).
     """
 
     name: str
@@ -58,6 +63,8 @@ class Parameter:
     high: float
     description: str
     scale: float = 1.0
+    powers: tuple[int, int] | None = None
+    follows_range: bool = False
 
     @property
     def held(self) -> bool:

@@ -1,0 +1,239 @@
+"""Models on disk: YAML that a person can read and diff, and parameters that a node can load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.chain import Model
+from piezo_hysteresis.models.plain import mapping, number, read_yaml, refuse_stray, write_yaml
+
+SCHEMA = 'piezo_hysteresis/model/1'
+
+RosParameters = dict[str, float | str | list[str]]
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where the numbers come from.
+
+    Attributes
+    ----------
+    data : tuple of str
+        Files or records that were fitted.
+    date : str
+        ISO 8601.
+    fit : str
+        Method, and what else is needed to repeat it.
+    rate : float or None
+        Sampling rate of the data [Hz]; recursions such as `autoregressive` hold at this rate only.
+    noise_floor : float or None
+        rms of what cannot be modelled [m].
+    free_run_rms : float or None
+        rms of the free-run error on the fitted data [m].
+    notes : mapping of str to str, float, int or bool
+        Anything else.
+    """
+
+    data: tuple[str, ...] = ()
+    date: str = ''
+    fit: str = ''
+    rate: float | None = None
+    noise_floor: float | None = None
+    free_run_rms: float | None = None
+    notes: Mapping[str, str | float | int | bool] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A model with its numbers.
+
+    Attributes
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Every parameter of the chain, in SI units.
+    deviations : mapping of str to float
+        Standard deviations of the parameters that were fitted, in the unit of the parameter.
+    provenance : Provenance
+        Where the numbers come from.
+
+    Raises
+    ------
+    ModelError
+        If a parameter is missing, unknown or impossible.
+    """
+
+    model: Model
+    values: Mapping[str, float]
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def __post_init__(self) -> None:
+        missing = sorted(set(self.model.parameter_names) - set(self.values))
+        if missing:
+            raise ModelError(
+                f'model {self.model.name} lacks a value for {", ".join(missing)}; add it under '
+                'parameters'
+            )
+        stray = sorted(set(self.deviations) - set(self.model.parameter_names))
+        if stray:
+            raise ModelError(
+                f'model {self.model.name} has no parameter {", ".join(stray)} to have a standard '
+                'deviation; remove it'
+            )
+        self.model.pack(self.values)
+
+    @property
+    def packed(self) -> FloatArray:
+        """The values in the order in which `Model.respond` reads them."""
+        return self.model.pack(self.values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `save` writes, of plain types only."""
+        parameters = {}
+        for parameter in self.model.parameters:
+            row: dict[str, Any] = {
+                'value': float(self.values[parameter.name]),
+                'unit': parameter.unit,
+            }
+            if parameter.name in self.deviations:
+                row['std'] = float(self.deviations[parameter.name])
+            if parameter.name in self.model.held:
+                row['held'] = True
+            parameters[parameter.name] = row
+        provenance = asdict(self.provenance)
+        provenance['data'] = list(self.provenance.data)
+        provenance['notes'] = dict(self.provenance.notes)
+        return {
+            'schema': SCHEMA,
+            'name': self.model.name,
+            'chain': [block.name for block in self.model.blocks],
+            'parameters': parameters,
+            'provenance': {k: v for k, v in provenance.items() if v not in (None, '', [], {})},
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as YAML, whole or not at all.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be written.
+        """
+        write_yaml(self.to_dict(), path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ModelFile:
+        """Read a model that `save` wrote or a person edited.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read, or anything in it is unknown, missing or impossible.
+        """
+        content = read_yaml(path)
+        try:
+            return _from_dict(content)
+        except ModelError as error:
+            raise ModelError(f'{path}: {error}') from error
+
+    def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:
+        """Return flat node parameters: ``model.name``, ``model.chain``, ``model.<parameter>``."""
+        return {
+            f'{prefix}.name': self.model.name,
+            f'{prefix}.chain': [block.name for block in self.model.blocks],
+            f'{prefix}.held': sorted(self.model.held) or [''],
+            **{
+                f'{prefix}.{name}': float(self.values[name]) for name in self.model.parameter_names
+            },
+        }
+
+    def save_ros_parameters(self, path: str | Path, prefix: str = 'model') -> None:
+        """Write what ``ros2 param load NODE FILE`` reads, for a node of any name.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be written.
+        """
+        write_yaml({'/**': {'ros__parameters': self.to_ros_parameters(prefix)}}, path)
+
+    @classmethod
+    def from_ros_parameters(
+        cls, parameters: Mapping[str, object], prefix: str = 'model'
+    ) -> ModelFile:
+        """Return the model that `to_ros_parameters` described.
+
+        Raises
+        ------
+        ModelError
+            If anything is unknown, missing or impossible.
+        """
+        own = {
+            key.removeprefix(f'{prefix}.'): value
+            for key, value in parameters.items()
+            if key.startswith(f'{prefix}.')
+        }
+        name, chain, held = own.pop('name', ''), own.pop('chain', None), own.pop('held', [])
+        rows = {key: {'value': value} for key, value in own.items()}
+        for key in held if isinstance(held, list) else []:
+            if key:
+                rows.setdefault(key, {})['held'] = True
+        return _from_dict({'schema': SCHEMA, 'name': name, 'chain': chain, 'parameters': rows})
+
+
+def _from_dict(content: object) -> ModelFile:
+    whole = mapping(content, 'a model file')
+    refuse_stray(whole, {'schema', 'name', 'chain', 'parameters', 'provenance'}, 'the model file')
+    if whole.get('schema') != SCHEMA:
+        raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it anew')
+    chain = whole.get('chain')
+    if not isinstance(chain, list) or not chain:
+        raise ModelError('chain must be a list of block names, from the voltage to the sensor')
+    model = Model(str(whole.get('name', '')), tuple(named_block(str(each)) for each in chain))
+    rows = mapping(whole.get('parameters'), 'parameters')
+    refuse_stray(rows, set(model.parameter_names), f'parameters of model {model.name}')
+    values, deviations, held = {}, {}, {}
+    for parameter in model.parameters:
+        if parameter.name not in rows:
+            continue  # ModelFile says which are missing
+        row = mapping(rows[parameter.name], f'parameter {parameter.name}')
+        refuse_stray(row, {'value', 'unit', 'std', 'held'}, f'parameter {parameter.name}')
+        if row.get('unit', parameter.unit) != parameter.unit:
+            raise ModelError(
+                f'{parameter.name} is in {row["unit"]}, expected {parameter.unit}; convert it'
+            )
+        values[parameter.name] = number(row.get('value'), parameter.name)
+        if row.get('std') is not None:
+            deviations[parameter.name] = number(row['std'], f'std of {parameter.name}')
+        if row.get('held'):
+            held[parameter.name] = values[parameter.name]
+    return ModelFile(
+        model.hold(**held), values, deviations, _provenance(whole.get('provenance', {}))
+    )
+
+
+def _provenance(content: object) -> Provenance:
+    rows = mapping(content, 'provenance')
+    refuse_stray(rows, set(Provenance.__dataclass_fields__), 'provenance')
+    numbers = {
+        key: number(rows[key], f'provenance {key}')
+        for key in ('rate', 'noise_floor', 'free_run_rms')
+        if key in rows
+    }
+    return Provenance(
+        data=tuple(str(each) for each in rows.get('data', ())),
+        date=str(rows.get('date', '')),
+        fit=str(rows.get('fit', '')),
+        notes=dict(mapping(rows.get('notes', {}), 'provenance notes')),
+        rate=numbers.get('rate'),
+        noise_floor=numbers.get('noise_floor'),
+        free_run_rms=numbers.get('free_run_rms'),
+    )

@@ -1,0 +1,79 @@
+"""Plain YAML in and out: whole files or none, and sentences for what is wrong in them."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from piezo_hysteresis.errors import ModelError
+
+
+def read_yaml(path: str | Path) -> object:
+    """Return the content of a YAML file, of plain types only.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read.
+    """
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = str(error).replace('\n', ' ')
+        raise ModelError(f'cannot read the model file {path}: {reason}') from error
+
+
+def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
+    """Write `content` as YAML under a temporary name first, then rename.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be written.
+    """
+    target = Path(path)
+    text = yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=99)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')
+        try:
+            with os.fdopen(handle, 'w', encoding='utf-8') as file:
+                file.write(text)
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(target)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise ModelError(f'cannot write {target}: {error.strerror or error}') from error
+
+
+def number(value: object, what: str) -> float:
+    """Return `value` as a float, or say that `what` is none."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise ModelError(f'{what} must be a number, got {value!r}')
+    try:
+        return float(value)  # YAML reads 1e-5 without a point as text
+    except ValueError as error:
+        raise ModelError(f'{what} must be a number, got {value!r}') from error
+
+
+def mapping(value: object, what: str) -> Mapping[str, Any]:
+    """Return `value` with names as keys, or say that `what` has none."""
+    if not isinstance(value, dict):
+        raise ModelError(f'{what} must be a mapping, got {type(value).__name__}')
+    return {str(key): each for key, each in value.items()}
+
+
+def refuse_stray(found: Mapping[str, Any], known: set[str], what: str) -> None:
+    """Raise if `found` holds names that `what` does not know."""
+    stray = sorted(set(found) - known)
+    if stray:
+        raise ModelError(
+            f'{what} has unknown {", ".join(stray)}; it knows {", ".join(sorted(known))}'
+        )

@@ -1,0 +1,87 @@
+"""Start values and scales of a model for a given actuator, by dimensional analysis.
+
+Defaults are stated for an input amplitude of 1 V (or N) and a displacement amplitude of 130 um,
+a bimorph; a stack that moves 20 um at 150 V is the same model in other units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_hysteresis.blocks.base import Block, Parameter
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.chain import Model
+
+REFERENCE_INPUT = 1.0
+REFERENCE_DISPLACEMENT = 130e-6
+
+
+def powers(unit: str) -> tuple[int, int]:
+    """Return the powers of volt and metre in `unit`; (0, 0) for mechanical units.
+
+    Units are written ``a*b/c*d`` with powers as ``m^2``: ``m/V``, ``1/m^2``, ``V/s``.
+    """
+    volt = metre = 0
+    for sign, part in zip((1, -1), unit.split('/'), strict=False):
+        for factor in part.split('*'):
+            symbol, _, power = factor.partition('^')
+            if symbol in ('N', 'kg'):
+                return 0, 0
+            volt += sign * int(power or 1) * (symbol == 'V')
+            metre += sign * int(power or 1) * (symbol == 'm')
+    return volt, metre
+
+
+def _factor(parameter: Parameter, ratios: tuple[float, float]) -> float:
+    volt, metre = parameter.powers or powers(parameter.unit)
+    return float(ratios[0] ** volt * ratios[1] ** metre)
+
+
+def _suited(block: Block, ratios: tuple[float, float]) -> Block:
+    parameters = []
+    for q in block.parameters:
+        factor = _factor(q, ratios)
+        default = float(np.clip(q.default * factor, q.low, q.high))
+        parameters.append(replace(q, default=default, scale=q.scale * factor))
+    return replace(block, parameters=tuple(parameters))
+
+
+def for_range(model: Model, input_amplitude: float, displacement_amplitude: float) -> Model:
+    """Return `model` with defaults, scales and held ranges that suit an actuator.
+
+    Parameters
+    ----------
+    model : Model
+        Any model.
+    input_amplitude : float
+        Largest absolute input [V or N] that the model is to cover.
+    displacement_amplitude : float
+        Half the span of the displacement [m].
+
+    Returns
+    -------
+    Model
+        Same blocks; ``defaults()`` are start values, ``parameters[i].scale`` typical sizes.
+
+    Raises
+    ------
+    ModelError
+        If an amplitude is not positive.
+    """
+    for word, amplitude in (('input', input_amplitude), ('displacement', displacement_amplitude)):
+        if not (np.isfinite(amplitude) and amplitude > 0):
+            raise ModelError(
+                f'the {word} amplitude is {amplitude:g}; give a record in which the {word} moves'
+            )
+    ratios = (
+        input_amplitude / REFERENCE_INPUT,
+        displacement_amplitude / REFERENCE_DISPLACEMENT,
+    )
+    held = {
+        q.name: q.default * (_factor(q, ratios) if q.follows_range else 1.0)
+        for q in model.parameters
+        if q.name in model.held
+    }
+    return Model(model.name, tuple(_suited(block, ratios) for block in model.blocks), held)
