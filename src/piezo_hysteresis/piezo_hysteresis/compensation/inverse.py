@@ -1,0 +1,216 @@
+"""What every feedforward inverse shares: conditioning of the reference, counting, bumpless change.
+
+An inverse is one compiled kernel over the conditioned reference with an explicit state, so the
+array version and the one-sample version give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
+
+# Places in the state of the conditioning kernel.
+_TICK, _LAST, _REFUSED = 0, 1, 2
+
+
+@jit
+def _condition(
+    reference: FloatArray,
+    conditioned: FloatArray,
+    state: FloatArray,
+    offset: float,
+    ticks: float,
+    dt: float,
+) -> None:
+    """Refer the reference to the rest position and ease it in over the first `ticks`.
+
+    Rows of both arrays are displacement, velocity and acceleration.
+    What is not a number is replaced by the last displacement at rest.
+    """
+    for k in range(reference.shape[1]):
+        d, v, a = reference[0, k], reference[1, k], reference[2, k]
+        if not (np.isfinite(d) and np.isfinite(v) and np.isfinite(a)):
+            d, v, a = state[_LAST], 0.0, 0.0
+            state[_REFUSED] += 1.0
+        state[_LAST] = d
+        d -= offset
+        s = state[_TICK] / ticks if ticks > 0.0 else 1.0
+        if s < 1.0:
+            gain = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+            rate = 30.0 * s**2 * (1.0 - s) ** 2 / (ticks * dt)
+            bend = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (ticks * dt) ** 2
+            a = bend * d + 2.0 * rate * v + gain * a
+            v = rate * d + gain * v
+            d = gain * d
+            state[_TICK] += 1.0
+        conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
+
+
+class InverseLink:
+    """Base of the feedforward links; the first of a chain.
+
+    Subclasses set `counter_names`, give the size of their memory and run their kernel.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Parameters of the model to invert, by name, in SI units.
+    dt : float
+        Sampling interval [s].
+    limits : Limits, optional
+        Range that the plant will be held to [V]; the memory of the inverse follows the limited
+        voltage, so that a reference beyond the stroke leaves no wrong hysteresis behind.
+    start : float
+        Seconds over which the reference is eased in from the rest position [s].
+    transition : float
+        Seconds over which the output follows a change of the parameters [s].
+
+    Raises
+    ------
+    CompensationError
+        If the model cannot be inverted.
+    """
+
+    counter_names: tuple[str, ...] = ('clamped_slopes', 'out_of_stroke')
+    memory_size = 8
+
+    def __init__(
+        self,
+        parameters: Mapping[str, float],
+        dt: float,
+        *,
+        limits: Limits | None = None,
+        start: float = 0.5,
+        transition: float = 0.2,
+    ) -> None:
+        if not (math.isfinite(dt) and dt > 0):
+            raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
+        self.dt = dt
+        self._ticks = float(round(start / dt))
+        self._low = -math.inf if limits is None else limits.low
+        self._high = math.inf if limits is None else limits.high
+        slew = math.inf if limits is None else limits.slew
+        self._transition = Transition(dt, transition, slew)
+        self._parameters = dict(parameters)
+        self._packed = self._pack(self._parameters)
+        self._offset = float(self._parameters.get('offset', 0.0))
+        self._point = np.zeros((3, 1))
+        self._eased = np.zeros((3, 1))
+        self._answer = np.zeros(1)
+        self.reset()
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters in force, by name."""
+        return dict(self._parameters)
+
+    def step(
+        self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
+    ) -> float:
+        """Answer the voltage for this tick: `received` plus that of the inverse [V]."""
+        place = self._point
+        place[0, 0], place[1, 0], place[2, 0] = point[1], point[2], point[3]
+        _condition(place, self._eased, self._ease, self._offset, self._ticks, self.dt)
+        self._run(self._eased, self._answer, self._memory)
+        return received + self._transition.apply(float(self._answer[0]))
+
+    def respond(
+        self,
+        displacement: FloatArray,
+        velocity: FloatArray | None = None,
+        acceleration: FloatArray | None = None,
+    ) -> FloatArray:
+        """Answer the voltage [V] to a whole reference from rest; the link itself is untouched.
+
+        Gives the same bits as stepping a link that was reset.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (n,)
+            Reference [m].
+        velocity, acceleration : ndarray, shape (n,), optional
+            Its analytic derivatives [m/s], [m/s^2]; taken as 0 where they are not given, which
+            is right only for inverses that do not use them.
+        """
+        reference = np.zeros((3, len(displacement)))
+        for row, column in enumerate((displacement, velocity, acceleration)):
+            if column is not None:
+                reference[row] = column
+        conditioned = np.empty_like(reference)
+        _condition(reference, conditioned, np.zeros(3), self._offset, self._ticks, self.dt)
+        voltage = np.empty(reference.shape[1])
+        self._run(conditioned, voltage, self._initial_memory())
+        return voltage
+
+    def set_parameters(self, parameters: Mapping[str, float]) -> None:
+        """Change parameters while running; the output goes over smoothly.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            New values by name; the others stay.
+
+        Raises
+        ------
+        CompensationError
+            If the new set cannot be inverted; the old one then stays in force.
+        """
+        merged = {**self._parameters, **parameters}
+        packed = self._pack(merged)
+        self._carry_over(self._packed, packed)
+        self._packed = packed
+        self._parameters = merged
+        self._offset = float(merged.get('offset', 0.0))
+        self._transition.start()
+
+    def counters(self) -> dict[str, int]:
+        """Return what went wrong so far, by name."""
+        own = self._memory[: len(self.counter_names)]
+        counts = {name: int(n) for name, n in zip(self.counter_names, own, strict=True)}
+        counts['refused_references'] = int(self._ease[_REFUSED])
+        return counts
+
+    def reset(self) -> None:
+        """Forget everything but the parameters."""
+        self._ease = np.zeros(3)
+        self._memory = self._initial_memory()
+        self._transition.reset()
+
+    def _initial_memory(self) -> FloatArray:
+        return np.zeros(self.memory_size)
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        raise NotImplementedError
+
+    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
+        raise NotImplementedError
+
+    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        """Translate the memory to new parameters; by default it stays as it is."""
+
+
+def take(parameters: Mapping[str, float], required: tuple[str, ...], what: str) -> list[float]:
+    """Return the `required` parameters in order.
+
+    Raises
+    ------
+    CompensationError
+        If one is missing or not finite.
+    """
+    missing = [name for name in required if name not in parameters]
+    if missing:
+        raise CompensationError(
+            f'{what} needs the parameter(s) {", ".join(missing)}; identify a model that has them'
+        )
+    bad = [name for name in required if not math.isfinite(parameters[name])]
+    if bad:
+        raise CompensationError(f'{what}: {", ".join(bad)} must be finite; identify again')
+    return [float(parameters[name]) for name in required]
