@@ -5,8 +5,19 @@ from setuptools import find_packages, setup
 package = 'piezo_hysteresis'
 
 # Every node and every verb of the command line is an executable of its own for `ros2 run`.
-nodes = []
-verbs = []
+nodes = ['attenuation', 'excitation', 'feedforward', 'identification']
+verbs = [
+    'compensate',
+    'demo',
+    'discover',
+    'export',
+    'identify',
+    'import',
+    'info',
+    'play',
+    'record',
+    'validate',
+]
 
 setup(
     name=package,

@@ -1,10 +1,6 @@
-from pathlib import Path
-
 from setuptools import find_packages, setup
 
 package = 'piezo_ros_common'
-config = Path('../../config')
-nodes = []
 
 setup(
     name=package,
@@ -19,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',
     maintainer_email='maintainers@example.org',
-    description='',
+    description='What the nodes of the suite share',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={'console_scripts': [f'{node} = {package}.nodes.{node}:main' for node in nodes]},

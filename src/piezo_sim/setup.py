@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 package = 'piezo_sim'
 config = Path('../../config')
-nodes = []
+nodes = ['simulator']
 
 setup(
     name=package,
@@ -14,14 +14,17 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
+        (
+            f'share/{package}/config/presets',
+            [str(f) for f in sorted(config.glob('presets/*.yaml'))],
+        ),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',
     maintainer_email='maintainers@example.org',
-    description='',
+    description='Simulated piezo actuators: the world that the suite is tried on',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
-    entry_points={'console_scripts':
-                  [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
+    entry_points={'console_scripts': [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
 )

@@ -6,12 +6,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
 
 Apply = Callable[[dict[str, Value]], None]
 Refuse = Callable[[dict[str, Value]], str]

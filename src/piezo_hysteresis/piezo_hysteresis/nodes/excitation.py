@@ -1,0 +1,142 @@
+"""Drives the loop: publishes the reference, or an open-loop voltage, tick by tick."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+from piezo_hysteresis.nodes.excitation_plan import Experiment
+from piezo_hysteresis.nodes.messages import point_into
+from piezo_hysteresis.nodes.tables import EXCITATION
+from piezo_hysteresis.waveforms import Sine
+from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
+from piezo_ros_common import topics
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.running import run_node
+from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
+from piezo_ros_common.table import Value
+
+
+class Excitation(Node):
+    """Answers the state of tick k with the reference (or voltage) of tick k + 1.
+
+    It so follows the clock of the actuator, whatever that is: lock-step or real time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('excitation')
+        self.stop = Future()
+        self.exit_code = 0
+        self._experiment: Experiment | None = None
+        self._emitted = -1
+        self._newest_state = -1
+        self._heard = time.monotonic()
+        self._parameters = NodeParameters(self, EXCITATION, self._apply)
+        self._rate = self._parameters.number('rate')
+        self._reference = Reference()
+        self._voltage = VoltageCommand()
+        self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
+        self._voltage_publisher = self.create_publisher(
+            VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
+        )
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
+        self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
+        self.create_timer(0.5, self._watch)
+
+    # --- ticks ---------------------------------------------------------------------------------
+
+    def _on_status(self, message: LoopStatus) -> None:
+        # A simulator at tick 0 has no state to answer yet: its status starts the loop.
+        if message.sample == 0 and self._newest_state < 0:
+            self._emit(0)
+
+    def _on_state(self, message: ActuatorState) -> None:
+        if message.sample <= self._newest_state:
+            return
+        self._newest_state = message.sample
+        self._heard = time.monotonic()
+        self._emit(message.sample + 1)
+
+    def _emit(self, sample: int) -> None:
+        if self._parameters.text('mode') == 'idle' or sample <= self._emitted:
+            return
+        experiment = self._experiment
+        if experiment is None:
+            experiment = self._experiment = self._new_experiment(sample)
+        if experiment.over(sample):
+            self._finish(sample)
+            return
+        self._emitted = sample
+        if self._parameters.text('mode') == 'reference':
+            self._emit_reference(experiment, sample)
+        else:
+            self._emit_voltage(experiment, sample)
+
+    def _emit_reference(self, experiment: Experiment, sample: int) -> None:
+        message = self._reference
+        point_into(experiment.point(sample), message)
+        stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
+        self._reference_publisher.publish(message)
+
+    def _emit_voltage(self, experiment: Experiment, sample: int) -> None:
+        message = self._voltage
+        message.sample = sample
+        message.voltage = experiment.point(sample).displacement
+        stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
+        self._voltage_publisher.publish(message)
+
+    def _finish(self, sample: int) -> None:
+        self.get_logger().info(f'experiment over at tick {sample}')
+        self._parameters.overwrite({'mode': 'idle'})
+        if self._parameters.flag('exit_when_done') and not self.stop.done():
+            self.stop.set_result(True)
+
+    # --- parameters ----------------------------------------------------------------------------
+
+    def _new_experiment(self, sample: int) -> Experiment:
+        value = self._parameters.number
+        amplitude, offset = self._size()
+        duration = value('duration')
+        sine = Sine(amplitude, value('frequency'), duration, offset, ramp=value('ramp'))
+        return Experiment(sine, sample, self._rate, round(duration * self._rate))
+
+    def _size(self) -> tuple[float, float]:
+        kind = self._parameters.text('mode')
+        value = self._parameters.number
+        return value(f'{kind}.amplitude'), value(f'{kind}.offset')
+
+    def _apply(self, changes: dict[str, Value]) -> None:
+        if 'mode' in changes:
+            self._experiment = None
+            self._heard = time.monotonic()
+            if self._newest_state >= 0:
+                self._emit(self._newest_state + 1)
+        elif self._experiment is not None and self._parameters.text('mode') != 'idle':
+            amplitude, offset = self._size()
+            frequency = self._parameters.number('frequency')
+            self._experiment.retuned(frequency, amplitude, offset, self._emitted + 1)
+            length = round(self._parameters.number('duration') * self._rate)
+            self._experiment.length = length
+
+    def _watch(self) -> None:
+        silent = time.monotonic() - self._heard
+        deadline = self._parameters.number('deadline')
+        if self._parameters.text('mode') == 'idle' or silent < deadline:
+            return
+        self.get_logger().error(
+            f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the actuator '
+            'or a link of the chain is not running; start it and set mode again'
+        )
+        self.exit_code = 3
+        self._parameters.overwrite({'mode': 'idle'})
+        if self._parameters.flag('exit_when_done') and not self.stop.done():
+            self.stop.set_result(True)
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(Excitation))

@@ -1,0 +1,143 @@
+"""The parameter tables of the nodes; knows no ROS, so that documents and checks can read them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
+
+RATE = ParameterSpec(
+    'rate', 1000.0, 'Sampling rate of the loop.', 'Hz', above=0.0, high=1e5, read_only=True
+)
+
+
+def _number(values: Mapping[str, Value], name: str) -> float:
+    value = values[name]
+    assert isinstance(value, int | float)
+    return float(value)
+
+
+def _range_rule(values: Mapping[str, Value]) -> str:
+    if _number(values, 'limits.low') < _number(values, 'limits.high'):
+        return ''
+    return 'limits.low must stay below limits.high; set both in one atomic call'
+
+
+LIMITS = (
+    ParameterSpec('limits.low', -1.2, 'Lowest voltage passed on.', 'V', -500.0, 500.0),
+    ParameterSpec('limits.high', 1.2, 'Highest voltage passed on.', 'V', -500.0, 500.0),
+    ParameterSpec(
+        'limits.slew', 2000.0, 'Fastest change of the voltage.', 'V/s', above=0.0, high=1e9
+    ),
+)
+
+LINK = (
+    RATE,
+    *LIMITS,
+    ParameterSpec('autostart', True, 'Configure and activate at start.', read_only=True),
+)
+
+EXCITATION = ParameterTable(
+    (
+        RATE,
+        ParameterSpec(
+            'mode',
+            'idle',
+            'What is published: a reference, an open-loop voltage, or nothing.',
+            choices=('idle', 'reference', 'voltage'),
+        ),
+        ParameterSpec('frequency', 1.0, 'Frequency of the sinusoid.', 'Hz', 0.0, 1e4),
+        ParameterSpec('reference.amplitude', 5e-5, 'Amplitude of the reference.', 'm', 0.0, 0.01),
+        ParameterSpec('reference.offset', 0.0, 'Mean of the reference.', 'm', -0.01, 0.01),
+        ParameterSpec('voltage.amplitude', 1.0, 'Amplitude of the voltage.', 'V', 0.0, 500.0),
+        ParameterSpec('voltage.offset', 0.0, 'Mean of the voltage.', 'V', -500.0, 500.0),
+        ParameterSpec('ramp', 1.0, 'Smooth rise of the amplitude at the start.', 's', 0.0, 60.0),
+        ParameterSpec('duration', 0.0, 'Length of the experiment; 0 has no end.', 's', 0.0, 1e6),
+        ParameterSpec('exit_when_done', False, 'End the process when the experiment ends.'),
+        ParameterSpec(
+            'deadline',
+            10.0,
+            'Silence of the actuator after which the experiment is given up.',
+            's',
+            above=0.0,
+            high=3600.0,
+        ),
+    )
+)
+
+FEEDFORWARD = ParameterTable(
+    (
+        *LINK,
+        ParameterSpec('model_file', '', 'Model file to invert; empty uses gain alone.'),
+        ParameterSpec(
+            'gain', 1.2857e-4, 'Displacement per volt used without a model.', 'm/V', above=0.0
+        ),
+        ParameterSpec('start', 0.5, 'Time over which the reference is eased in.', 's', 0.0, 60.0),
+        ParameterSpec(
+            'transition', 0.2, 'Time over which a change of the model goes over.', 's', 0.0, 60.0
+        ),
+        ParameterSpec('follow_estimate', False, 'Take every model/estimate as soon as it comes.'),
+    ),
+    rules=(_range_rule,),
+)
+
+ATTENUATION = ParameterTable(
+    (
+        *LINK,
+        ParameterSpec('enabled', True, 'Correct the voltage; false passes it on.'),
+        ParameterSpec(
+            'method',
+            'rls',
+            'rls is 000 (18)-(21); afc is adaptive feedforward cancellation by complex gain.',
+            choices=('rls', 'afc'),
+        ),
+        ParameterSpec('orders', [3], 'Harmonic orders to attenuate.', '1', 0, 99),
+        ParameterSpec(
+            'sign_rule',
+            'computed',
+            'Sign of the error: computed from the plant gain, as printed in 000 (22), (23), none.',
+            choices=('computed', 'printed', 'none'),
+        ),
+        ParameterSpec(
+            'gain', 16666.7, 'Volts per metre of tracking error (method rls).', 'V/m', above=0.0
+        ),
+        ParameterSpec(
+            'plant.gain', 1.2e-4, 'Quasi-static displacement per volt.', 'm/V', above=0.0
+        ),
+        ParameterSpec(
+            'plant.natural_frequency', 68.0, 'Natural frequency; 0 for none.', 'Hz', 0.0, 1e5
+        ),
+        ParameterSpec('plant.damping_ratio', 0.015, 'Damping ratio.', '1', above=0.0, high=10.0),
+    ),
+    rules=(_range_rule,),
+)
+
+IDENTIFICATION = ParameterTable(
+    (
+        RATE,
+        ParameterSpec(
+            'variant',
+            'V1',
+            'Form of the recursion: V1 is 000 (3), V0 is 000 (10), V2 is 001 (10) as printed.',
+            choices=('V0', 'V1', 'V2'),
+        ),
+        ParameterSpec('offset', True, 'Estimate a constant offset too.'),
+        ParameterSpec('harmonic', 0, 'Exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
+        ParameterSpec('frequency', 0.0, 'Fundamental, for the harmonic.', 'Hz', 0.0, 1e4),
+        ParameterSpec(
+            'forgetting', 1.0, 'Forgetting factor; 1 forgets nothing.', '1', above=0.5, high=1.0
+        ),
+        ParameterSpec(
+            'unit',
+            'mm',
+            'Unit the recursion works in; with P0 = I it matters.',
+            choices=('m', 'mm', 'um', 'nm'),
+        ),
+        ParameterSpec(
+            'publish_every', 500, 'Samples between two estimates.', '1', low=1, high=1000000
+        ),
+        ParameterSpec(
+            'model_folder', '', 'Folder that ~/save may write to; empty is the working folder.'
+        ),
+    )
+)

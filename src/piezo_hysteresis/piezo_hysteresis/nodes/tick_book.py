@@ -1,0 +1,92 @@
+"""Brings together what belongs to one tick, in whatever order the messages come; knows no ROS."""
+
+from __future__ import annotations
+
+from typing import Generic, NamedTuple, TypeVar
+
+from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+
+Tag = TypeVar('Tag')
+
+# A tick this much older than the newest voltage is not waited for any longer (real time only: in
+# lock-step the newest voltage cannot come before the older one was answered).
+PATIENCE = 2
+
+
+class Tick(NamedTuple, Generic[Tag]):
+    """Everything a link needs for one tick.
+
+    Attributes
+    ----------
+    point : ReferencePoint
+        The reference of the tick.
+    received : float
+        The voltage that came from the link before [V].
+    measured : Measured or None
+        The measurement of the tick before, or the newest one where that is lost.
+    tag : object
+        What came with the voltage.
+    """
+
+    point: ReferencePoint
+    received: float
+    measured: Measured | None
+    tag: Tag
+
+
+class TickBook(Generic[Tag]):
+    """Holds early messages back until their tick is complete.
+
+    Tick k is complete with its reference, its voltage and the measurement of tick k - 1 (for
+    k = 0 without). A link so computes the same numbers whatever the order of arrival.
+    """
+
+    def __init__(self) -> None:
+        self._points: dict[int, ReferencePoint] = {}
+        self._voltages: dict[int, tuple[float, Tag]] = {}
+        self._measured: dict[int, Measured] = {}
+        self._newest_measured: Measured | None = None
+        self._done = -1
+
+    def add_reference(self, point: ReferencePoint) -> None:
+        """Note the reference of a tick."""
+        if point.sample > self._done:
+            self._points[point.sample] = point
+
+    def add_measured(self, measured: Measured) -> None:
+        """Note the measurement of a tick."""
+        if self._newest_measured is None or measured.sample > self._newest_measured.sample:
+            self._newest_measured = measured
+        if measured.sample >= self._done:
+            self._measured[measured.sample] = measured
+
+    def add_voltage(self, sample: int, voltage: float, tag: Tag) -> bool:
+        """Note the voltage of a tick; return False where it is old or came twice."""
+        if sample <= self._done or sample in self._voltages:
+            return False
+        self._voltages[sample] = (voltage, tag)
+        return True
+
+    def take(self) -> Tick[Tag] | None:
+        """Return the oldest tick that is complete, once, or None."""
+        if not self._voltages:
+            return None
+        sample = min(self._voltages)
+        point = self._points.get(sample)
+        measured = self._measured.get(sample - 1)
+        complete = point is not None and (measured is not None or sample == 0)
+        if not complete and max(self._voltages) - sample < PATIENCE:
+            return None
+        voltage, tag = self._voltages.pop(sample)
+        self._forget(sample)
+        if point is None:  # its reference was lost: the tick cannot be answered
+            return self.take()
+        return Tick(point, voltage, measured or self._newest_measured, tag)
+
+    def _forget(self, sample: int) -> None:
+        self._done = sample
+        for book in (self._points, self._voltages):
+            for old in [each for each in book if each <= sample]:
+                del book[old]
+        for old in [each for each in self._measured if each < sample]:
+            del self._measured[old]

@@ -1,0 +1,204 @@
+"""Starts nodes as processes of their own and makes sure that none outlives its owner."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from ament_index_python.packages import get_package_prefix
+
+PATIENCE = 5.0
+
+
+class ProcessError(Exception):
+    """A node process died or did not end in time; the message says which and what to do."""
+
+
+class NodeProcess:
+    """One running node.
+
+    Attributes
+    ----------
+    name : str
+        Name of the executable.
+    log : Path
+        What it printed.
+    """
+
+    def __init__(
+        self,
+        package: str,
+        executable: str,
+        arguments: Sequence[str],
+        env: Mapping[str, str],
+        log: Path,
+    ) -> None:
+        path = Path(get_package_prefix(package)) / 'lib' / package / executable
+        self.name = executable
+        self.log = log
+        with log.open('wb') as output:
+            # A group of its own: a signal for one node never reaches its owner.
+            self._process = subprocess.Popen(
+                [sys.executable, str(path), *arguments],
+                env=dict(env),
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Process number."""
+        return self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, None while it runs."""
+        return self._process.poll()
+
+    def signal(self, number: int) -> None:
+        """Send a signal to the node."""
+        if self.returncode is None:
+            os.kill(self.pid, number)
+
+    def stop(self, patience: float = PATIENCE) -> int:
+        """End the node politely, then firmly; return its exit code."""
+        self.signal(signal.SIGINT)
+        try:
+            return self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGKILL)
+            return self._process.wait()
+
+    def wait(self, timeout: float) -> int:
+        """Wait for the node to end by itself.
+
+        Raises
+        ------
+        ProcessError
+            If it does not within `timeout` seconds.
+        """
+        try:
+            return self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise ProcessError(
+                f'{self.name} did not end within {timeout:g} s; its last words: {self.tail()}'
+            ) from None
+
+    def tail(self, lines: int = 3) -> str:
+        """Return the last lines it printed, on one line."""
+        text = self.log.read_text(errors='replace').strip().splitlines()
+        return ' | '.join(text[-lines:]) or '(nothing)'
+
+
+class NodeProcesses:
+    """A group of node processes that share a domain and end together.
+
+    Parameters
+    ----------
+    domain : int, optional
+        ROS domain; a free one in 1..101 by the process number where it is not given.
+    """
+
+    def __init__(self, domain: int | None = None) -> None:
+        self.domain = 1 + os.getpid() % 100 if domain is None else domain
+        self.environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(self.domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'PYTHONUNBUFFERED': '1',
+        }
+        self._folder = tempfile.TemporaryDirectory(prefix='piezo_')
+        self._running: list[NodeProcess] = []
+
+    def __enter__(self) -> NodeProcesses:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+        self._folder.cleanup()
+
+    def start(
+        self,
+        package: str,
+        executable: str,
+        parameters: Mapping[str, object] | None = None,
+        *,
+        name: str = '',
+        remap: Mapping[str, str] | None = None,
+    ) -> NodeProcess:
+        """Start one node with `parameters` set, under another `name` where one is given."""
+        arguments = ['--ros-args']
+        for key, value in (parameters or {}).items():
+            arguments += ['-p', f'{key}:={_as_yaml(value)}']
+        for old, new in {**(remap or {}), **({'__node': name} if name else {})}.items():
+            arguments += ['-r', f'{old}:={new}']
+        log = Path(self._folder.name) / f'{len(self._running)}_{name or executable}.log'
+        node = NodeProcess(package, executable, arguments, self.environment, log)
+        self._running.append(node)
+        return node
+
+    def check(self) -> None:
+        """Raise where a node died by itself.
+
+        Raises
+        ------
+        ProcessError
+            Naming the node and its last words.
+        """
+        for node in self._running:
+            if node.returncode not in (None, 0):
+                raise ProcessError(
+                    f'node {node.name} ended with code {node.returncode}: {node.tail()}'
+                )
+
+    def wait_for(self, node: NodeProcess, timeout: float) -> int:
+        """Wait until `node` ends, watching the others meanwhile.
+
+        Raises
+        ------
+        ProcessError
+            If another node dies or the time is over.
+        """
+        end = time.monotonic() + timeout
+        while node.returncode is None:
+            self.check()
+            if time.monotonic() > end:
+                return node.wait(0.0)
+            time.sleep(0.02)
+        return int(node.returncode)
+
+    def stop(self) -> list[int]:
+        """End every node; return the exit codes, in the order in which they were started."""
+        for node in self._running:
+            node.signal(signal.SIGINT)
+        codes = [node.stop() for node in self._running]
+        self._running.clear()
+        return codes
+
+
+def _as_yaml(value: object) -> str:
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    if isinstance(value, float):
+        # repr gives 1e-05, which YAML 1.1 reads as a string: always show the point.
+        text = repr(value)
+        return text if '.' in text or 'e' not in text else text.replace('e', '.0e')
+    if isinstance(value, list | tuple):
+        return '[' + ', '.join(_as_yaml(each) for each in value) + ']'
+    return str(value)
