@@ -18,5 +18,4 @@ setup(
     description='What the nodes of the suite share',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
-    entry_points={'console_scripts': [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
 )
