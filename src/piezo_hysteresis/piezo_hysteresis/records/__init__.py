@@ -1,5 +1,22 @@
 """Records in and out: bags, CSV and what is known of an experiment (neutral: no physics)."""
 
+from piezo_hysteresis.records.bag_writer import write_bag
+from piezo_hysteresis.records.bags import read_bag
+from piezo_hysteresis.records.csv_files import read_csv, write_csv
+from piezo_hysteresis.records.damage import Damage, DamageWarning
+from piezo_hysteresis.records.load import Survey, load, survey
 from piezo_hysteresis.records.record import Record, RecordInfo
 
-__all__ = ['Record', 'RecordInfo']
+__all__ = [
+    'Damage',
+    'DamageWarning',
+    'Record',
+    'RecordInfo',
+    'Survey',
+    'load',
+    'read_bag',
+    'read_csv',
+    'survey',
+    'write_bag',
+    'write_csv',
+]

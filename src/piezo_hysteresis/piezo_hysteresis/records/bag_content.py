@@ -1,0 +1,201 @@
+"""All that a bag holds: our topics decoded a block at a time, the others counted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import cdr
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.definitions import MARKER, MESSAGES, REFERENCE, STATE, typestore
+from piezo_hysteresis.records.mcap_reader import McapFile
+from piezo_hysteresis.records.metadata import Metadata, read_metadata
+from piezo_hysteresis.records.sqlite_storage import SqliteFile
+from piezo_hysteresis.records.storage import Block, Topic
+
+READERS = {'.mcap': McapFile, '.db3': SqliteFile}
+STATE_KEY = 'piezo_hysteresis.state'
+RECORDING = 'recording'
+
+
+@dataclass
+class TopicContent:
+    """What a bag holds of one topic.
+
+    Attributes
+    ----------
+    topic : Topic
+        Name, type and definition.
+    count : int
+        Messages.
+    first, last : int
+        Log times [ns].
+    stamps : list of ndarray
+        Header stamps block by block [ns] (fixed-size types of ours).
+    columns : dict of list of ndarray
+        Fields block by block.
+    messages : list
+        Decoded messages (markers).
+    """
+
+    topic: Topic
+    count: int = 0
+    first: int = (1 << 63) - 1
+    last: int = 0
+    stamps: list[IntArray] = field(default_factory=list)
+    columns: dict[str, list[Any]] = field(default_factory=dict)
+    messages: list[Any] = field(default_factory=list)
+
+    def stamp(self) -> IntArray:
+        """Return the header stamps [ns], shape (n,)."""
+        return np.concatenate([np.zeros(0, np.int64), *self.stamps])
+
+    def column(self, name: str) -> Any:
+        """Return one field, shape (n,)."""
+        return np.concatenate([np.zeros(0, self.columns[name][0].dtype), *self.columns[name]])
+
+
+@dataclass
+class BagContent:
+    """All topics of a bag, by name, and its metadata where it has some."""
+
+    path: Path
+    topics: dict[str, TopicContent] = field(default_factory=dict)
+    metadata: Metadata | None = None
+
+    def of_type(self, msgtype: str) -> list[TopicContent]:
+        """Return the topics of one type that hold messages, in order of their names."""
+        found = [t for t in self.topics.values() if t.topic.msgtype == msgtype and t.count]
+        return sorted(found, key=lambda content: content.topic.name)
+
+
+def blocks_of(path: Path, log: DamageLog) -> Iterator[tuple[dict[int, Topic], Block]]:
+    """Yield the topics of the storage file and the block, for every block of a bag."""
+    metadata = read_metadata(path, log) if path.is_dir() else None
+    for file in storage_files(path, metadata, log):
+        storage = READERS[file.suffix](file, log)
+        with closing(storage.blocks()) as blocks:
+            for block in blocks:
+                yield storage.topics, block
+
+
+def storage_files(path: Path, metadata: Metadata | None, log: DamageLog) -> list[Path]:
+    """Return the storage files of a bag folder, or the file itself."""
+    if metadata is None:
+        return [path]
+    files = []
+    for summary in metadata.files:
+        file = path / summary.name
+        if file.suffix not in READERS:
+            log.add(path, f'its storage file {file.name} is of a kind that is not known')
+        elif not file.is_file():
+            log.add(path, f'its storage file {file.name} is missing')
+        else:
+            files.append(file)
+    if not files:
+        raise RecordError(f'{path}: the folder holds no bag; give a folder with a metadata.yaml')
+    return files
+
+
+def read_content(path: Path, log: DamageLog) -> BagContent:
+    """Read a bag folder or storage file.
+
+    Raises
+    ------
+    RecordError
+        If the bag is damaged and the log does not salvage, or if nothing of it is readable.
+    """
+    content = BagContent(path, metadata=read_metadata(path, log) if path.is_dir() else None)
+    for file in storage_files(path, content.metadata, log):
+        storage = READERS[file.suffix](file, log)
+        for block in storage.blocks():
+            _collect(content, storage.topics, block, log)
+        for topic in storage.topics.values():
+            content.topics.setdefault(topic.name, TopicContent(topic))
+    if content.metadata is not None:
+        _compare(content, content.metadata, log)
+    return content
+
+
+def _collect(content: BagContent, topics: dict[int, Topic], block: Block, log: DamageLog) -> None:
+    for number in np.unique(block.topic).tolist():
+        if number not in topics:
+            count = int(np.sum(block.topic == number))
+            log.add(content.path, f'{count} messages belong to no topic', count=count, lost=count)
+            continue
+        topic = topics[number]
+        held = content.topics.setdefault(topic.name, TopicContent(topic))
+        own = block.topic == number
+        if own.all():
+            part = block
+        else:
+            part = Block(
+                block.buffer,
+                block.topic[own],
+                block.log_time[own],
+                block.offset[own],
+                block.length[own],
+            )
+        held.count += part.topic.size
+        held.first = min(held.first, int(part.log_time.min()))
+        held.last = max(held.last, int(part.log_time.max()))
+        if topic.msgtype in (STATE, REFERENCE):
+            _decode(content, held, part, log)
+        elif topic.msgtype == MARKER:
+            _decode_markers(content, held, part, log)
+
+
+def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
+    topic = held.topic
+    fields = cdr.fixed_fields(topic.msgtype, topic.definition or MESSAGES[topic.msgtype])
+    decoded = cdr.decode(fields, block.buffer, block.offset, block.length)
+    bad = int(decoded.good.size - decoded.good.sum())
+    if bad:
+        what = f'{bad} messages of topic {topic.name} do not fit their definition'
+        log.add(content.path, what, count=bad, lost=bad)
+    held.stamps.append(decoded.stamps)
+    for name, column in decoded.columns.items():
+        held.columns.setdefault(name, []).append(column)
+
+
+def _decode_markers(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
+    from rosbags.serde import SerdeError
+
+    for index in range(block.topic.size):
+        try:
+            message = typestore().deserialize_cdr(block.payload(index), MARKER)
+        except (SerdeError, ValueError, IndexError, AssertionError) as error:
+            what = f'a marker on topic {held.topic.name} cannot be read ({error})'
+            log.add(content.path, what, lost=1)
+        else:
+            held.messages.append(message)
+
+
+def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:
+    """Compare what was found with what ``metadata.yaml`` counts."""
+    growing = metadata.custom.get(STATE_KEY) == RECORDING
+    for name, (topic, count) in metadata.topics.items():
+        held = content.topics.get(name)
+        found = held.count if held else 0
+        if held is not None and held.topic.msgtype != topic.msgtype:
+            log.add(content.path, f'topic {name} is {held.topic.msgtype} in the file but '
+                    f'{topic.msgtype} in its metadata')  # fmt: skip
+        if found != count and not (growing and found > count):
+            log.add(
+                content.path,
+                f'its metadata count {count} messages of topic {name} but {found} are readable',
+                count=abs(count - found),
+                lost=max(count - found, 0),
+            )
+    for name in sorted(set(content.topics) - set(metadata.topics)):
+        if content.topics[name].count and metadata.topics:
+            log.add(content.path, f'topic {name} is not in its metadata')
+    if growing:
+        log.note(content.path, 'the recording was not closed; all that was flushed is read')

@@ -1,0 +1,240 @@
+"""Records into rosbag2 bags, whole topics encoded at once."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import cdr
+from piezo_hysteresis.records.bags import MARKER_NAME, REFERENCE_NAME, STATE_NAME
+from piezo_hysteresis.records.definitions import (
+    MARKER,
+    REFERENCE,
+    STATE,
+    definition_of,
+    typestore,
+)
+from piezo_hysteresis.records.mcap_format import MESSAGE, MESSAGE_HEAD
+from piezo_hysteresis.records.mcap_writer import McapWriter
+from piezo_hysteresis.records.metadata import SUFFIXES, FileSummary, Metadata
+from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.sqlite_storage import SqliteWriter
+from piezo_hysteresis.records.storage import Topic
+
+SECOND = 1_000_000_000
+ROWS = 1 << 15  # samples in one chunk
+CHECKSUM_KEY = 'piezo_hysteresis.checksum'
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Serialised messages of one topic: number, log times [ns] and one row of bytes each."""
+
+    topic: int
+    log_time: IntArray
+    rows: np.ndarray[Any, Any]
+
+
+def write_bag(
+    path: str | Path,
+    records: Sequence[Record],
+    *,
+    storage: str = 'mcap',
+    namespace: str = 'piezo',
+) -> None:
+    """Write records to a new bag that ``ros2 bag`` of Jazzy takes.
+
+    Records follow one another in time: a record that would begin before the end of the one in
+    front of it begins with the next full second.  Samples are numbered through the whole bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder to create.
+    records : sequence of Record
+        At least one, with unique names.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    namespace : str
+        In front of the topics ``actuator/state``, ``reference`` and ``record/marker``.
+
+    Raises
+    ------
+    RecordError
+        If the folder exists, the names are not unique, or it cannot be written; nothing is left
+        behind then.
+    """
+    folder = Path(path)
+    _check_request(folder, records, storage)
+    young = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
+    try:
+        young.mkdir(parents=True)
+        file = young / f'{folder.name}_0{SUFFIXES[storage]}'
+        _fill(young, file, records, storage, namespace)
+        young.rename(folder)
+    except OSError as error:
+        raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
+    finally:
+        shutil.rmtree(young, ignore_errors=True)
+
+
+def _check_request(folder: Path, records: Sequence[Record], storage: str) -> None:
+    if storage not in SUFFIXES:
+        raise RecordError(f'storage {storage!r} is not known; use mcap or sqlite3')
+    if folder.exists():
+        raise RecordError(f'{folder} exists already; remove it or choose another name')
+    if not records:
+        raise RecordError(f'{folder}: there are no records to write')
+    names = [record.name for record in records]
+    again = sorted({name for name in names if names.count(name) > 1})
+    if again or '' in names:
+        raise RecordError(
+            f'{folder}: every record needs a name of its own, not {(again or [""])[0]!r}'
+        )
+
+
+def _fill(
+    folder: Path, file: Path, records: Sequence[Record], storage: str, namespace: str
+) -> None:
+    writer = McapWriter(file) if storage == 'mcap' else SqliteWriter(file)
+    prefix = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'
+    wanted = [(STATE_NAME, STATE), (MARKER_NAME, MARKER)]
+    if any(record.reference is not None for record in records):
+        wanted.append((REFERENCE_NAME, REFERENCE))
+    try:
+        for name, msgtype in wanted:
+            writer.add_topic(Topic(prefix + name, msgtype, *definition_of(msgtype)))
+        checksum = 0
+        for batches in _batches(records):
+            payload = _write(writer, batches)
+            checksum = crc32(payload, checksum)
+        summary = FileSummary(file.name, writer.first, writer.last, sum(writer.counts))
+        topics = {
+            topic.name: (topic, count)
+            for topic, count in zip(writer.topics, writer.counts, strict=True)
+        }
+        custom = {CHECKSUM_KEY: f'{checksum:08x}'} if storage == 'sqlite3' else {}
+        metadata = Metadata(storage, [summary], topics, custom)
+        writer.close(metadata.text())
+    except BaseException:
+        writer.abandon()
+        raise
+    metadata.write(folder)
+
+
+def _write(writer: McapWriter | SqliteWriter, batches: list[Batch]) -> bytes:
+    """Write the batches of one stretch of time; return their payloads one after another."""
+    payload = b''.join(batch.rows.tobytes() for batch in batches)
+    if isinstance(writer, SqliteWriter):
+        for batch in batches:
+            raw, size = batch.rows.tobytes(), batch.rows.itemsize
+            pieces = (raw[k : k + size] for k in range(0, len(raw), size))
+            writer.write(np.full(batch.log_time.size, batch.topic), batch.log_time, pieces)
+        return payload
+    # Topics stay together within a chunk: the index keeps the order in time.
+    raw, offsets = b'', []
+    for batch in batches:
+        offsets.append(
+            len(raw) + np.arange(batch.log_time.size) * (MESSAGE_HEAD + batch.rows.itemsize)
+        )
+        raw += _message_records(batch)
+    topic = np.concatenate([np.full(batch.log_time.size, batch.topic) for batch in batches])
+    log_time = np.concatenate([batch.log_time for batch in batches])
+    writer.write_chunk(raw, topic, log_time, np.concatenate(offsets))
+    return payload
+
+
+def _message_records(batch: Batch) -> bytes:
+    """Return the rows as MCAP message records."""
+    size = batch.rows.itemsize
+    kind = np.dtype(
+        [('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
+         ('log_time', '<u8'), ('publish_time', '<u8'), ('payload', f'V{size}')]
+    )  # fmt: skip
+    records = np.empty(batch.rows.size, kind)
+    records['opcode'] = MESSAGE
+    records['length'] = kind.itemsize - 9
+    records['channel'] = batch.topic
+    records['sequence'] = 0
+    records['log_time'] = records['publish_time'] = batch.log_time
+    records['payload'] = batch.rows.view(f'V{size}')
+    return records.tobytes()
+
+
+def _batches(records: Sequence[Record]) -> Iterator[list[Batch]]:
+    """Yield the messages of every record, a stretch of it at a time."""
+    types = {msgtype: fixed_fields(msgtype) for msgtype in (STATE, REFERENCE)}
+    sample, free = 0, 0
+    for record in records:
+        start = max(round(record.start * SECOND), 0)
+        if start < free:
+            start = -(-free // SECOND) * SECOND
+        for first in range(0, len(record), ROWS):
+            part = slice(first, min(first + ROWS, len(record)))
+            tick = np.arange(part.start, part.stop)
+            stamps = start + np.round(tick * (record.dt * SECOND)).astype(np.int64)
+            batches = [] if first else [Batch(2, stamps[:1], _marker(record, start))]
+            columns = {
+                'sample': sample + tick,
+                'voltage': record.voltage[part],
+                'displacement': record.displacement[part],
+            }
+            batches.append(Batch(1, stamps, cdr.encode(types[STATE], stamps, columns)))
+            if record.reference is not None:
+                columns = _reference_columns(record, part)
+                columns['sample'] = sample + tick
+                batches.append(Batch(3, stamps, cdr.encode(types[REFERENCE], stamps, columns)))
+            yield batches
+        sample += len(record)
+        free = start + round(len(record) * record.dt * SECOND)
+
+
+def fixed_fields(msgtype: str) -> cdr.Fields:
+    """Return the fields of one of our types of fixed size."""
+    return cdr.fixed_fields(msgtype, definition_of(msgtype)[0])
+
+
+def _reference_columns(record: Record, part: slice) -> dict[str, Any]:
+    """Return a recorded reference with derivatives by central differences."""
+    reference = record.reference
+    assert reference is not None
+    velocity = np.gradient(reference, record.dt) if reference.size > 1 else np.zeros(1)
+    acceleration = np.gradient(velocity, record.dt) if reference.size > 1 else np.zeros(1)
+    time = np.arange(part.start, part.stop) * record.dt
+    return {
+        'displacement': reference[part],
+        'velocity': velocity[part],
+        'acceleration': acceleration[part],
+        'frequency': record.info.frequency,
+        'phase': 2 * np.pi * record.info.frequency * time,
+    }
+
+
+def _marker(record: Record, start: int) -> np.ndarray[Any, Any]:
+    """Return the marker of a record as one row of bytes."""
+    types = typestore().types
+    sec, nanosec = divmod(start, SECOND)
+    stamp = types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
+    info = record.info
+    message = types[MARKER](
+        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=''),
+        record=record.name,
+        actuator=info.actuator,
+        excitation=info.excitation,
+        frequency=info.frequency,
+        amplitude=info.amplitude,
+        warm_up=info.warm_up,
+        rate=1.0 / record.dt,
+        input_unit=info.input_unit,
+    )
+    raw = bytes(typestore().serialize_cdr(message, MARKER))
+    return np.frombuffer(raw, f'V{len(raw)}')

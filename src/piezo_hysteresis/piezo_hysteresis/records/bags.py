@@ -1,0 +1,209 @@
+"""Records from rosbag2 bags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.bag_content import BagContent, TopicContent, read_content
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE
+from piezo_hysteresis.records.record import Record, RecordInfo
+from piezo_hysteresis.records.sampling import Track, records_of
+
+STATE_NAME = 'actuator/state'
+REFERENCE_NAME = 'reference'
+MARKER_NAME = 'record/marker'
+EXACT = 1 << 53  # nanoseconds that float64 still tells apart (104 days)
+
+
+def read_bag(
+    path: str | Path, *, salvage: bool = False, actuator: str | None = None
+) -> list[Record]:
+    """Read the records of a bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        Bag folder, or one ``.mcap`` or ``.db3`` file.
+    salvage : bool
+        Return what is readable of a damaged bag (see `records.survey` for what was lost).
+    actuator : str, optional
+        Name or namespace of the actuator, where the bag holds several.
+
+    Raises
+    ------
+    RecordError
+        If the bag cannot be used as it is.
+    """
+    log = DamageLog(salvage)
+    return bag_records(read_content(Path(path), log), log, actuator)
+
+
+def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None) -> list[Record]:
+    """Return the records among the topics of a bag.
+
+    Raises
+    ------
+    RecordError
+        If there are none, or they are damaged and the log does not salvage.
+    """
+    states = content.of_type(STATE)
+    if not states:
+        raise RecordError(_no_states(content))
+    runs = [run for state in states for run in _runs(content, state, len(states) == 1, log)]
+    if actuator is not None:
+        runs = [run for run in runs if actuator in (run.track.info.actuator, run.namespace)]
+        if not runs:
+            raise RecordError(f'{content.path}: it holds no actuator named {actuator!r}')
+    names = sorted({run.track.info.actuator or run.namespace for run in runs})
+    if len(states) > 1 and len({run.namespace for run in runs}) > 1:
+        names = sorted({run.namespace for run in runs})
+    if len(names) > 1 and len(names) == len(set(names)):
+        log.add(
+            content.path,
+            f'it holds {len(names)} actuators ({", ".join(names)})',
+            count=len(names),
+            remedy='take one of them out with `import BAG --actuator NAME --out NEW_BAG`',
+        )
+    return [record for run in runs for record in records_of(run.track, str(content.path), log)]
+
+
+@dataclass(frozen=True)
+class _Run:
+    """The samples of one record, and the namespace of their topic."""
+
+    namespace: str
+    track: Track
+
+
+def _no_states(content: BagContent) -> str:
+    held = [f'{t.topic.name} ({t.topic.msgtype})' for t in content.topics.values() if t.count]
+    if not held:
+        return f'{content.path}: it holds no messages; record while the experiment runs'
+    some = ', '.join(sorted(held)[:4]) + (', ...' if len(held) > 4 else '')
+    return (
+        f'{content.path}: it holds no {STATE} but {some}; '
+        'record the topic actuator/state, or import a CSV file'
+    )
+
+
+def _namespace(topic: str, name: str) -> str:
+    """Return what stands in front of the agreed name of a topic."""
+    return topic.strip('/').removesuffix(name).strip('/')
+
+
+def _siblings(content: BagContent, msgtype: str, name: str, space: str, alone: bool) -> list[Any]:
+    """Return the topics of a type in the same namespace (anywhere if there is one actuator)."""
+    return [
+        held
+        for held in content.of_type(msgtype)
+        if alone or _namespace(held.topic.name, name) == space
+    ]
+
+
+def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog) -> list[_Run]:
+    """Cut the samples of one topic at its markers."""
+    space = _namespace(state.topic.name, STATE_NAME)
+    for name in ('sample', 'voltage', 'displacement'):
+        if name not in state.columns:
+            raise RecordError(
+                f'{content.path}: {state.topic.name} has no field {name}; its messages were '
+                'recorded with another definition'
+            )
+    stamp = state.stamp()
+    origin = int(stamp.min()) if stamp.size and int(stamp.max()) >= EXACT else 0
+    columns = {name: state.column(name).astype(np.float64) for name in ('voltage', 'displacement')}
+    sample = state.column('sample').astype(np.int64)
+    reference = _reference(content, space, alone, sample)
+    if reference is not None:
+        columns['reference'] = reference
+    track = Track(
+        content.path.resolve().stem or 'record', (stamp - origin) * 1e-9, columns, sample
+    )
+    markers = [
+        message
+        for held in _siblings(content, MARKER, MARKER_NAME, space, alone)
+        for message in held.messages
+    ]
+    if not markers:
+        return [_Run(space, _with_reference(track, content.path, log))]
+    return [
+        _Run(space, _with_reference(part, content.path, log))
+        for part in _cut(track, stamp, markers, content.path, log)
+    ]
+
+
+def _cut(
+    track: Track, stamp: IntArray, markers: list[Any], path: Path, log: DamageLog
+) -> list[Track]:
+    """Return the samples from each marker to the next."""
+    starts = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in markers]
+    order = sorted(range(len(markers)), key=starts.__getitem__)
+    edges = [starts[k] for k in order] + [int(stamp.max()) + 1]
+    outside = int(np.sum(stamp < edges[0]))
+    parts = []
+    for k, first, last in zip(order, edges, edges[1:], strict=False):
+        own = (stamp >= first) & (stamp < last)
+        marker = markers[k]
+        if not marker.record:
+            outside += int(own.sum())
+        elif not own.any():
+            log.add(path, f'record {marker.record} holds no samples')
+        else:
+            part = track.take(own)
+            parts.append(
+                Track(marker.record, part.time, part.columns, part.sample,
+                      _info(marker), float(marker.rate))
+            )  # fmt: skip
+    if outside:
+        log.note(path, f'{outside} samples lie outside the marked records', count=outside)
+    return parts
+
+
+def _info(marker: Any) -> RecordInfo:
+    return RecordInfo(
+        actuator=marker.actuator,
+        excitation=marker.excitation or 'unknown',
+        frequency=float(marker.frequency),
+        amplitude=float(marker.amplitude),
+        warm_up=float(marker.warm_up),
+        input_unit=marker.input_unit or 'V',
+    )
+
+
+def _reference(
+    content: BagContent, space: str, alone: bool, sample: IntArray
+) -> FloatArray | None:
+    """Return the desired displacement of each sample [m], NaN where none was recorded."""
+    found = _siblings(content, REFERENCE, REFERENCE_NAME, space, alone)
+    if not found or 'displacement' not in found[0].columns:
+        return None
+    number = found[0].column('sample').astype(np.int64)
+    value = found[0].column('displacement').astype(np.float64)
+    if not number.size:
+        return None
+    order = np.argsort(number, kind='stable')
+    number, value = number[order], value[order]
+    place = np.minimum(np.searchsorted(number, sample), number.size - 1)
+    return np.where(number[place] == sample, value[place], np.nan)
+
+
+def _with_reference(track: Track, path: Path, log: DamageLog) -> Track:
+    """Leave out a reference that does not cover the record."""
+    reference = track.columns.get('reference')
+    if reference is None:
+        return track
+    missing = int(np.isnan(reference).sum())
+    if missing == 0:
+        return track
+    if missing < reference.size:
+        what = f'record {track.name}: {missing} samples have no reference, so it is left out'
+        log.note(path, what, count=missing)
+    columns = {key: column for key, column in track.columns.items() if key != 'reference'}
+    return Track(track.name, track.time, columns, track.sample, track.info, track.rate)

@@ -1,0 +1,81 @@
+"""What was wrong with data that were read: refused, or kept and counted when salvaging."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from piezo_hysteresis.errors import RecordError
+
+SALVAGE_HINT = 'pass --salvage to keep what is readable'
+
+
+class DamageWarning(UserWarning):
+    """Something was left out or mended while data were read."""
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One finding.
+
+    Attributes
+    ----------
+    where : str
+        File or record.
+    what : str
+        What is wrong, and what was done about it.
+    count : int
+        How many samples, messages or places are concerned.
+    lost : int
+        How many samples or messages are not in what was returned.
+    """
+
+    where: str
+    what: str
+    count: int = 1
+    lost: int = 0
+
+    def __str__(self) -> str:
+        return f'{self.where}: {self.what}'
+
+
+@dataclass
+class DamageLog:
+    """Collects findings, or turns the first one into an error.
+
+    Attributes
+    ----------
+    salvage : bool
+        Keep what is readable and list the findings; otherwise the first one raises.
+    findings : list of Damage
+        What was wrong, in the order it was met.
+    notes : list of Damage
+        What should be said but costs nothing (a recording that was cut off between two flushes).
+    """
+
+    salvage: bool = False
+    findings: list[Damage] = field(default_factory=list)
+    notes: list[Damage] = field(default_factory=list)
+
+    def add(
+        self, where: object, what: str, *, count: int = 1, lost: int = 0, remedy: str = ''
+    ) -> None:
+        """List a finding.
+
+        Raises
+        ------
+        RecordError
+            Unless salvaging; the message ends with `remedy` and with the hint to salvage.
+        """
+        if not self.salvage:
+            advice = f'{remedy}, or {SALVAGE_HINT}' if remedy else SALVAGE_HINT
+            raise RecordError(f'{where}: {what}; {advice}')
+        self.findings.append(Damage(str(where), what, count, lost))
+
+    def note(self, where: object, what: str, *, count: int = 1) -> None:
+        """List something that should be said but does not keep the data from being used."""
+        self.notes.append(Damage(str(where), what, count))
+
+    @property
+    def lost(self) -> int:
+        """Samples or messages that are not in what was returned."""
+        return sum(finding.lost for finding in self.findings)

@@ -1,0 +1,122 @@
+"""Any mix of bag folders, storage files and CSV files as records with unique names."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
+from piezo_hysteresis.records.bags import bag_records
+from piezo_hysteresis.records.csv_files import csv_records
+from piezo_hysteresis.records.damage import Damage, DamageLog, DamageWarning
+from piezo_hysteresis.records.record import Record
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What was found in some data.
+
+    Attributes
+    ----------
+    records : list of Record
+        Usable records.
+    damage : list of Damage
+        What was lost or mended (only when salvaging).
+    notes : list of Damage
+        What should be said but keeps nothing from being used.
+    bags : list of BagContent
+        The bags among the data, with all their topics.
+    """
+
+    records: list[Record]
+    damage: list[Damage] = field(default_factory=list)
+    notes: list[Damage] = field(default_factory=list)
+    bags: list[BagContent] = field(default_factory=list)
+
+
+def load(
+    paths: Sequence[str | Path], *, salvage: bool = False, actuator: str | None = None
+) -> list[Record]:
+    """Read records from any mix of bag folders, ``.mcap``/``.db3`` files and CSV files.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        At least one.
+    salvage : bool
+        Return what is readable of damaged data; everything lost or mended is a `DamageWarning`.
+    actuator : str, optional
+        Name or namespace of the actuator, where a bag holds several.
+
+    Raises
+    ------
+    RecordError
+        If the data cannot be used as they are.
+    """
+    found = survey(paths, salvage=salvage, actuator=actuator)
+    for damage in found.damage:
+        warnings.warn(str(damage), DamageWarning, stacklevel=2)
+    return found.records
+
+
+def survey(
+    paths: Sequence[str | Path], *, salvage: bool = False, actuator: str | None = None
+) -> Survey:
+    """Read like `load`, and return besides the records all that was found and lost.
+
+    Raises
+    ------
+    RecordError
+        If the data cannot be used as they are, or if nothing of them is readable.
+    """
+    if not paths:
+        raise RecordError('no data were given; name a bag folder or a CSV file')
+    log = DamageLog(salvage)
+    records: list[Record] = []
+    bags: list[BagContent] = []
+    for path in map(Path, paths):
+        try:
+            found = _read(path, log, bags, actuator)
+        except RecordError:
+            raise
+        except (OSError, ValueError, KeyError, IndexError, OverflowError, struct.error,
+                sqlite3.Error, MemoryError) as error:  # fmt: skip
+            raise RecordError(f'{path}: it cannot be read ({error})') from error
+        if not found:
+            lost = '; '.join(str(damage) for damage in log.findings[-2:])
+            raise RecordError(f'{path}: no record in it is readable ({lost})')
+        records += found
+    return Survey(_uniquely_named(records), log.findings, log.notes, bags)
+
+
+def _read(
+    path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
+) -> list[Record]:
+    if not path.exists():
+        raise RecordError(f'{path} does not exist; check the path')
+    if path.is_dir() or path.suffix in READERS:
+        content = read_content(path, log)
+        bags.append(content)
+        return bag_records(content, log, actuator)
+    if path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat'):
+        return csv_records(path, log)
+    raise RecordError(
+        f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
+    )
+
+
+def _uniquely_named(records: list[Record]) -> list[Record]:
+    taken: set[str] = set()
+    result = []
+    for record in records:
+        name, number = record.name, 2
+        while name in taken:
+            name, number = f'{record.name}-{number}', number + 1
+        taken.add(name)
+        result.append(replace(record, name=name) if name != record.name else record)
+    return result

@@ -1,0 +1,239 @@
+"""Reads MCAP files chunk by chunk, with or without a usable index.
+
+The index is never needed: chunks are found by walking over the records, their checksums are
+verified, and what the index counts is compared with what was found.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+from zlib import crc32
+
+import numpy as np
+
+from piezo_hysteresis.records import mcap_format as mcap
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.storage import Block, Topic
+
+WINDOW = 1 << 22
+STEPPED_OVER = (mcap.MESSAGE_INDEX, mcap.METADATA, mcap.PADDING)
+
+
+class McapFile:
+    """One MCAP file, read once from front to back.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    log : DamageLog
+        Where damage is listed, or raised.
+
+    Attributes
+    ----------
+    topics : dict of int to Topic
+        Channels by their number in the file; complete when all blocks were read.
+    finished : bool
+        The file ends with an index, so its recording was closed.
+    """
+
+    def __init__(self, path: Path, log: DamageLog) -> None:
+        self.path = path
+        self.log = log
+        self.topics: dict[int, Topic] = {}
+        self.finished = False
+        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._size = path.stat().st_size
+        self._messages = 0
+        self._expected: int | None = None
+        self._chunk_starts: list[int] = []
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the messages of every chunk (and of every stretch without chunks).
+
+        Raises
+        ------
+        RecordError
+            If the file is no MCAP file, or is damaged and the log does not salvage.
+        """
+        if self._size == 0:
+            self.log.add(self.path, 'the file is empty')
+            return
+        with self.path.open('rb') as file:
+            if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
+                self.log.add(self.path, 'this is not an MCAP file or its beginning is damaged')
+            self._read_summary(file)
+            for block in self._data(file):
+                self._messages += block.topic.size
+                yield block
+        if self._expected is not None and self._expected != self._messages:
+            self.log.add(
+                self.path,
+                f'the index counts {self._expected} messages but {self._messages} are readable',
+                count=abs(self._expected - self._messages),
+                lost=max(self._expected - self._messages, 0),
+            )
+
+    def _read_summary(self, file: BinaryIO) -> None:
+        """Take topics, counts and places of chunks from the index, where there is one."""
+        file.seek(max(self._size - 37, 0))
+        ending = file.read()
+        if len(ending) != 37 or not ending.endswith(mcap.MAGIC) or ending[0] != mcap.FOOTER:
+            self.log.add(self.path, 'the file ends early, so its writer was stopped or it was cut')
+            return
+        start, _, crc = struct.unpack('<QQI', ending[9:29])
+        if start == 0:
+            self.log.note(self.path, 'the recording was not closed; all that was flushed is read')
+            return
+        if not 8 < start < self._size - 37:
+            self.log.add(self.path, 'its footer points to no index')
+            return
+        file.seek(start)
+        summary = file.read(self._size - 37 - start)
+        if crc and crc32(summary + ending[:25]) != crc:
+            self.log.add(self.path, 'the checksum of its index is wrong')
+            return
+        walk = mcap.walk(np.frombuffer(summary, np.uint8))
+        if walk.stop != len(summary):
+            self.log.add(self.path, 'its index is broken')
+        for opcode, offset, length in walk.others.tolist():
+            self._take(opcode, summary[offset : offset + length])
+        self.finished = True
+
+    def _take(self, opcode: int, content: bytes) -> None:
+        """Take schemas, channels and statistics; a field that cannot be read is damage."""
+        try:
+            self._take_fields(opcode, mcap.Cursor(content))
+        except ValueError as error:
+            self.log.add(self.path, f'a record cannot be read ({error})')
+
+    def _take_fields(self, opcode: int, cursor: mcap.Cursor) -> None:
+        if opcode == mcap.SCHEMA:
+            number = cursor.number('H')
+            name, encoding = cursor.text(), cursor.text()
+            self._schemas[number] = (name, encoding, cursor.text())
+        elif opcode == mcap.CHANNEL:
+            number = cursor.number('H')
+            name, encoding, definition = self._schemas.get(cursor.number('H'), ('', '', ''))
+            topic, serialisation, extra = cursor.text(), cursor.text(), cursor.map()
+            if serialisation != 'cdr':
+                self.log.add(self.path, f'topic {topic} is stored as {serialisation!r}, not cdr')
+            self.topics[number] = Topic(
+                topic,
+                name,
+                definition,
+                extra.get('topic_type_hash', ''),
+                extra.get('offered_qos_profiles', ''),
+                encoding,
+            )
+        elif opcode == mcap.STATISTICS:
+            self._expected = cursor.number('Q')
+        elif opcode == mcap.CHUNK_INDEX:
+            cursor.take(16)
+            self._chunk_starts.append(cursor.number('Q'))
+
+    def _data(self, file: BinaryIO) -> Iterator[Block]:
+        """Walk over the data section in windows; yield its messages."""
+        at, wanted = len(mcap.MAGIC), WINDOW
+        while at < self._size:
+            file.seek(at)
+            window = file.read(wanted)
+            walk = mcap.walk(np.frombuffer(window, np.uint8))
+            if walk.messages.size:
+                yield self._block(window, walk)
+            for opcode, offset, length in walk.others.tolist():
+                content = window[offset : offset + length]
+                if opcode in (mcap.DATA_END, mcap.FOOTER):
+                    return
+                if opcode == mcap.CHUNK:
+                    yield from self._chunk(content, at + offset)
+                else:
+                    self._take(opcode, content)
+            wanted = WINDOW
+            if walk.stop:
+                at += walk.stop
+                continue
+            opcode, length = _prefix(window)
+            if mcap.PREFIX.size + length <= self._size - at and length >= 0:
+                if opcode in STEPPED_OVER:
+                    at += mcap.PREFIX.size + length
+                else:
+                    wanted = mcap.PREFIX.size + length
+                continue
+            if opcode == mcap.PADDING and self.finished:
+                return  # its writer was stopped between cutting the file and mending the padding
+            if opcode == mcap.CHUNK:
+                yield from self._chunk(window[mcap.PREFIX.size :], at, cut=True)
+            at = self._resume(at)
+
+    def _resume(self, at: int) -> int:
+        """Return where the next chunk begins that the index knows, behind a broken record."""
+        later = [start for start in self._chunk_starts if start > at]
+        self.log.add(self.path, f'the record at byte {at} is broken or cut off')
+        return min(later, default=self._size)
+
+    def _block(self, data: bytes, walk: mcap.Walk) -> Block:
+        channel, log_time, offset, length = walk.messages.T
+        return Block(np.frombuffer(data, np.uint8), channel, log_time, offset, length)
+
+    def _chunk(self, content: bytes, at: int, *, cut: bool = False) -> Iterator[Block]:
+        """Yield the messages of one chunk if its checksum holds.
+
+        A chunk that was cut off has no checksum to hold, but complete messages in its front part
+        are what the writer wrote.
+        """
+        try:
+            cursor = mcap.Cursor(content)
+            cursor.take(16)
+            size, crc = cursor.number('Q'), cursor.number('I')
+            compression, stored = cursor.text(), cursor.number('Q')
+            packed = content[cursor.at :] if cut else cursor.take(stored)
+            data = decompress(packed, compression, size)
+        except (ValueError, struct.error, RuntimeError, EOFError) as error:
+            self.log.add(self.path, f'the chunk at byte {at} cannot be read ({error})')
+            return
+        if not cut and (len(data) != size or (crc and crc32(data) != crc)):
+            self.log.add(self.path, f'the checksum of the chunk at byte {at} is wrong')
+            return
+        walk = mcap.walk(np.frombuffer(data, np.uint8))
+        if not cut and walk.stop != len(data):
+            self.log.add(self.path, f'the chunk at byte {at} ends within a record')
+        for opcode, offset, length in walk.others.tolist():
+            self._take(opcode, data[offset : offset + length])
+        if walk.messages.size:
+            yield self._block(data, walk)
+
+
+def _prefix(window: bytes) -> tuple[int, int]:
+    if len(window) < mcap.PREFIX.size:
+        return 0, 1 << 62
+    opcode, length = mcap.PREFIX.unpack_from(window)
+    return int(opcode), int(length)
+
+
+def decompress(data: bytes, compression: str, size: int) -> bytes:
+    """Return what a chunk holds, never more than `size` + 1 bytes.
+
+    Raises
+    ------
+    ValueError
+        If the compression is not known or the data are damaged.
+    """
+    if compression == '':
+        return data
+    if compression == 'lz4':
+        from lz4.frame import LZ4FrameDecompressor
+
+        return bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    if compression == 'zstd':
+        # rosbags brings this module, the standard one of Python 3.14, along.
+        from backports import zstd
+
+        try:
+            return bytes(zstd.ZstdDecompressor().decompress(data, max_length=size + 1))
+        except zstd.ZstdError as error:
+            raise ValueError(str(error)) from None
+    raise ValueError(f'compression {compression!r} is not known')

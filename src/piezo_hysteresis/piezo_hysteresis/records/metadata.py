@@ -1,0 +1,166 @@
+"""``metadata.yaml`` of a bag, version 9 as Jazzy writes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.storage import Topic
+
+NAME = 'metadata.yaml'
+ROOT = 'rosbag2_bagfile_information'
+SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
+
+
+@dataclass
+class FileSummary:
+    """What a storage file holds: its name, log times [ns] and number of messages."""
+
+    name: str
+    first: int = (1 << 63) - 1
+    last: int = 0
+    count: int = 0
+
+
+@dataclass
+class Metadata:
+    """What a bag says about itself.
+
+    Attributes
+    ----------
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    files : list of FileSummary
+        Storage files in order.
+    topics : dict of str to (Topic, int)
+        Topics with their number of messages, by name.
+    custom : dict of str
+        Free entries; ours begin with ``piezo_hysteresis.``.
+    compression : str
+        Empty, ``file`` or ``message``.
+    """
+
+    storage: str
+    files: list[FileSummary] = field(default_factory=list)
+    topics: dict[str, tuple[Topic, int]] = field(default_factory=dict)
+    custom: dict[str, str] = field(default_factory=dict)
+    compression: str = ''
+
+    @property
+    def count(self) -> int:
+        """Messages in the bag."""
+        return sum(file.count for file in self.files)
+
+    def content(self) -> dict[str, Any]:
+        """Return what stands below the root of ``metadata.yaml``."""
+        filled = [file for file in self.files if file.count]
+        first = min((file.first for file in filled), default=0)
+        last = max((file.last for file in filled), default=0)
+        return {
+            'version': 9,
+            'storage_identifier': self.storage,
+            'duration': {'nanoseconds': last - first},
+            'starting_time': {'nanoseconds_since_epoch': first},
+            'message_count': self.count,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': topic.name,
+                        'type': topic.msgtype,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': yaml.safe_load(topic.qos) or [],
+                        'type_description_hash': topic.type_hash,
+                    },
+                    'message_count': count,
+                }
+                for topic, count in self.topics.values()
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [file.name for file in self.files],
+            'files': [
+                {
+                    'path': file.name,
+                    'starting_time': {'nanoseconds_since_epoch': file.first if file.count else 0},
+                    'duration': {'nanoseconds': file.last - file.first if file.count else 0},
+                    'message_count': file.count,
+                }
+                for file in self.files
+            ],
+            'custom_data': self.custom or None,
+            'ros_distro': 'jazzy',
+        }
+
+    def text(self) -> str:
+        """Return the content as YAML, as storage files repeat it."""
+        return str(yaml.safe_dump(self.content(), sort_keys=False))
+
+    def write(self, folder: Path) -> None:
+        """Write ``metadata.yaml`` into `folder`, replacing an older one at once."""
+        young = folder / f'{NAME}.tmp'
+        young.write_text(yaml.safe_dump({ROOT: self.content()}, sort_keys=False), 'utf-8')
+        young.replace(folder / NAME)
+
+
+def read_metadata(folder: Path, log: DamageLog) -> Metadata:
+    """Return what a bag folder says about itself.
+
+    Where ``metadata.yaml`` is missing or cannot be read and the log salvages, the storage files
+    of the folder are listed instead.
+
+    Raises
+    ------
+    RecordError
+        If the metadata cannot be used and the log does not salvage.
+    """
+    path = folder / NAME
+    if not path.is_file():
+        log.add(folder, f'{NAME} is missing', remedy='run `ros2 bag reindex` on the folder')
+        return _from_files(folder)
+    try:
+        return _parse(yaml.safe_load(path.read_text('utf-8'))[ROOT])
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
+        reason = str(error).split('\n', 1)[0]
+    except (KeyError, TypeError, AttributeError, IndexError):
+        reason = 'an entry is missing or of the wrong kind'
+    log.add(path, f'it cannot be read ({reason})', remedy='run `ros2 bag reindex` on the folder')
+    return _from_files(folder)
+
+
+def _from_files(folder: Path) -> Metadata:
+    for storage, suffix in SUFFIXES.items():
+        names = sorted(path.name for path in folder.glob(f'*{suffix}'))
+        if names:
+            return Metadata(storage, [FileSummary(name, count=-1) for name in names])
+    return Metadata('mcap')
+
+
+def _parse(content: dict[str, Any]) -> Metadata:
+    counts = {entry['path']: entry for entry in content.get('files') or []}
+    files = []
+    for name in content['relative_file_paths']:
+        entry = counts.get(name, {})
+        files.append(FileSummary(Path(name).name, count=int(entry.get('message_count', -1))))
+    topics = {}
+    for entry in content['topics_with_message_count']:
+        about = entry['topic_metadata']
+        topic = Topic(
+            str(about['name']),
+            str(about['type']),
+            type_hash=about.get('type_description_hash', ''),
+        )
+        topics[topic.name] = (topic, int(entry['message_count']))
+    custom = content.get('custom_data') or {}
+    if not isinstance(custom, dict):
+        raise ValueError('custom_data is no map')
+    return Metadata(
+        str(content['storage_identifier']),
+        files,
+        topics,
+        {str(key): str(value) for key, value in custom.items()},
+        str(content.get('compression_mode') or '').lower().replace('none', ''),
+    )

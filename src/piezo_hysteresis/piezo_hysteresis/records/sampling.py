@@ -1,0 +1,262 @@
+"""From time stamps to records at a constant rate: order, doubles, gaps, rates and units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.record import Record, RecordInfo
+
+SHORTEST = 16  # a shorter piece is of no use to anyone [samples]
+GAP = 1.5  # a longer step, in median steps, is a gap
+UNEVEN = 0.2  # steps may differ from their median by this part
+STRAY = 0.01  # part of the steps that may, where samples are numbered
+LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
+SMALLEST_STROKE = 1e-11  # an excited actuator moves more [m]
+LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
+
+
+@dataclass(frozen=True)
+class Track:
+    """Samples as they were read, before anything is known to be in order.
+
+    Attributes
+    ----------
+    name : str
+        Name of the record they are to become.
+    time : ndarray, shape (n,)
+        Time of each sample [s].
+    columns : dict of ndarray, shape (n,)
+        ``voltage`` [V], ``displacement`` [m] and perhaps ``reference`` [m].
+    sample : ndarray, shape (n,), or None
+        Number of each sample, where the source counts them.
+    info : RecordInfo
+        What is known besides.
+    rate : float
+        Sampling rate that the source states, 0 where it does not [Hz].
+    """
+
+    name: str
+    time: FloatArray
+    columns: dict[str, FloatArray]
+    sample: IntArray | None = None
+    info: RecordInfo = field(default_factory=RecordInfo)
+    rate: float = 0.0
+
+    def take(self, index: IntArray | BoolArray | slice) -> Track:
+        """Return some of the samples."""
+        return Track(
+            self.name,
+            self.time[index],
+            {key: column[index] for key, column in self.columns.items()},
+            None if self.sample is None else self.sample[index],
+            self.info,
+            self.rate,
+        )
+
+
+def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
+    """Return the samples of a track as one record, or as its intact pieces when salvaging.
+
+    Parameters
+    ----------
+    track : Track
+        Samples in any state.
+    where : str
+        File, for messages.
+    log : DamageLog
+        Where damage is listed, or raised.
+
+    Raises
+    ------
+    RecordError
+        If the samples are no record at a constant rate and the log does not salvage.
+    """
+    place = f'{where}: record {track.name}'
+    if track.sample is not None and track.sample.size and np.all(track.sample == track.sample[0]):
+        track = Track(track.name, track.time, track.columns, None, track.info, track.rate)
+    track = _finite(track, place, log)
+    track = _ordered(track, place, log)
+    if track.time.size < 2:
+        log.add(place, f'it has {track.time.size} samples, too few to know its rate')
+        return []
+    pieces = [
+        piece
+        for part in _split_at_gaps(track, place, log)
+        for piece in _split_by_rate(part, place, log)
+    ]
+    whole = [piece for piece in pieces if piece.time.size >= min(SHORTEST, track.time.size)]
+    lost = track.time.size - sum(piece.time.size for piece in whole)
+    if lost:
+        log.add(place, f'{lost} samples lie in pieces too short to be of use', lost=lost)
+    names = [track.name]
+    if len(whole) > 1:
+        names = [f'{track.name}.{number}' for number in range(1, len(whole) + 1)]
+    records = [_record(piece, name, place, log) for piece, name in zip(whole, names, strict=False)]
+    for record in records:
+        _check_units(record, place, log)
+    return records
+
+
+def _finite(track: Track, place: str, log: DamageLog) -> Track:
+    good = np.isfinite(track.time)
+    for column in track.columns.values():
+        good &= np.isfinite(column)
+    bad = int(good.size - good.sum())
+    if bad:
+        first = int(np.argmin(good))
+        log.add(
+            place,
+            f'{bad} of {good.size} samples are not numbers, the first is number {first}',
+            count=bad,
+            lost=bad,
+            remedy='mend them',
+        )
+        track = track.take(good)
+    return track
+
+
+def _ordered(track: Track, place: str, log: DamageLog) -> Track:
+    """Sort by time and drop samples that come twice."""
+    back = int(np.sum(np.diff(track.time) < 0))
+    if back:
+        log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time')
+        track = track.take(np.argsort(track.time, kind='stable'))
+    key = track.time if track.sample is None else track.sample.astype(np.float64)
+    again = np.concatenate([[False], np.diff(key) == 0]) if key.size else np.zeros(0, np.bool_)
+    doubled = int(again.sum())
+    if doubled:
+        what = f'{doubled} samples come twice'
+        if track.sample is None:
+            what = f'{doubled} times stand twice'
+        remedy = 'write each sample once, with enough digits of its time'
+        log.add(place, what, count=doubled, lost=doubled, remedy=remedy)
+        track = track.take(~again)
+    return track
+
+
+def _steps(track: Track) -> FloatArray:
+    """Return the time per sample number between neighbours [s], shape (n - 1,)."""
+    steps = np.diff(track.time)
+    if track.sample is not None:
+        steps = steps / np.maximum(np.diff(track.sample), 1)
+    return steps
+
+
+def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
+    if track.sample is not None:
+        counts = np.diff(track.sample)
+        restarts = int(np.sum(counts < 0))
+        if restarts:
+            log.add(place, f'the numbers of the samples start again {restarts} times',
+                    count=restarts, remedy='record a marker in front of each run')  # fmt: skip
+        missing = np.where(counts > 1, counts - 1, 0)
+        cuts = np.flatnonzero(counts != 1) + 1
+    else:
+        steps = np.diff(track.time)
+        median = float(np.median(steps))
+        long = steps > GAP * median
+        if long.sum() > 0.1 * long.size:
+            return [track]  # not gaps: the rate changes
+        missing = np.where(long, np.round(steps / median) - 1, 0)
+        cuts = np.flatnonzero(long) + 1
+    if missing.any():
+        number, total = int((missing > 0).sum()), int(missing.sum())
+        first = float(track.time[np.argmax(missing > 0)])
+        log.add(
+            place,
+            f'{total} samples are missing in {number} gaps, the first after {first:.6g} s',
+            count=number,
+            lost=0,
+            remedy='record again without loss',
+        )
+    edges = [0, *cuts.tolist(), track.time.size]
+    return [track.take(slice(a, b)) for a, b in pairwise(edges)]
+
+
+def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
+    """Return the track if its rate is constant, else its stretches of constant rate."""
+    if track.time.size < 3:
+        return [track]
+    steps = _steps(track)
+    odd = np.abs(steps / np.median(steps) - 1) > UNEVEN
+    mean = (track.time[-1] - track.time[0]) / (track.time.size - 1)
+    wander = np.abs(track.time - track.time[0] - mean * np.arange(track.time.size)).max()
+    if not odd.any() and wander < 0.5 * mean:
+        return [track]
+    if track.sample is not None and odd.mean() <= STRAY and wander < 0.05 * steps.size * mean:
+        number = int(odd.sum())
+        log.note(place, f'{number} stamps are off their tick; their numbers hold', count=number)
+        return [track]
+    changes = np.flatnonzero(np.abs(steps[1:] / steps[:-1] - 1) > UNEVEN) + 1
+    edges = [0, *changes.tolist(), steps.size]
+    runs = [(a, b) for a, b in pairwise(edges) if b - a >= SHORTEST]
+    if len(runs) < 2 or sum(b - a for a, b in runs) < 0.9 * steps.size:
+        return [_resampled(track, place, log)]
+    rates = [1 / float(np.median(steps[a:b])) for a, b in runs]
+    listed = ', '.join(f'{rate:.6g}' for rate in dict.fromkeys(rates))
+    log.add(
+        place,
+        f'the rate changes within the record ({listed} Hz)',
+        count=len(runs) - 1,
+        remedy='make a record of each rate',
+    )
+    return [track.take(slice(a + 1 if a else 0, b + 1)) for a, b in runs]
+
+
+def _resampled(track: Track, place: str, log: DamageLog) -> Track:
+    """Return the samples interpolated at a constant rate: only ever done when salvaging."""
+    steps = np.diff(track.time)
+    low, high = 1e3 * np.quantile(steps, [0.05, 0.95])
+    log.add(
+        place,
+        f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms (salvaged: interpolated)',
+        count=track.time.size,
+        remedy='sample at a constant rate',
+    )
+    number = track.time.size
+    time = np.linspace(track.time[0], track.time[-1], number)
+    columns = {key: np.interp(time, track.time, column) for key, column in track.columns.items()}
+    return Track(track.name, time, columns, None, track.info, 0.0)
+
+
+def _record(track: Track, name: str, place: str, log: DamageLog) -> Record:
+    dt = float(track.time[-1] - track.time[0]) / (track.time.size - 1)
+    stated = track.rate if np.isfinite(track.rate) else 0.0
+    if stated > 0 and abs(stated * dt - 1) > 0.01:
+        log.add(place, f'its marker says {stated:.6g} Hz but its samples come at {1 / dt:.6g} Hz')
+        stated = 0.0
+    # The stated rate is exact; else a rate of six digits is taken where the stamps allow it.
+    exact = 1 / stated if stated > 0 else 1 / float(f'{1 / dt:.6g}')
+    if stated > 0 or abs(exact - dt) * track.time.size < 0.02 * dt:
+        dt = exact
+    columns = track.columns
+    return Record(
+        name,
+        dt,
+        columns['voltage'],
+        columns['displacement'],
+        start=float(track.time[0]),
+        reference=columns.get('reference'),
+        info=track.info,
+    )
+
+
+def _check_units(record: Record, place: str, log: DamageLog) -> None:
+    """Refuse values that can only be a mistaken unit."""
+    stroke = float(np.ptp(record.displacement))
+    swing = float(np.ptp(record.voltage))
+    largest = float(np.abs(record.voltage).max())
+    if stroke > LARGEST_STROKE:
+        log.add(place, f'the stroke is {stroke:.4g} m, which no piezo actuator has',
+                remedy='name the displacement column by its unit (displacement_um)')  # fmt: skip
+    elif record.info.input_unit == 'V' and swing > 1.0 and 0 < stroke < SMALLEST_STROKE:
+        log.add(place, f'a swing of {swing:.4g} V moves it by only {stroke:.3g} m',
+                remedy='name the displacement column by its unit (displacement_m)')  # fmt: skip
+    if record.info.input_unit == 'V' and largest > LARGEST_VOLTAGE:
+        log.add(place, f'the voltage reaches {largest:.4g} V, which no amplifier gives',
+                remedy='give it in volts')  # fmt: skip

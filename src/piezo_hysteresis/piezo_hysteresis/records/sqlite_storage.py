@@ -1,0 +1,220 @@
+"""Reads and writes the sqlite3 files of rosbag2."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.storage import Block, Topic
+
+ROWS = 1 << 16
+SCHEMA = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL,
+  metadata TEXT NOT NULL);
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+  serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL,
+  type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL,
+  encoding TEXT NOT NULL, encoded_message_definition TEXT NOT NULL,
+  type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,
+  timestamp INTEGER NOT NULL, data BLOB NOT NULL);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+INSERT INTO schema(schema_version, ros_distro) VALUES (4, 'jazzy');
+"""
+
+
+class SqliteFile:
+    """One sqlite3 file of a bag, read once from front to back.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    log : DamageLog
+        Where damage is listed, or raised.
+
+    Attributes
+    ----------
+    topics : dict of int to Topic
+        Topics by their number in the file.
+    """
+
+    def __init__(self, path: Path, log: DamageLog) -> None:
+        self.path = path
+        self.log = log
+        self.topics: dict[int, Topic] = {}
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield messages in the order in which they were stored.
+
+        Raises
+        ------
+        RecordError
+            If the file is damaged and the log does not salvage.
+        """
+        if self.path.stat().st_size == 0:
+            self.log.add(self.path, 'the file is empty')
+            return
+        # Read-only and immutable: a bag is evidence, and may lie on a read-only medium.
+        address = f'{self.path.resolve().as_uri()}?immutable=1'
+        try:
+            with closing(sqlite3.connect(address, uri=True)) as base:
+                base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
+                self._check(base)
+                self.topics = self._read_topics(base)
+                yield from self._messages(base)
+        except (sqlite3.Error, OverflowError) as error:
+            self.log.add(self.path, f'the database is damaged ({error})')
+
+    def _check(self, base: sqlite3.Connection) -> None:
+        self._cut_off()
+        # A whole-file check costs as much as reading; the quick one finds broken pages.
+        findings = [row[0] for row in base.execute('PRAGMA quick_check(3)')]
+        if findings != ['ok']:
+            self.log.add(self.path, f'the database is damaged ({str(findings[0])[:80]})')
+
+    def _cut_off(self) -> None:
+        """Compare the size of the file with what its first page says."""
+        with self.path.open('rb') as file:
+            head = file.read(100)
+        if not head.startswith(b'SQLite format 3\0') or len(head) < 100:
+            self.log.add(self.path, 'this is not a sqlite3 file or its beginning is damaged')
+            return
+        page = int.from_bytes(head[16:18], 'big')
+        expected = (65536 if page == 1 else page) * int.from_bytes(head[28:32], 'big')
+        size = self.path.stat().st_size
+        if expected > size:
+            self.log.add(self.path, f'the file is cut off, {expected - size} bytes are missing')
+
+    def _read_topics(self, base: sqlite3.Connection) -> dict[int, Topic]:
+        columns = {row[1] for row in base.execute('PRAGMA table_info(topics)')}
+        tables = {row[0] for row in base.execute('SELECT name FROM sqlite_master')}
+        qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
+        digest = 'type_description_hash' if 'type_description_hash' in columns else "''"
+        definitions = {}
+        if 'message_definitions' in tables:
+            rows = base.execute(
+                'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
+            )
+            definitions = {row[0]: (row[1], row[2]) for row in rows}
+        topics = {}
+        query = f'SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics'
+        for number, name, msgtype, serialisation, profiles, type_hash in base.execute(query):
+            if serialisation != 'cdr':
+                self.log.add(self.path, f'topic {name} is stored as {serialisation!r}, not cdr')
+            text, encoding = definitions.get(msgtype, ('', 'ros2msg'))
+            topics[number] = Topic(name, msgtype, text, type_hash, profiles, encoding)
+        return topics
+
+    def _messages(self, base: sqlite3.Connection) -> Iterator[Block]:
+        rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+        while True:
+            batch, error = _fetch(rows)
+            good = [row for row in batch if _plausible(row)]
+            if len(good) < len(batch):
+                wrong = len(batch) - len(good)
+                what = f'{wrong} rows hold no message'
+                self.log.add(self.path, what, count=wrong, lost=wrong)
+            if good:
+                yield block_of(good)
+            if error is not None:
+                raise error
+            if not batch:
+                return
+
+
+def _fetch(rows: sqlite3.Cursor) -> tuple[list[Any], sqlite3.Error | None]:
+    """Return the next rows, and the error that kept more from being read."""
+    try:
+        return rows.fetchmany(ROWS), None
+    except sqlite3.Error as error:
+        return [], error
+
+
+def _plausible(row: tuple[Any, Any, Any]) -> bool:
+    return type(row[2]) is bytes and type(row[1]) is int and type(row[0]) is int
+
+
+def block_of(rows: list[tuple[int, int, bytes]]) -> Block:
+    """Return messages (topic number, log time [ns], payload) as one block."""
+    topic, log_time, data = zip(*rows, strict=True)
+    length = np.fromiter(map(len, data), np.int64, len(rows))
+    return Block(
+        np.frombuffer(b''.join(data), np.uint8),
+        np.array(topic, np.int64),
+        np.array(log_time, np.int64),
+        np.cumsum(length) - length,
+        length,
+    )
+
+
+class SqliteWriter:
+    """Writes one sqlite3 file of a bag; nothing is in it before `close`.
+
+    Parameters
+    ----------
+    path : Path
+        File to create.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._base = sqlite3.connect(path)
+        self._base.execute('PRAGMA journal_mode = OFF')
+        self._base.execute('PRAGMA synchronous = OFF')
+        self._base.executescript(SCHEMA)
+        self._types: set[str] = set()
+        self.topics: list[Topic] = []
+        self.counts: list[int] = []
+        self.first, self.last = (1 << 63) - 1, 0
+
+    def add_topic(self, topic: Topic) -> int:
+        """Return the number of a new topic."""
+        self.topics.append(topic)
+        self.counts.append(0)
+        if topic.msgtype not in self._types and topic.definition:
+            self._types.add(topic.msgtype)
+            self._base.execute(
+                'INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)',
+                (topic.msgtype, topic.encoding, topic.definition, topic.type_hash),
+            )
+        self._base.execute(
+            'INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)',
+            (len(self.topics), topic.name, topic.msgtype, 'cdr', topic.qos, topic.type_hash),
+        )
+        return len(self.topics)
+
+    def write(self, topic: IntArray, log_time: IntArray, payloads: Iterable[bytes]) -> None:
+        """Append messages.
+
+        Parameters
+        ----------
+        topic, log_time : ndarray, shape (m,)
+            Topic number and log time [ns] of every message.
+        payloads : iterable of bytes
+            The serialised messages.
+        """
+        rows = zip(topic.tolist(), log_time.tolist(), payloads, strict=True)
+        self._base.executemany('INSERT INTO messages VALUES (NULL, ?, ?, ?)', rows)
+        self.first = min(self.first, int(log_time.min()))
+        self.last = max(self.last, int(log_time.max()))
+        for number, count in enumerate(np.bincount(topic, minlength=len(self.topics) + 1)[1:]):
+            self.counts[number] += int(count)
+
+    def close(self, metadata: str) -> None:
+        """Write the metadata, commit and close."""
+        self._base.execute('INSERT INTO metadata VALUES (1, 9, ?)', (metadata,))
+        self._base.commit()
+        self._base.close()
+
+    def abandon(self) -> None:
+        """Close without committing."""
+        self._base.close()

@@ -1,0 +1,75 @@
+"""What every bag storage hands over: topics, and blocks of serialised messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from piezo_hysteresis.arrays import IntArray
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a bag.
+
+    Attributes
+    ----------
+    name, msgtype : str
+        Topic name and ``package/msg/Name``.
+    definition : str
+        Message definition with all it depends on; empty where it is not known.
+    type_hash : str
+        RIHS01 hash of the type; empty where it is not known.
+    qos : str
+        Offered QoS profiles as YAML text, as rosbag2 stores them.
+    encoding : str
+        ``ros2msg`` or ``ros2idl``: how the definition is written.
+    """
+
+    name: str
+    msgtype: str
+    definition: str = ''
+    type_hash: str = ''
+    qos: str = ''
+    encoding: str = 'ros2msg'
+
+
+@dataclass(frozen=True)
+class Block:
+    """Serialised messages that lie in one buffer.
+
+    Attributes
+    ----------
+    buffer : ndarray of uint8, shape (b,)
+        The bytes.
+    topic : ndarray, shape (m,)
+        Number of each message's topic in the storage.
+    log_time : ndarray, shape (m,)
+        When each message was recorded [ns].
+    offset, length : ndarray, shape (m,)
+        Where each payload begins and how long it is [byte].
+    """
+
+    buffer: np.ndarray[Any, Any]
+    topic: IntArray
+    log_time: IntArray
+    offset: IntArray
+    length: IntArray
+
+    def payload(self, index: int) -> bytes:
+        """Return the serialised message number `index` of this block."""
+        first = int(self.offset[index])
+        return bytes(self.buffer[first : first + int(self.length[index])].data)
+
+
+class Storage(Protocol):
+    """A storage file that can be read block by block."""
+
+    topics: dict[int, Topic]
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield blocks in file order; `topics` is complete when the last one was read."""
+        ...
