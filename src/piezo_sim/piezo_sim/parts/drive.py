@@ -1,0 +1,91 @@
+"""Ceramic: from the voltage to the strain it drives the structure with, in metres.
+
+Bouc-Wen, play bank and Preisach each contribute their deviation from a straight line, so they can
+be switched one by one or together. The strain is a function of the path of the voltage alone,
+except for the rate dependence, which widens the loops with the logarithm of the voltage rate of
+the last interval (the coercive field of a ferroelectric grows with the logarithm of the rate), and
+for the loss of polarisation, which takes off gain with time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from piezo_sim.parts import bouc_wen, play, preisach
+from piezo_sim.parts.compile import leaf
+from piezo_sim.table import Effect, Parameter
+
+PARAMETERS = (
+    Parameter('actuator.gain', 'm/V', 100e-6, 1e-12, 1.0, 'Displacement per volt before losses.'),
+    Parameter('rate.widening', '1', 0.08, 0.0, 1.0, 'Widening of the loop per e-fold of rate.'),
+    Parameter('rate.reference', 'V/s', 4.0, 1e-6, 1e9, 'Voltage rate at which widening sets in.'),
+    Parameter('rate.memory', 's', 5e-3, 1e-6, 10.0, 'Time over which the voltage rate is felt.'),
+    Parameter(
+        'electrostriction.coefficient', '1/V', 0.03, -10.0, 10.0, 'Square law of the voltage.'
+    ),
+    Parameter('depolarisation.loss', '1', 0.1, 0.0, 0.9, 'Gain lost in the end.'),
+    Parameter('depolarisation.time_constant', 's', 20.0, 1e-2, 1e6, 'Time constant of the loss.'),
+    Parameter(
+        'backlash.half_width',
+        'm',
+        1e-6,
+        0.0,
+        1e-2,
+        'Half the lost motion between ceramic and lever.',
+    ),
+)
+
+EFFECTS = (
+    Effect('rate_dependence', 'Loops widen with the rate of the voltage.', {'rate.widening': 0.0}),
+    Effect(
+        'electrostriction',
+        'A strain with the square of the voltage.',
+        {'electrostriction.coefficient': 0.0},
+    ),
+    Effect(
+        'asymmetry',
+        'Rising and falling branches differ.',
+        {'bouc_wen.asymmetry': 0.0, 'play.asymmetry': 0.0, 'preisach.asymmetry': 0.0},
+    ),
+    Effect('gain_decay', 'The gain falls with time.', {'depolarisation.loss': 0.0}),
+    Effect('backlash', 'Lost motion in the drive.', {'backlash.half_width': 0.0}),
+)
+
+
+@leaf
+def start_interval(p: Any, s: Any, dt: float) -> None:
+    """Update what is constant over an interval of `dt` [s]: felt rate and gain."""
+    if p.rate.widening > 0.0:
+        rate = abs(s.voltage - s.voltage_before) / dt
+        s.rate += (rate - s.rate) * -math.expm1(-dt / p.rate.memory)
+        s.widening = 1.0 + p.rate.widening * math.log1p(s.rate / p.rate.reference)
+    else:
+        s.widening = 1.0
+    s.voltage_before = s.voltage
+    if p.depolarisation.loss > 0.0 or s.loss != 0.0:
+        share = -math.expm1(-dt / p.depolarisation.time_constant)
+        s.loss += (p.depolarisation.loss - s.loss) * share
+    if s.residue != 0.0:
+        s.residue = s.residue * math.exp(-dt / 5e-3) if abs(s.residue) > 1e-18 else 0.0
+
+
+@leaf
+def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
+    """Move the ceramic straight to `voltage` [V] and return the free displacement [m]."""
+    strain = voltage
+    if d.use_bouc_wen:
+        s.eta = bouc_wen.move(s.eta, s.strain_voltage, voltage, s.widening, p.bouc_wen)
+        strain -= s.eta
+    if d.use_play:
+        hysteretic = play.move(s.play, voltage, s.widening, d, p.play.asymmetry)
+        strain += (p.play.linear_weight - 1.0) * voltage + hysteretic
+    if d.use_preisach:
+        hysteretic = preisach.move(s.preisach, voltage / s.widening, p.preisach)
+        strain += (p.preisach.linear_weight - 1.0) * voltage + hysteretic * s.widening
+    s.strain_voltage = voltage
+    strain += p.electrostriction.coefficient * voltage * voltage
+    free = p.actuator.gain * (1.0 - s.loss) * strain
+    width = p.backlash.half_width
+    s.lost_motion = min(max(s.lost_motion, free - width), free + width)
+    return float(s.lost_motion + s.residue)

@@ -1,0 +1,195 @@
+"""Structure: one to four modes; the first with nonlinear restoring and friction forces.
+
+Every mode answers ``x'' + 2 zeta omega x' + omega^2 x = share omega^2 w`` with the free
+displacement w of the ceramic, 002 (3) divided by its mass; the displacement is their sum. The
+linear part is propagated exactly, the rest (changes of w within a step, nonlinear forces of the
+first mode) by a Runge-Kutta scheme of order four in the frame that moves with the linear part
+(integrating factor).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from piezo_sim.parts.compile import leaf
+from piezo_sim.table import Effect, Parameter
+
+MODES = 4
+
+PARAMETERS = (
+    Parameter('structure.natural_frequency', 'Hz', 200.0, 0.1, 1e5, 'First undamped frequency.'),
+    Parameter('structure.damping_ratio', '1', 0.03, 1e-5, 50.0, 'Damping of the first mode.'),
+    Parameter('structure.stiffness', 'N/m', 1e6, 1e-3, 1e12, 'Stiffness of the actuator.'),
+    Parameter('structure.load_mass', 'kg', 0.2, 0.0, 1e3, 'Mass mounted on the actuator.'),
+    Parameter(
+        'structure.load_stiffness', 'N/m', 2e5, 0.0, 1e12, 'Spring that the actuator bends.'
+    ),
+    Parameter(
+        'structure.cubic', '1/m^2', 2e7, -1e16, 1e16, 'Stiffening with the square of the motion.'
+    ),
+    Parameter(
+        'structure.quadratic_damping', '1/m', 200.0, 0.0, 1e6, 'Drag with the speed squared.'
+    ),
+    Parameter('structure.pump_depth', '1', 0.2, 0.0, 0.5, 'Periodic change of the stiffness.'),
+    Parameter('structure.pump_frequency', 'Hz', 31.0, 1e-3, 1e4, 'Frequency of that change.'),
+    Parameter('structure.pump_reach', 'm', 100e-6, 1e-9, 1.0, 'Motion beyond which it fades.'),
+    *(
+        row
+        for mode, frequency, damping, share in (
+            ('2', 420.0, 0.02, 0.1),
+            ('3', 760.0, 0.02, 0.05),
+            ('4', 1130.0, 0.02, 0.03),
+        )
+        for row in (
+            Parameter(f'mode_{mode}.frequency', 'Hz', frequency, 0.1, 1e5, 'Undamped frequency.'),
+            Parameter(f'mode_{mode}.damping_ratio', '1', damping, 1e-5, 50.0, 'Damping.'),
+            Parameter(f'mode_{mode}.share', '1', share, -1.0, 1.0, 'Share of the static motion.'),
+        )
+    ),
+    Parameter('friction.coulomb', 'm', 0.6e-6, 0.0, 1e-2, 'Friction force over stiffness.'),
+    Parameter('friction.stiction', '1', 1.3, 1.0, 3.0, 'Static over sliding friction.'),
+    Parameter('friction.stribeck_speed', 'm/s', 1e-3, 1e-9, 10.0, 'Speed at which sliding rules.'),
+    Parameter('friction.presliding', 'm', 3e-6, 1e-9, 1e-2, 'Motion before it slides.'),
+    Parameter('restoring.share', '1', 0.3, 0.0, 0.95, 'Hysteretic share of the restoring force.'),
+    Parameter('restoring.beta', '1/m', 8e3, 0.0, 1e9, 'Its Bouc-Wen beta.'),
+    Parameter('restoring.gamma', '1/m', 2e3, -1e9, 1e9, 'Its Bouc-Wen gamma.'),
+)
+
+EFFECTS = (
+    Effect(
+        'resonance',
+        'The first mode moves with its inertia; off, it follows at once.',
+        {'structure.natural_frequency': 0.0},
+    ),
+    Effect('second_mode', 'A second mode.', {'mode_2.share': 0.0}),
+    Effect('third_mode', 'A third mode.', {'mode_3.share': 0.0}),
+    Effect('fourth_mode', 'A fourth mode.', {'mode_4.share': 0.0}),
+    Effect('stiffness', 'A stiffness that changes with the motion.', {'structure.cubic': 0.0}),
+    Effect(
+        'load',
+        'A mass and a spring outside the actuator.',
+        {'structure.load_mass': 0.0, 'structure.load_stiffness': 0.0},
+    ),
+    Effect(
+        'friction', 'Sliding friction with presliding and stiction.', {'friction.coulomb': 0.0}
+    ),
+    Effect(
+        'restoring_hysteresis',
+        'Part of the restoring force is hysteretic (Bouc-Wen oscillator).',
+        {'restoring.share': 0.0},
+    ),
+    Effect(
+        'amplitude_damping',
+        'Damping that grows with the motion.',
+        {'structure.quadratic_damping': 0.0},
+        exotic=True,
+    ),
+    Effect(
+        'parametric_excitation',
+        'The stiffness is pumped periodically.',
+        {'structure.pump_depth': 0.0},
+        exotic=True,
+    ),
+)
+
+
+@leaf
+def quickness(p: Any, d: Any, s: Any) -> float:
+    """Return the fastest rate [1/s] of the nonlinear forces at the present state."""
+    x, speed, omega = s.x[0], abs(s.v[0]), d.omega[0]
+    stiff = 1.0 + 3.0 * abs(p.structure.cubic) * x * x
+    rate = 2.0 * p.structure.quadratic_damping * speed
+    if p.friction.coulomb > 0.0:
+        stiff += p.friction.coulomb / p.friction.presliding
+        rate += speed / p.friction.presliding
+        rate += 10.0 * speed * math.exp(-speed / p.friction.stribeck_speed) / p.friction.presliding
+    if p.restoring.share > 0.0:
+        rate += speed * (p.restoring.beta + abs(p.restoring.gamma))
+    return float(omega * math.sqrt(stiff) + rate)
+
+
+@leaf
+def _force(
+    p: Any, omega2: float, x: float, v: float, bristle: float, yielding: float, time: float
+) -> float:
+    """Return the nonlinear acceleration [m/s^2] of the first mode."""
+    q = p.structure
+    total = -q.quadratic_damping * abs(v) * v
+    stretch = q.cubic * x * x
+    if stretch < 0.0:  # softening stops at a fifth of the stiffness: the mode cannot escape
+        stretch = 0.8 * stretch / (0.8 - stretch)
+    total -= omega2 * stretch * x
+    if q.pump_depth > 0.0:
+        pump = q.pump_depth * math.cos(2.0 * math.pi * q.pump_frequency * time)
+        total -= omega2 * pump * x / (1.0 + (x / q.pump_reach) ** 2)
+    total -= omega2 * p.friction.coulomb * bristle
+    return float(total - omega2 * p.restoring.share * (yielding - x))
+
+
+@leaf
+def _bristle_rate(p: Any, v: float, bristle: float) -> float:
+    f = p.friction
+    if f.coulomb == 0.0:
+        return 0.0
+    level = 1.0 + (f.stiction - 1.0) * math.exp(-((v / f.stribeck_speed) ** 2))
+    return float((v - abs(v) * bristle / level) / f.presliding)
+
+
+@leaf
+def _yield_rate(p: Any, v: float, yielding: float) -> float:
+    r = p.restoring
+    if r.share == 0.0:
+        return v
+    return float(v - r.beta * abs(v) * yielding - r.gamma * v * abs(yielding))
+
+
+@leaf
+def _first_mode(
+    p: Any, d: Any, s: Any, level: int, w0: float, wh: float, w1: float, time: float
+) -> None:
+    """Advance the nonlinear first mode by one step of the given level."""
+    h, omega2 = d.step[level], d.omega[0] * d.omega[0]
+    full, half = d.propagator[0, level], d.propagator[0, level + 1]
+    drive = omega2 * d.share[0]
+    rest = d.share[0] * wh
+    x, v, b, z = s.x[0] - rest, s.v[0], s.bristle, s.yielding
+    a1 = _force(p, omega2, x + rest, v, b, z, time) + drive * (w0 - wh)
+    b1, z1 = _bristle_rate(p, v, b), _yield_rate(p, v, z)
+    xe, ve = half[0] * x + half[1] * v, half[2] * x + half[3] * v
+    x2, v2 = xe + 0.5 * h * half[1] * a1, ve + 0.5 * h * half[3] * a1
+    bb, zz = b + 0.5 * h * b1, z + 0.5 * h * z1
+    a2 = _force(p, omega2, x2 + rest, v2, bb, zz, time + 0.5 * h)
+    b2, z2 = _bristle_rate(p, v2, bb), _yield_rate(p, v2, zz)
+    v3 = ve + 0.5 * h * a2
+    bb, zz = b + 0.5 * h * b2, z + 0.5 * h * z2
+    a3 = _force(p, omega2, xe + rest, v3, bb, zz, time + 0.5 * h)
+    b3, z3 = _bristle_rate(p, v3, bb), _yield_rate(p, v3, zz)
+    xf, vf = full[0] * x + full[1] * v, full[2] * x + full[3] * v
+    x4, v4 = xf + h * half[1] * a3, vf + h * half[3] * a3
+    bb, zz = b + h * b3, z + h * z3
+    a4 = _force(p, omega2, x4 + rest, v4, bb, zz, time + h) + drive * (w1 - wh)
+    b4, z4 = _bristle_rate(p, v4, bb), _yield_rate(p, v4, zz)
+    s.x[0] = xf + h / 6.0 * (full[1] * a1 + 2.0 * half[1] * (a2 + a3)) + rest
+    s.v[0] = vf + h / 6.0 * (full[3] * a1 + 2.0 * half[3] * (a2 + a3) + a4)
+    s.bristle = min(max(b + h / 6.0 * (b1 + 2.0 * (b2 + b3) + b4), -3.0), 3.0)
+    s.yielding = z + h / 6.0 * (z1 + 2.0 * (z2 + z3) + z4)
+
+
+@leaf
+def step(p: Any, d: Any, s: Any, level: int, w0: float, wh: float, w1: float, time: float) -> None:
+    """Advance every mode by one step; the drive w [m] at its start, middle and end."""
+    first = 0
+    if d.nonlinear:
+        _first_mode(p, d, s, level, w0, wh, w1, time)
+        first = 1
+    h = d.step[level] / 6.0
+    for i in range(first, MODES):
+        if not d.active[i]:
+            continue
+        rest = d.share[i] * wh
+        full = d.propagator[i, level]
+        drive = d.omega[i] * d.omega[i] * d.share[i] * h
+        x, v = s.x[i] - rest, s.v[i]
+        s.x[i] = full[0] * x + full[1] * v + rest + drive * full[1] * (w0 - wh)
+        s.v[i] = full[2] * x + full[3] * v + drive * (full[3] * (w0 - wh) + w1 - wh)

@@ -1,0 +1,154 @@
+"""Presets: one commented YAML file per actuator, from the source tree or where it is installed.
+
+A preset names the effects that are on and the numbers that are known; every other number is the
+default of its table, scaled to the actuator's voltage and displacement.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from piezo_sim.errors import PresetError
+from piezo_sim.layout import EFFECTS, PARAMETERS
+from piezo_sim.table import NOMINAL_DISPLACEMENT, NOMINAL_VOLTAGE, Parameter
+
+
+@dataclass(frozen=True)
+class Preset:
+    """One actuator.
+
+    Attributes
+    ----------
+    name, description, source : str
+        What it is, and where its numbers are from.
+    voltage : float
+        Amplitude it is usually driven with [V].
+    displacement : float
+        Amplitude it then moves with [m]; errors of the integration are judged against it.
+    bias : float
+        Voltage it usually moves about [V].
+    rate : float
+        Sampling rate of its laboratory [Hz].
+    parameters : mapping of str to float
+        Numbers that differ from the scaled defaults.
+    effects : tuple of str
+        Effects that are on.
+    """
+
+    name: str = 'straight_line'
+    description: str = 'An actuator without any imperfection.'
+    source: str = ''
+    voltage: float = NOMINAL_VOLTAGE
+    displacement: float = NOMINAL_DISPLACEMENT
+    bias: float = 0.0
+    rate: float = 1000.0
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
+
+    def table(self) -> tuple[Parameter, ...]:
+        """Return every parameter with the default it has for this actuator."""
+        rows = []
+        for row in PARAMETERS:
+            scaled = row.scaled(self.voltage, self.displacement)
+            rows.append(replace(row, default=float(self.parameters.get(row.name, scaled))))
+        return tuple(rows)
+
+    def values(self) -> dict[str, float]:
+        """Return every number of this actuator."""
+        return {row.name: row.default for row in self.table()}
+
+    def switches(self) -> dict[str, bool]:
+        """Return which effects are on."""
+        return {effect.name: effect.name in self.effects for effect in EFFECTS}
+
+
+def preset_folders() -> tuple[Path, ...]:
+    """Return the folders in which presets are looked for, the first one first."""
+    folders = [parent / 'config' / 'presets' for parent in Path(__file__).resolve().parents]
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    folders += [
+        Path(prefix) / 'share' / 'piezo_sim' / 'config' / 'presets'
+        for prefix in (*filter(None, prefixes), sys.prefix)
+    ]
+    return tuple(folder for folder in folders if folder.is_dir())
+
+
+def preset_names() -> tuple[str, ...]:
+    """Return the names of all presets, in alphabetical order."""
+    return tuple(
+        sorted({file.stem for folder in preset_folders() for file in folder.glob('*.yaml')})
+    )
+
+
+def load_preset(name: str) -> Preset:
+    """Return the preset called `name`.
+
+    Raises
+    ------
+    PresetError
+        If there is none, or its file is wrong.
+    """
+    for folder in preset_folders():
+        file = folder / f'{name}.yaml'
+        if file.is_file() and file.parent == folder:
+            return read_preset(file)
+    known = ', '.join(preset_names()) or 'none: the folder config/presets was not found'
+    raise PresetError(f'there is no preset {name!r}; there are {known}')
+
+
+def read_preset(file: Path) -> Preset:
+    """Return the preset described by a YAML file."""
+    try:
+        content = yaml.safe_load(file.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
+        raise PresetError(f'preset {file.name} cannot be read: {reason}') from error
+    if not isinstance(content, dict):
+        raise PresetError(f'preset {file.name} must be a mapping of names to values')
+    return _from_content(file, content)
+
+
+def _from_content(file: Path, content: dict[str, Any]) -> Preset:
+    known = set(Preset.__dataclass_fields__) - {'name'}
+    stray = sorted(set(content) - known)
+    if stray:
+        raise PresetError(
+            f'preset {file.name} has the unknown key {stray[0]!r}; known are '
+            f'{", ".join(sorted(known))}'
+        )
+    effects = content.get('effects') or []
+    parameters = content.get('parameters') or {}
+    if not isinstance(effects, list) or not isinstance(parameters, dict):
+        raise PresetError(f'preset {file.name}: effects is a list, parameters is a mapping')
+    _check_names(file, 'effect', effects, {effect.name for effect in EFFECTS})
+    _check_names(file, 'parameter', list(parameters), {row.name for row in PARAMETERS})
+    numbers = {**parameters, **{key: content[key] for key in _NUMBERS if key in content}}
+    for key, value in numbers.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise PresetError(
+                f'preset {file.name}: {key} is not a number: {value!r} (write 1.0e-6, not 1e-6)'
+            )
+    return Preset(
+        name=file.stem,
+        description=str(content.get('description', '')).strip(),
+        source=str(content.get('source', '')).strip(),
+        parameters={key: float(value) for key, value in parameters.items()},
+        effects=tuple(effects),
+        **{key: float(content[key]) for key in _NUMBERS if key in content},
+    )
+
+
+_NUMBERS = ('voltage', 'displacement', 'bias', 'rate')
+
+
+def _check_names(file: Path, kind: str, names: list[Any], known: set[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise PresetError(f'preset {file.name}: there is no {kind} {name!r}')
