@@ -140,7 +140,7 @@ class Plant:
         self._history[:] = 0.0
         self._settle()
 
-    def inject_fault(self, fault: str, duration: float = 0.0) -> None:
+    def inject(self, fault: str, duration: float = 0.0) -> None:
         """Fail from the next tick on, for `duration` [s], 0 until changed.
 
         ``sensor_dropout`` reads not-a-number, ``stuck_sensor`` repeats the last reading,
