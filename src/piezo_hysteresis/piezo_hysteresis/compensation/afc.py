@@ -21,7 +21,7 @@ from piezo_hysteresis.compensation.harmonics import (
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 
 # Weight of what was known of the gain before, against one new observation of it.
-_PRIOR_WEIGHT = 0.3
+_PRIOR_WEIGHT = 0.1
 _GAIN_MEMORY = 0.7
 # An observation of the gain counts only where the change of the line stands this many deviations
 # out of the noise; below it, noise would turn a right gain.
@@ -146,7 +146,9 @@ class ComplexGainCancellation:
         settings, dt = self._settings, self._dt
         periods = max(1, round(settings.span * frequency)) if frequency > 0 else 0
         self._length = round(periods / (frequency * dt)) if frequency > 0 else 0
-        self._skip = max(round(settings.settle / dt), self._length // 2)
+        # Nothing has been changed before the first window, so nothing has to settle.
+        fresh = self._counts['windows'] == 0 and self._frequency == 0.0
+        self._skip = 0 if fresh else max(round(settings.settle / dt), self._length // 2)
         self._ticks = 0
         if frequency > 0:
             self._choose_orders(frequency)

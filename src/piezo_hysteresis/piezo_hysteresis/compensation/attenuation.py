@@ -7,6 +7,7 @@ from typing import Protocol
 from piezo_hysteresis.compensation.afc import ComplexGainCancellation
 from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.harmonic_filtered import FilteredReferenceRls
 from piezo_hysteresis.compensation.harmonic_rls import HarmonicRls
 from piezo_hysteresis.compensation.harmonics import Harmonic
 from piezo_hysteresis.compensation.linear_gain import LinearGain
@@ -96,4 +97,6 @@ def build_law(settings: AttenuationSettings, gain: LinearGain, dt: float) -> Har
     """Return the law that `settings` name."""
     if settings.method == 'afc':
         return ComplexGainCancellation(settings, gain, dt)
+    if settings.method == 'filtered_rls':
+        return FilteredReferenceRls(settings, gain, dt)
     return HarmonicRls(settings, gain, dt)

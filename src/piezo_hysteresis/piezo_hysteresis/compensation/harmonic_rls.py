@@ -23,21 +23,19 @@ def rls_update(
     theta: FloatArray,
     covariance: FloatArray,
     regressor: FloatArray,
-    target: float,
+    error: float,
     forgetting: float,
     work: FloatArray,
-) -> float:
-    """Take one equation ``target = theta . regressor`` by RLS; answer the a-priori error."""
+) -> None:
+    """Take one equation by RLS; `error` is what the regressor does not explain so far."""
     m = theta.size
     power = forgetting
-    error = target
     for i in range(m):
         total = 0.0
         for j in range(m):
             total += covariance[i, j] * regressor[j]
         work[i] = total
         power += regressor[i] * total
-        error -= theta[i] * regressor[i]
     trace = 0.0
     for i in range(m):
         theta[i] += work[i] / power * error
@@ -51,7 +49,6 @@ def rls_update(
         for i in range(m):
             for j in range(m):
                 covariance[i, j] *= scale
-    return error
 
 
 class HarmonicRls:

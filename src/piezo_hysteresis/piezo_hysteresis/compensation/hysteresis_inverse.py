@@ -1,0 +1,164 @@
+"""Inverses of the hysteresis blocks, sample by sample: from w = A1 u - h to u.
+
+Every kernel is ``kernel(w, u, memory, p, minimum, low, high)``. The memory begins with the
+counters (clamped slopes, samples out of the stroke), the last voltage and h. A slope below
+`minimum` is clamped and counted; its sign is never flipped. The memory follows the voltage as
+limited to low..high.
+"""
+
+from __future__ import annotations
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
+from piezo_hysteresis.jit import jit
+
+CLAMPED, STROKE, U, H = range(4)
+
+_ITERATIONS = 60
+
+
+@jit
+def slope(h: float, side: float, p: FloatArray) -> float:
+    """Return dw/du [m/V] of the Bouc-Wen model at h for a voltage that moves to `side`."""
+    value: float = p[0] - p[1] - side * p[2] + p[4] * abs(h) + side * p[3] * h
+    return value
+
+
+@jit
+def euler_step(h: float, du: float, p: FloatArray) -> float:
+    """Return h after the papers' forward Euler step."""
+    value: float = h + p[1] * du + p[2] * abs(du) - p[4] * abs(h) * du - p[3] * abs(du) * h
+    return value
+
+
+@jit
+def invert_euler(
+    w: FloatArray,
+    u: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    minimum: float,
+    low: float,
+    high: float,
+) -> None:
+    """Solve the Euler step for the voltage by the branch with the sign of what is missing."""
+    last, h = memory[U], memory[H]
+    for k in range(w.size):
+        missing = w[k] - p[0] * last + h
+        side = 1.0 if missing > 0.0 else -1.0
+        gradient = slope(h, side, p)
+        if gradient < minimum:
+            gradient = minimum
+            if missing != 0.0:
+                memory[CLAMPED] += 1.0
+        new = last + missing / gradient
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[STROKE] += 1.0
+        h = euler_step(h, new - last, p)
+        last = new
+        u[k] = new
+    memory[U], memory[H] = last, h
+
+
+@jit
+def invert_delayed(
+    w: FloatArray,
+    u: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    minimum: float,
+    low: float,
+    high: float,
+) -> None:
+    """Rakotondrabe's multiplicative form: ``u[k] = (w[k] + h[k-1]) / A1``, 000 (14), 002 (8)."""
+    last, h = memory[U], memory[H]
+    for k in range(w.size):
+        new = (w[k] + h) / p[0]
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[STROKE] += 1.0
+        h = euler_step(h, new - last, p)
+        last = new
+        u[k] = new
+    memory[U], memory[H] = last, h
+
+
+@jit
+def solve_exact(missing: float, h: float, p: FloatArray, minimum: float) -> float:
+    """Return the voltage step that moves the exact model by `missing` [m].
+
+    Newton steps from the Euler guess, kept inside a bracket. Where the slope is nowhere positive
+    enough to reach the goal within ``missing / minimum`` that step is the answer.
+    """
+    side = 1.0 if missing > 0.0 else -1.0
+    low, high = 0.0, abs(missing) / minimum
+    reached = p[0] * side * high - exact_step(h, side * high, p[1], p[2], p[3], p[4]) + h
+    if side * (reached - missing) <= 0.0:
+        return side * high
+    travel = min(abs(missing) / max(slope(h, side, p), minimum), high)
+    for _ in range(_ITERATIONS):
+        now = exact_step(h, side * travel, p[1], p[2], p[3], p[4])
+        over = side * (p[0] * side * travel - now + h - missing)
+        if over > 0.0:
+            high = travel
+        else:
+            low = travel
+        gradient = slope(now, side, p)
+        step = over / gradient if gradient > 0.0 else 2.0 * high
+        proposed = travel - step
+        if not (low <= proposed <= high):
+            proposed = 0.5 * (low + high)
+        if proposed == travel or abs(proposed - travel) <= 1e-15 * (1.0 + travel):
+            travel = proposed
+            break
+        travel = proposed
+    return side * travel
+
+
+@jit
+def invert_exact(
+    w: FloatArray,
+    u: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    minimum: float,
+    low: float,
+    high: float,
+) -> None:
+    """Solve the exact step for the voltage."""
+    last, h = memory[U], memory[H]
+    for k in range(w.size):
+        missing = w[k] - p[0] * last + h
+        new = last
+        if missing != 0.0:
+            if slope(h, 1.0 if missing > 0.0 else -1.0, p) < minimum:
+                memory[CLAMPED] += 1.0
+            new = last + solve_exact(missing, h, p, minimum)
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[STROKE] += 1.0
+        h = exact_step(h, new - last, p[1], p[2], p[3], p[4])
+        last = new
+        u[k] = new
+    memory[U], memory[H] = last, h
+
+
+@jit
+def invert_gain(
+    w: FloatArray,
+    u: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    minimum: float,
+    low: float,
+    high: float,
+) -> None:
+    """Divide by a gain without memory."""
+    for k in range(w.size):
+        new = w[k] / p[0]
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[STROKE] += 1.0
+        u[k] = new
+        memory[U] = new

@@ -1,0 +1,161 @@
+"""Odd-harmonic repetitive control, the rival that 000 cites (Li, Gu, Zhu and Su)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor import SensorWatch
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
+
+
+@dataclass(frozen=True)
+class RepetitiveSettings:
+    """Settings of `OddRepetitive`.
+
+    Attributes
+    ----------
+    gain : float
+        Quasi-static displacement per volt of the plant [m/V].
+    natural_frequency, damping_ratio : float
+        Mode that the learning filter cancels [Hz], [1]; 0 Hz for none.
+    learning : float
+        Share of the error that one half period removes, 0..1.
+    lead_ticks : float
+        Samples by which the learning looks ahead, against the delay of plant and hold.
+    smoothing : int
+        Half width of the triangular zero-phase low-pass on what was learned, in samples; it gives
+        up the highest harmonics for robustness.
+    lowest_frequency : float
+        Fundamental below which nothing is learned [Hz]; sets the length of the memory.
+    """
+
+    gain: float
+    natural_frequency: float = 0.0
+    damping_ratio: float = 0.02
+    learning: float = 0.3
+    lead_ticks: float = 2.5
+    smoothing: int = 1
+    lowest_frequency: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not self.gain:
+            raise CompensationError('repetitive control needs the gain of the plant, not 0 m/V')
+        if not 0 < self.learning <= 1:
+            raise CompensationError(f'learning must be in 0..1, got {self.learning:g}')
+        if self.smoothing < 0 or self.lead_ticks < 0 or self.lowest_frequency <= 0:
+            raise CompensationError(
+                'smoothing and lead_ticks must be 0 or more, lowest_frequency positive'
+            )
+
+
+@jit
+def _recall(memory: FloatArray, newest: int, back: float, smoothing: int) -> float:
+    """Answer the ring `memory` `back` samples ago, between samples and smoothed by a triangle."""
+    size = memory.size
+    whole = int(np.floor(back))
+    part = back - whole
+    total = weight = 0.0
+    for j in range(-smoothing, smoothing + 1):
+        share = smoothing + 1.0 - abs(j)
+        early = memory[(newest - whole + j) % size]
+        late = memory[(newest - whole - 1 + j) % size]
+        total += share * ((1.0 - part) * early + part * late)
+        weight += share
+    return total / weight
+
+
+class OddRepetitive:
+    """Learns the odd harmonics of the voltage over half periods of the reference.
+
+    ``v(t) = -Q [v + learning L (d - y)](t - T/2)``: the negative feedback over half a period has
+    poles on every odd harmonic and leaves the even ones and the mean alone. L cancels the mode
+    and looks ahead by the delay of the plant.
+
+    Parameters
+    ----------
+    settings : RepetitiveSettings
+        Plant and tuning.
+    dt : float
+        Sampling interval [s].
+    """
+
+    def __init__(self, settings: RepetitiveSettings, dt: float) -> None:
+        self._settings = settings
+        self._dt = dt
+        self._size = int(0.5 / (settings.lowest_frequency * dt)) + 16
+        self._filter = _mode_cancelling(settings, dt)
+        self._sensor = SensorWatch(dt)
+        self._clear()
+
+    def step(
+        self, point: ReferencePoint, received: float, measured: Measured | None = None
+    ) -> float:
+        """Answer `received` plus what was learned [V]."""
+        s = self._settings
+        tick = point.sample
+        pair = self._sensor.pair(point, measured)
+        self._errors[tick % self._size] = 0.0
+        if pair is not None:
+            partner, displacement = pair
+            self._errors[partner.sample % self._size] = self._filtered(
+                partner.displacement - displacement
+            )
+        learned = 0.0
+        if point.frequency >= s.lowest_frequency:
+            half = 0.5 / (point.frequency * self._dt)
+            if tick - self._first > half + s.smoothing:
+                lead = min(s.lead_ticks, half - s.smoothing - 2.0)
+                before = _recall(self._learned, tick, half, s.smoothing)
+                error = _recall(self._errors, tick, half - lead, s.smoothing)
+                learned = -(before + s.learning * error)
+        self._learned[tick % self._size] = learned
+        return received + learned
+
+    def counters(self) -> dict[str, int]:
+        """Return what the watch over the sensor counted."""
+        return self._sensor.counters()
+
+    def reset(self) -> None:
+        """Forget what was learned."""
+        self._sensor.reset()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._learned: FloatArray = np.zeros(self._size)
+        self._errors: FloatArray = np.zeros(self._size)
+        self._past = [0.0, 0.0, 0.0, 0.0]
+        self._first = 0
+
+    def _filtered(self, error: float) -> float:
+        """Pass an error [m] through the learning filter; answers [V]."""
+        b0, b1, b2, a1, a2 = self._filter
+        e1, e2, v1, v2 = self._past
+        value = b0 * error + b1 * e1 + b2 * e2 - a1 * v1 - a2 * v2
+        self._past = [error, e1, value, v1]
+        return value
+
+
+def _mode_cancelling(
+    settings: RepetitiveSettings, dt: float
+) -> tuple[float, float, float, float, float]:
+    """Return the biquad that divides by gain and mode and damps what is left, bilinear rule."""
+    if settings.natural_frequency <= 0.0:
+        return 1.0 / settings.gain, 0.0, 0.0, 0.0, 0.0
+    omega = 2.0 * math.pi * settings.natural_frequency
+    k = omega / math.tan(0.5 * omega * dt)
+    squared, over = omega * omega, k * k
+
+    def coefficients(damping: float) -> tuple[float, float, float]:
+        middle = 2.0 * damping * omega * k
+        return over + middle + squared, 2.0 * (squared - over), over - middle + squared
+
+    n0, n1, n2 = coefficients(settings.damping_ratio)
+    d0, d1, d2 = coefficients(1.0)
+    scale = 1.0 / (d0 * settings.gain)
+    return n0 * scale, n1 * scale, n2 * scale, d1 / d0, d2 / d0

@@ -1,0 +1,73 @@
+"""A mode inverted in continuous form on the analytic derivatives of the reference.
+
+The zero-order-hold model of a mode has a zero near z = -1, whose inverse rings at the Nyquist
+frequency. The continuous form has none: ``w = d + k1 d' + k2 d''``, evaluated half a sample ahead,
+in the middle of the interval over which the voltage is held.
+"""
+
+from __future__ import annotations
+
+import math
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.jit import jit
+
+# Places in the state; the number of corners comes first.
+CORNERS, _SEEN, _D, _V, _A, _W1, _W2 = range(7)
+STATE_SIZE = 7
+
+# A change of velocity is smooth if the accelerations explain it but for this share of them.
+_TOLERANCE = 0.25
+
+
+@jit
+def invert_structure(
+    reference: FloatArray,
+    target: FloatArray,
+    state: FloatArray,
+    k1: float,
+    k2: float,
+    lead: float,
+    dt: float,
+) -> None:
+    """Answer the quasi-static displacement [m] that moves the structure along the reference.
+
+    Rows of `reference` are displacement, velocity and acceleration at the ticks. They are carried
+    ahead by `lead` seconds with the polynomial of fifth degree through the last two ticks; behind
+    a corner, which is counted, by the derivatives at the tick alone. Where there is a lead the
+    droop of the hold, ``(w dt)^2 / 24``, is lifted too.
+    """
+    for k in range(target.size):
+        d, v, a = reference[0, k], reference[1, k], reference[2, k]
+        jerk = snap = crackle = 0.0
+        if state[_SEEN] > 0.0:
+            d0, v0, a0 = state[_D], state[_V], state[_A]
+            miss = abs(v - v0 - 0.5 * dt * (a + a0))
+            if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
+                state[CORNERS] += 1.0
+                state[_SEEN] = 0.0
+            else:
+                r0 = d0 - d + v * dt - 0.5 * a * dt * dt
+                r1 = (v0 - v + a * dt) * dt
+                r2 = (a0 - a) * dt * dt
+                jerk = -(60.0 * r0 + 24.0 * r1 + 3.0 * r2) / dt**3
+                snap = -(360.0 * r0 + 168.0 * r1 + 24.0 * r2) / dt**4
+                crackle = -(720.0 * r0 + 360.0 * r1 + 60.0 * r2) / dt**5
+        state[_D], state[_V], state[_A] = d, v, a
+        t = lead
+        here = d + t * (v + t * (a / 2.0 + t * (jerk / 6.0 + t * (snap / 24.0))))
+        rate = v + t * (a + t * (jerk / 2.0 + t * (snap / 6.0 + t * crackle / 24.0)))
+        bend = a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0))
+        w = here + t**5 * crackle / 120.0 + k1 * rate + k2 * bend
+        droop = 0.0
+        if state[_SEEN] >= 3.0 and lead > 0.0:
+            droop = (w - 2.0 * state[_W1] + state[_W2]) / 24.0
+        state[_SEEN] += 1.0
+        state[_W2], state[_W1] = state[_W1], w
+        target[k] = w - droop
+
+
+def mode_coefficients(natural_frequency: float, damping_ratio: float) -> tuple[float, float]:
+    """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for one mode of unit DC gain."""
+    omega = 2.0 * math.pi * natural_frequency
+    return 2.0 * damping_ratio / omega, 1.0 / omega**2
