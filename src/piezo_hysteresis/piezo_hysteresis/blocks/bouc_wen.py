@@ -3,6 +3,7 @@
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -32,4 +33,25 @@ BLOCK = Block(
     description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',
     source='000 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; 001 (18)',
     check=check,
+)
+
+EFFECTS = (
+    Effect(
+        name='asymmetry',
+        variant='A0',
+        block=None,
+        frees=('A0',),
+        neutral={'A0': 0.0},
+        start={'A0': 2e-6},
+        alternatives=({'A0': -2e-6},),
+        physics=(
+            'Rising and falling voltage do not switch alike (a preferred polarisation), so the '
+            'loop wanders off centre until decay balances the growth.'
+        ),
+        experiment=(
+            'The first seconds after the start and an amplitude step: asymmetry builds up with '
+            'the travel of the voltage, an offset is there from the start.'
+        ),
+        mistaken_for=('offset', 'drift', 'electrostriction', 'creep'),
+    ),
 )

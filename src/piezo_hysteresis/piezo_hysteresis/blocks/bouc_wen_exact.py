@@ -5,6 +5,7 @@ from math import exp, expm1, log1p
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -71,4 +72,26 @@ BLOCK = Block(
     description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
     source='003 (1), 000 (1); exact step for exponent 1',
     check=check,
+)
+
+EFFECTS = (
+    Effect(
+        name='hysteresis',
+        variant='input',
+        block=BLOCK,
+        replaces=('gain',),
+        holds={'A0': 0.0},
+        neutral={'A': 0.0},
+        start={'A': 4e-5, 'beta': 2.0, 'gamma': 0.2},
+        alternatives=({'A': -4e-5}, {'beta': 10.0, 'gamma': 1.0}),
+        physics=(
+            'Domains of the ceramic switch with losses: the displacement lags behind the voltage '
+            'by a share that depends on where it came from and not on how fast.'
+        ),
+        experiment=(
+            'A slow triangle: the width of the loop stays when the frequency falls to a tenth, '
+            'that of a lag or delay does not.'
+        ),
+        mistaken_for=('friction', 'amplifier_lag', 'transport_delay', 'creep'),
+    ),
 )

@@ -2,10 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
+
+
+class Residual(NamedTuple):
+    """What a start guess may look at: one record and what the model without the effect says.
+
+    Attributes
+    ----------
+    voltage, simulated, residual : ndarray, shape (n,)
+        Input [V], free run of the model [m], measured minus simulated [m].
+    dt : float
+        Sampling interval [s].
+    frequency : float
+        Fundamental frequency of the excitation [Hz]; 0 where there is none.
+    start : float
+        Time of the first sample [s].
+    """
+
+    voltage: FloatArray
+    simulated: FloatArray
+    residual: FloatArray
+    dt: float
+    frequency: float = 0.0
+    start: float = 0.0
+
+
+Guess = Callable[[Residual], Mapping[str, float]]
+Convert = Callable[[Mapping[str, float]], Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -23,30 +52,38 @@ class Effect:
         Tells the ways of one effect apart; the name of the block, as a rule.
     block : Block or None
         What is added to the chain; None where parameters are freed only.
-    replaces : tuple of str
-        Names of the blocks one of which `block` takes the place of; empty where it is added.
-    first : bool
-        Added before the other blocks of its slot instead of behind them.
-    absorbs : tuple of str
-        Blocks that leave the chain with the replaced one.
-    frees : tuple of str
-        Parameters that the model held and that are now free.
-    holds : mapping of str to float
-        Parameters of the block that stay at these values while the effect is fitted.
     neutral : mapping of str to float
         Values with which the effect changes nothing.
-    start : mapping of str to float
-        Where a fit starts, for an input amplitude of 1 V and a displacement amplitude of 130 um;
-        `piezo_hysteresis.models.add_effect` rescales it to the data.
-    alternatives : tuple of mapping
-        Further starts, each completing `start`, for parameters that decide the basin a fit ends
-        in (frequencies, signs).
     physics : str
         What happens in the actuator, one or two sentences.
-    mistaken_for : tuple of str
-        Names of the effects that leave a similar residual.
     experiment : str
         What settles it.
+    mistaken_for : tuple of str
+        Names of the effects that leave a similar residual.
+    replaces : tuple of str
+        Names of the blocks one of which `block` takes the place of; empty where it is added.
+    absorbs : tuple of str
+        Blocks that the model must have and that leave the chain with the replaced one.
+    requires : tuple of str
+        Blocks one of which the model must have; empty where any model will do.
+    first : bool
+        Added before the other blocks of its slot instead of behind them.
+    frees : tuple of str
+        Parameters that the model must hold and that become free.
+    holds : mapping of str to float
+        Parameters of the block that are not fitted.
+    repeatable : bool
+        Whether a model may have it several times (modes, tones, creep elements).
+    start : mapping of str to float
+        Where a fit starts, for an input amplitude of 1 V and a displacement amplitude of 130 um.
+    alternatives : tuple of mapping
+        Further starts, each completing `start`, where several basins are to be tried (signs,
+        frequencies).
+    guess : callable or None
+        ``guess(residual)`` returns better start values for some of the parameters.
+    convert : callable or None
+        ``convert(values)`` translates the values of the replaced blocks for `block`; the result
+        with `neutral` reproduces the model.
     """
 
     name: str
@@ -57,9 +94,13 @@ class Effect:
     experiment: str
     mistaken_for: tuple[str, ...] = ()
     replaces: tuple[str, ...] = ()
-    first: bool = False
     absorbs: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
+    first: bool = False
     frees: tuple[str, ...] = ()
     holds: Mapping[str, float] = field(default_factory=dict)
+    repeatable: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[Mapping[str, float], ...] = ()
+    guess: Guess | None = None
+    convert: Convert | None = None

@@ -1,8 +1,29 @@
 """Named chains of blocks: classical, modified, extended, enhanced, second order, ..."""
 
 from piezo_hysteresis.models.chain import Model, State
+from piezo_hysteresis.models.effects import (
+    EFFECT_NAMES,
+    Candidate,
+    add_effect,
+    candidates,
+    described,
+)
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
-from piezo_hysteresis.models.named import NAMES, named
+from piezo_hysteresis.models.named import NAMES, RECIPES, named
 from piezo_hysteresis.models.scaling import for_range
 
-__all__ = ['NAMES', 'Model', 'ModelFile', 'Provenance', 'State', 'for_range', 'named']
+__all__ = [
+    'EFFECT_NAMES',
+    'NAMES',
+    'RECIPES',
+    'Candidate',
+    'Model',
+    'ModelFile',
+    'Provenance',
+    'State',
+    'add_effect',
+    'candidates',
+    'described',
+    'for_range',
+    'named',
+]

@@ -151,6 +151,19 @@ class Model:
         """Name the numbers of `packed`."""
         return dict(zip(self.parameter_names, (float(v) for v in packed), strict=True))
 
+    def names_of(self, block: Block) -> dict[str, str]:
+        """Return the model's names of the parameters of `block`, the last one if it is repeated.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such block.
+        """
+        for each, row in zip(reversed(self.blocks), reversed(self._names), strict=True):
+            if each.name == block.name:
+                return {q.name: name for q, name in zip(block.parameters, row, strict=True)}
+        raise ModelError(f'model {self.name} has no block {block.name}')
+
     def initial_state(self, dt: float, start: float = 0.0) -> State:
         """Return every block's memory at rest; `start` is the time of the first sample [s]."""
         return [block.initial_state(dt, start) for block in self.blocks]

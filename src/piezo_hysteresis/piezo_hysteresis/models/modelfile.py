@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
@@ -143,6 +145,21 @@ class ModelFile:
             return _from_dict(content)
         except ModelError as error:
             raise ModelError(f'{path}: {error}') from error
+
+    @classmethod
+    def parse(cls, text: str) -> ModelFile:
+        """Read the text of a model file.
+
+        Raises
+        ------
+        ModelError
+            If anything in it is unknown, missing or impossible.
+        """
+        try:
+            return _from_dict(yaml.safe_load(text))
+        except yaml.YAMLError as error:
+            reason = str(error).replace('\n', ' ')
+            raise ModelError(f'the text of the model is no YAML: {reason}') from error
 
     def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:
         """Return flat node parameters: ``model.name``, ``model.chain``, ``model.<parameter>``."""

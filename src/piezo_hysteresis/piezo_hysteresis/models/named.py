@@ -56,6 +56,72 @@ RECIPES: dict[str, Recipe] = {
         'Off-centre Bouc-Wen hysteresis by Euler step and an autoregression, as printed.',
         '000 (3), 001 (7)',
     ),
+    'enhanced3': Recipe(
+        ('bouc_wen', 'autoregressive', 'offset', 'exogenous3'),
+        'The extended model and a third harmonic by the printed recursion.',
+        '000 (6)',
+    ),
+    'enhanced5': Recipe(
+        ('bouc_wen', 'autoregressive', 'offset', 'exogenous5'),
+        'The extended model and a fifth harmonic by the printed recursion.',
+        '000 (7)',
+    ),
+    'enhanced3_sine': Recipe(
+        ('bouc_wen', 'autoregressive', 'offset', 'harmonic3'),
+        'The extended model and a third harmonic with the two parameters that data determine.',
+        '000 (6) without c3, c4',
+    ),
+    'enhanced5_sine': Recipe(
+        ('bouc_wen', 'autoregressive', 'offset', 'harmonic5'),
+        'The extended model and a fifth harmonic with the two parameters that data determine.',
+        '000 (7) without c5, c6',
+    ),
+    'bouc_wen_mode': Recipe(
+        ('bouc_wen_exact', 'mode', 'offset'),
+        'Bouc-Wen hysteresis by exact step and one mode: fits 1 to 50 Hz with one set.',
+        '002 (1)-(3); EQUATIONS B.3 (1)',
+        _SYMMETRIC,
+    ),
+    'second_order': Recipe(
+        ('bouc_wen_exact', 'mass_spring', 'offset'),
+        'The same in mass, damping and stiffness; the stiffness is held.',
+        '002 (1)-(3), (5)',
+        {**_SYMMETRIC, 'stiffness': 8.0e5},
+    ),
+    'inverse': Recipe(
+        ('inverse_bouc_wen', 'offset'),
+        'The voltage as a Bouc-Wen function of the displacement, solved for the displacement.',
+        '003, inverse Bouc-Wen',
+    ),
+    'inverse_selector': Recipe(
+        ('inverse_selector', 'offset'),
+        'The inverse whose parameters follow the slope of the displacement, ten knots.',
+        '003, rate-dependent selector',
+        {'selector_slope': 0.05},
+    ),
+    'rate_dependent': Recipe(
+        ('bouc_wen_modified', 'offset'),
+        'Bouc-Wen hysteresis with a bias term and a factor that depends on the rate.',
+        '004 (9), in our reading',
+    ),
+    'prandtl_ishlinskii': Recipe(
+        ('prandtl_ishlinskii', 'offset'),
+        'A bank of nine play operators.',
+        'reference model',
+        {'pi_range': 1.0},
+    ),
+    'preisach': Recipe(
+        ('preisach', 'offset'),
+        'Preisach plane of 36 cells.',
+        'reference model',
+        {'preisach_range': 1.0},
+    ),
+    'bouc_wen_oscillator': Recipe(
+        ('bouc_wen_oscillator', 'offset'),
+        'Force in, displacement out; the hysteresis sits in the restoring force.',
+        'Bouc-Wen benchmark of nonlinearbenchmark.org',
+        {'z_exponent': 1.0, 'interpolation': 2.0},
+    ),
     'classical_euler': Recipe(
         ('bouc_wen', 'offset'),
         'The classical model by the printed Euler step.',

@@ -34,17 +34,19 @@ def powers(unit: str) -> tuple[int, int]:
     return volt, metre
 
 
-def _factor(parameter: Parameter, ratios: tuple[float, float]) -> float:
+def factor(parameter: Parameter, ratios: tuple[float, float]) -> float:
+    """Return by how much `parameter` grows with the input and displacement `ratios`."""
     volt, metre = parameter.powers or powers(parameter.unit)
     return float(ratios[0] ** volt * ratios[1] ** metre)
 
 
-def _suited(block: Block, ratios: tuple[float, float]) -> Block:
+def suited(block: Block, ratios: tuple[float, float]) -> Block:
+    """Return `block` with defaults and scales for amplitudes `ratios` times the reference."""
     parameters = []
     for q in block.parameters:
-        factor = _factor(q, ratios)
-        default = float(np.clip(q.default * factor, q.low, q.high))
-        parameters.append(replace(q, default=default, scale=q.scale * factor))
+        ratio = factor(q, ratios)
+        default = float(np.clip(q.default * ratio, q.low, q.high))
+        parameters.append(replace(q, default=default, scale=q.scale * ratio))
     return replace(block, parameters=tuple(parameters))
 
 
@@ -80,8 +82,8 @@ def for_range(model: Model, input_amplitude: float, displacement_amplitude: floa
         displacement_amplitude / REFERENCE_DISPLACEMENT,
     )
     held = {
-        q.name: q.default * (_factor(q, ratios) if q.follows_range else 1.0)
+        q.name: q.default * (factor(q, ratios) if q.follows_range else 1.0)
         for q in model.parameters
         if q.name in model.held
     }
-    return Model(model.name, tuple(_suited(block, ratios) for block in model.blocks), held)
+    return Model(model.name, tuple(suited(block, ratios) for block in model.blocks), held)

@@ -1,0 +1,22 @@
+"""Banks of play operators with equally spaced thresholds."""
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.jit import jit
+
+COUNT = 9  # thresholds at 0.1 .. 0.9 of the range
+
+
+@jit
+def play(x: float, memory: float, half_width: float) -> float:
+    """Return the output of a play of `half_width` whose last output was `memory`."""
+    return max(x - half_width, min(x + half_width, memory))
+
+
+@jit
+def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float) -> float:
+    """Return the weighted sum of plays at thresholds spacing, 2 spacing, ...; state in place."""
+    total = 0.0
+    for j in range(weights.size):
+        state[j] = play(x, state[j], (j + 1) * spacing)
+        total += weights[j] * state[j]
+    return total

@@ -1,0 +1,69 @@
+"""The modified Bouc-Wen law of 004 with its bias and frequency terms, in our reading."""
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
+from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, quickening
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m]).
+
+    Exact but for the voltage in the bias term, which is that of the middle of the step.
+    """
+    a1, a, beta, gamma, epsilon, bias = p[0], p[1], p[2], p[3], p[4], p[5]
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        du = x[k] - last
+        leaning = epsilon * (last + 0.5 * du - bias)
+        last = x[k]
+        eta = quickening(du, dt, p[6], p[7])
+        h = exact_step(h, du * eta, a, leaning, beta, gamma)
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+
+
+BLOCK = Block(
+    name='bouc_wen_modified',
+    slot=Slot.HYSTERESIS,
+    parameters=(
+        *(each for each in PARAMETERS if each.name != 'A0'),
+        Parameter(
+            'epsilon',
+            'm/V^2',
+            0.0,
+            -1e-2,
+            1e-2,
+            'Growth of h with the length of the travel and with the voltage: a loop that is '
+            'wider on one side.',
+            1e-5,
+        ),
+        Parameter(
+            'bias',
+            'V',
+            0.0,
+            -1e4,
+            1e4,
+            'Voltage about which the loop is symmetrical (lambda in 004).',
+            0.1,
+        ),
+        *RATE_PARAMETERS,
+    ),
+    kernel=kernel,
+    state_size=2,
+    description=(
+        'Bouc-Wen hysteresis with a bias term and a factor eta = (1 + |du/dt|/rate_corner)^'
+        'rate_exponent on the whole growth of h.'
+    ),
+    source=(
+        '004 (9), which did not survive printing; our reading: x = k1 u + k2 + k3 h, dh = '
+        'eta (alpha du - beta |du| h + gamma du |h| + epsilon (u - lambda) |du|), with A = -k3 '
+        'alpha and gamma = -gamma_004; k2 is the offset'
+    ),
+)

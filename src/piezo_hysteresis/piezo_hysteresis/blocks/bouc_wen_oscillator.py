@@ -1,0 +1,204 @@
+"""An oscillator whose restoring force has hysteresis: force in, displacement out."""
+
+from collections.abc import Mapping
+from math import ceil, pi, sqrt
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.jit import jit
+
+_PHASES = 20  # points between two samples at which the force is interpolated
+_TAPS = 12  # samples that the interpolation looks back
+_BAND = 0.45  # of the Nyquist frequency, up to which it is right
+_STRIDE = 0.35  # longest step in units of the fastest time constant
+
+
+def _interpolator() -> FloatArray:
+    """Return least-squares weights, shape (_PHASES + 1, _TAPS), newest sample first.
+
+    Row i gives the value i/_PHASES of the way from the last sample but one to the last. Only the
+    past is used, so that one sample at a time and a whole record give the same; a band-limited
+    input is oversampled enough for that (1e-4 of the output at 0.4 of the Nyquist frequency).
+    """
+    frequencies = np.linspace(0.0, pi * _BAND, 400)
+    basis = np.exp(-1j * np.outer(frequencies, np.arange(_TAPS)))
+    normal = (basis.conj().T @ basis).real / frequencies.size + 1e-8 * np.eye(_TAPS)
+    shifts = np.arange(_PHASES + 1) / _PHASES - 1.0
+    wanted = np.exp(1j * np.outer(frequencies, shifts))
+    weights = np.linalg.solve(normal, (basis.conj().T @ wanted).real / frequencies.size).T
+    weights[-1] = np.eye(_TAPS)[0]
+    weights[0] = np.eye(_TAPS)[1]
+    return np.ascontiguousarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+WEIGHTS = _interpolator()
+
+
+@jit
+def interpolate(past: FloatArray, order: float, forces: FloatArray) -> None:
+    """Fill `forces` (_PHASES + 1,) with the input between the last two samples of `past`."""
+    for i in range(_PHASES + 1):
+        if order == 0.0:
+            forces[i] = past[1]
+        elif order == 1.0:
+            forces[i] = past[1] + (past[0] - past[1]) * i / _PHASES
+        else:
+            total = 0.0
+            for j in range(_TAPS):
+                total += WEIGHTS[i, j] * past[j]
+            forces[i] = total
+
+
+@jit
+def rates(
+    x: float, v: float, z: float, force: float, p: FloatArray, height: float
+) -> tuple[float, float]:
+    """Return (v', z') of ``m x'' + c x' + k x + z = F``."""
+    size = abs(z)
+    if p[6] != 1.0 and height > 0.0:
+        size *= max(size / height, 1e-9) ** (p[6] - 1.0)
+    side = 1.0 if z > 0.0 else -1.0
+    dz = p[3] * v - p[4] * abs(v) * size * side - p[5] * v * size
+    return (force - p[1] * v - p[2] * x - z) / p[0], dz
+
+
+@jit
+def advance(
+    s: FloatArray, f0: float, f1: float, f2: float, h: float, p: FloatArray, height: float
+) -> None:
+    """Advance (x, v, z) by one Runge-Kutta step, forces at its start, middle and end."""
+    x, v, z = s[0], s[1], s[2]
+    a1, z1 = rates(x, v, z, f0, p, height)
+    v2 = v + 0.5 * h * a1
+    a2, z2 = rates(x + 0.5 * h * v, v2, z + 0.5 * h * z1, f1, p, height)
+    v3 = v + 0.5 * h * a2
+    a3, z3 = rates(x + 0.5 * h * v2, v3, z + 0.5 * h * z2, f1, p, height)
+    v4 = v + h * a3
+    a4, z4 = rates(x + h * v3, v4, z + h * z3, f2, p, height)
+    s[0] = x + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
+    s[1] = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    s[2] = z + h / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer the displacement at each sample; state is (x, v, z, last inputs, newest first)."""
+    scale = abs(p[4]) + abs(p[5])
+    height = abs(p[3]) / scale if scale > 0.0 else 0.0
+    fastest = sqrt((p[2] + abs(p[3])) / p[0]) + p[1] / p[0]
+    # as many steps between two interpolated forces as the structure needs
+    finer = max(1, ceil(min(fastest * dt / (_PHASES // 2 * _STRIDE), 1000.0)))
+    h = dt / (_PHASES // 2 * finer)
+    forces = np.empty(_PHASES + 1)
+    past = state[3:]
+    for k in range(x.size):
+        for j in range(_TAPS - 1, 0, -1):
+            past[j] = past[j - 1]
+        past[0] = x[k]
+        interpolate(past, p[7], forces)
+        for i in range(0, _PHASES, 2):
+            f0, f1, f2 = forces[i], forces[i + 1], forces[i + 2]
+            # parabola through the three, so that finer steps see no corners
+            slope, bend = f2 - f0, 2.0 * (f2 - 2.0 * f1 + f0)
+            for q in range(finer):
+                t0, t1, t2 = q / finer, (q + 0.5) / finer, (q + 1.0) / finer
+                advance(
+                    state,
+                    f0 + t0 * (slope - bend * (1.0 - t0)),
+                    f0 + t1 * (slope - bend * (1.0 - t1)),
+                    f0 + t2 * (slope - bend * (1.0 - t2)),
+                    h,
+                    p,
+                    height,
+                )
+        y[k] = state[0]
+
+
+def check(values: Mapping[str, float]) -> str:
+    """Return '' or why the restoring force cannot be one."""
+    if values['stiffness'] + values['z_alpha'] <= 0.0:
+        return 'stiffness + z_alpha must be positive, or the structure falls over; raise either'
+    return ''
+
+
+BLOCK = Block(
+    name='bouc_wen_oscillator',
+    slot=Slot.STRUCTURE,
+    parameters=(
+        Parameter('mass', 'kg', 0.25, 1e-9, 1e5, 'Moving mass m.', 0.2, powers=(1, -1)),
+        Parameter('damping', 'N*s/m', 1.2, 0.0, 1e9, 'Viscous damping c.', 1.0, powers=(1, -1)),
+        Parameter(
+            'stiffness', 'N/m', 7e3, 0.0, 1e12, 'Stiffness k without hysteresis.', 7e3,
+            powers=(1, -1),
+        ),
+        Parameter(
+            'z_alpha', 'N/m', 3e3, -1e12, 1e12, 'Growth of the hysteretic force z with x.', 5e3,
+            powers=(1, -1),
+        ),
+        Parameter(
+            'z_beta', '1/m', 3e3, 0.0, 1e9,
+            'Decay of z with the length of the travel (beta gamma of the benchmark).', 5e3,
+        ),
+        Parameter(
+            'z_gamma', '1/m', 0.0, -1e9, 1e9,
+            'Decay of z with the travel (beta delta of the benchmark).', 5e3,
+        ),
+        Parameter('z_exponent', '1', 1.0, 0.5, 10.0, 'Exponent nu of the hysteresis.', 1.0),
+        Parameter(
+            'interpolation', '1', 2.0, 0.0, 2.0,
+            'Force between samples: 0 held, 1 linear, 2 band-limited (content up to 0.45 of the '
+            'Nyquist frequency).',
+        ),
+    ),
+    kernel=kernel,
+    state_size=3 + _TAPS,
+    description=(
+        "m x'' + c x' + k x + z = F with z' = z_alpha x' - (z_beta |x'| z + z_gamma x' |z|) "
+        '|z/z_s|^(z_exponent - 1), z_s = |z_alpha|/(|z_beta| + |z_gamma|).'
+    ),
+    source='Bouc-Wen benchmark of nonlinearbenchmark.org, restoring-force form',
+    check=check,
+)  # fmt: skip
+
+
+def from_linear(values: Mapping[str, float]) -> dict[str, float]:
+    """Translate a gain and a mode, ``A1 [m/N], natural_frequency, damping_ratio``."""
+    stiffness = 1.0 / max(values['A1'], 1e-12)
+    omega = 2.0 * pi * values['natural_frequency']
+    mass = stiffness / omega**2
+    return {
+        'mass': mass,
+        'damping': 2.0 * values['damping_ratio'] * omega * mass,
+        'stiffness': stiffness,
+    }
+
+
+EFFECTS = tuple(
+    Effect(
+        name='hysteresis',
+        variant=variant,
+        block=BLOCK,
+        replaces=('mode',),
+        absorbs=('gain',),
+        convert=from_linear,
+        holds={'z_exponent': 1.0, 'interpolation': interpolation},
+        neutral={'z_alpha': 0.0},
+        start={'z_alpha': 2e3, 'z_beta': 5e3, 'z_gamma': 0.0},
+        alternatives=({'z_gamma': -5e3}, {'z_gamma': 5e3}),
+        physics=(
+            'The spring itself has memory: the restoring force lags behind the displacement, so '
+            'resonance frequency and damping change with the amplitude.'
+        ),
+        experiment=(
+            'Multisines at several levels: hysteresis of the force moves the resonance with the '
+            'amplitude, hysteresis of the input does not.'
+        ),
+        mistaken_for=('stiffness', 'friction', 'resonance'),
+    )
+    for variant, interpolation in (('restoring_force', 2.0), ('restoring_force_held_input', 0.0))
+)

@@ -1,0 +1,126 @@
+"""Bouc-Wen hysteresis whose memory depends on how fast the voltage moves."""
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
+from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def quickening(du: float, dt: float, corner: float, exponent: float) -> float:
+    """Return ``(1 + |du/dt| / corner)^exponent``: 1 when slow, a power law when fast."""
+    if exponent == 0.0:
+        return 1.0
+    return float((1.0 + abs(du) / (dt * corner)) ** exponent)
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m])."""
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        du = x[k] - last
+        last = x[k]
+        factor = quickening(du, dt, p[5], p[6])
+        h = exact_step(h, du, a, a0, beta * factor, gamma * factor)
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+
+
+@jit
+def euler_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``A1 u - h`` by the Euler step; state is (last voltage [V], h [m])."""
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        du = x[k] - last
+        last = x[k]
+        rise = abs(du)
+        factor = quickening(du, dt, p[5], p[6])
+        h += a * du + a0 * rise - factor * gamma * abs(h) * du - factor * beta * rise * h
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+
+
+RATE_PARAMETERS = (
+    Parameter(
+        'rate_corner',
+        'V/s',
+        10.0,
+        1e-6,
+        1e12,
+        'Rate of the voltage below which the hysteresis does not depend on it.',
+        10.0,
+    ),
+    Parameter(
+        'rate_exponent',
+        '1',
+        0.0,
+        -3.0,
+        3.0,
+        'Power of the rate by which the decay of h grows far above the corner.',
+        0.3,
+    ),
+)
+_DESCRIPTION = (
+    'Bouc-Wen hysteresis; beta and gamma are multiplied by '
+    '(1 + |du/dt|/rate_corner)^rate_exponent.'
+)
+
+BLOCKS = (
+    Block(
+        name='bouc_wen_rate',
+        slot=Slot.HYSTERESIS,
+        parameters=(*PARAMETERS, *RATE_PARAMETERS),
+        kernel=kernel,
+        state_size=2,
+        description=_DESCRIPTION,
+        source='our reading of 004: constant below a corner, dependent on the rate above it',
+        check=check,
+    ),
+    Block(
+        name='bouc_wen_rate_euler',
+        slot=Slot.HYSTERESIS,
+        parameters=(*PARAMETERS, *RATE_PARAMETERS),
+        kernel=euler_kernel,
+        state_size=2,
+        description=f'{_DESCRIPTION} Forward Euler step.',
+        source='as bouc_wen_rate, with the step of 000 (3)',
+        check=check,
+    ),
+)
+
+EFFECTS = tuple(
+    Effect(
+        name='rate_dependence',
+        variant=block.name,
+        block=block,
+        replaces=(replaced,),
+        neutral={'rate_exponent': 0.0},
+        start={'rate_corner': 10.0, 'rate_exponent': 0.3},
+        alternatives=(
+            {'rate_exponent': -0.3},
+            {'rate_corner': 100.0, 'rate_exponent': 1.0},
+            {'rate_corner': 1.0, 'rate_exponent': 0.1},
+        ),
+        physics=(
+            'Domains need time to switch, so the width of the loop itself depends on how fast '
+            'the voltage moves, beyond what inertia, delay and lag explain.'
+        ),
+        experiment=(
+            'Triangles of the same travel at other rates: a lag shifts the loop along the '
+            'voltage in proportion to the rate, rate dependence changes the width of its tips.'
+        ),
+        mistaken_for=('creep', 'amplifier_lag', 'transport_delay', 'resonance'),
+    )
+    for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)
+)

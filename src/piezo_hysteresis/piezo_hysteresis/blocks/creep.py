@@ -1,0 +1,111 @@
+"""Displacement that goes on growing under a constant voltage."""
+
+from math import expm1, sqrt
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.jit import jit
+
+_ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
+_PER_DECADE = 2
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v + c``, ``tau c' = share v - c``; state is c [m] at the next sample."""
+    share, rest = p[0], -expm1(-dt / p[1])
+    crept = state[0]
+    for k in range(x.size):
+        y[k] = x[k] + crept
+        crept += rest * (share * x[k] - crept)
+    state[0] = crept
+
+
+@jit
+def logarithmic_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v`` with a bank of elements two to the decade; state is their outputs [m]."""
+    share = p[0] / _PER_DECADE
+    tau = p[1] * sqrt(sqrt(10.0))
+    spacing = 10.0 ** (1.0 / _PER_DECADE)
+    for i in range(_ELEMENTS):
+        rest = -expm1(-dt / tau)
+        crept = state[i]
+        for k in range(x.size):
+            y[k] = (x[k] if i == 0 else y[k]) + crept
+            crept += rest * (share * x[k] - crept)
+        state[i] = crept
+        tau *= spacing
+
+
+BLOCKS = (
+    Block(
+        name='creep',
+        slot=Slot.SLOW,
+        parameters=(
+            Parameter(
+                'creep_share',
+                '1',
+                0.0,
+                -0.9,
+                5.0,
+                'Creep after a very long time over the displacement.',
+                0.05,
+            ),
+            Parameter('creep_time', 's', 3.0, 1e-4, 1e6, 'Time constant of the creep.', 3.0),
+        ),
+        kernel=kernel,
+        state_size=1,
+        description='One Kelvin-Voigt element in series.',
+        source='Kelvin-Voigt creep; EQUATIONS F',
+    ),
+    Block(
+        name='logarithmic_creep',
+        slot=Slot.SLOW,
+        parameters=(
+            Parameter(
+                'creep_per_decade',
+                '1',
+                0.0,
+                -0.1,
+                1.0,
+                'Creep per decade of time over the displacement.',
+                0.02,
+            ),
+            Parameter('creep_onset', 's', 0.1, 1e-4, 1e3, 'Time at which creep sets in.', 0.1),
+        ),
+        kernel=logarithmic_kernel,
+        state_size=_ELEMENTS,
+        description=(
+            'Creep by creep_per_decade log10(1 + t/creep_onset) after a step, as a bank of '
+            'Kelvin-Voigt elements over seven decades from the onset.'
+        ),
+        source='logarithmic creep law of piezoceramics',
+    ),
+)
+
+EFFECTS = tuple(
+    Effect(
+        name='creep',
+        variant=block.name,
+        repeatable=True,
+        block=block,
+        neutral={neutral: 0.0},
+        start={neutral: 0.02},
+        alternatives=tuple({time: each} for each in others),
+        physics=(
+            'Domains go on turning under a constant field, so the displacement keeps growing '
+            'after the voltage has stopped, fast at first and ever slower.'
+        ),
+        experiment='Step and hold for a minute: creep is a line over the logarithm of time.',
+        mistaken_for=('drift', 'amplifier_lag', 'transport_delay', 'rate_dependence'),
+    )
+    for block, neutral, time, others in (
+        (BLOCKS[0], 'creep_share', 'creep_time', (0.3, 30.0)),
+        (BLOCKS[1], 'creep_per_decade', 'creep_onset', (0.01, 1.0)),
+    )
+)

@@ -1,0 +1,212 @@
+"""Bouc-Wen hysteresis written from displacement to voltage, answered the other way round.
+
+003 identifies the inverse directly: the voltage is a Bouc-Wen function of the displacement. That
+law is the compensator; solved for the displacement at every sample it is also a model.
+"""
+
+from collections.abc import Mapping
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
+from piezo_hysteresis.jit import jit
+
+KNOTS = 10  # slopes for which 003 identifies parameters
+
+
+@jit
+def steepness(h: float, side: float, a: float, a0: float, beta: float, gamma: float) -> float:
+    """Return dh/dx while x moves in the direction `side`."""
+    return a + side * a0 - beta * side * h - gamma * abs(h)
+
+
+@jit
+def solve_step(
+    needed: float, h: float, gain: float, a: float, a0: float, beta: float, gamma: float
+) -> float:
+    """Return the move d of x for which ``gain x - h`` grows by `needed`.
+
+    Newton's method on the exact step, kept inside a bracket; the slope of ``gain x - h`` must be
+    positive, where it is not the bracket is given up after some doublings and its end returned.
+    """
+    if needed == 0.0:
+        return 0.0
+    side = 1.0 if needed > 0.0 else -1.0
+    slope = gain - steepness(h, side, a, a0, beta, gamma)
+    d = needed / slope if slope > 0.0 else needed / gain
+    low, high = 0.0, d
+    for _ in range(60):
+        if side * (gain * high - (exact_step(h, high, a, a0, beta, gamma) - h) - needed) >= 0.0:
+            break
+        low = high
+        high *= 2.0
+    for _ in range(60):
+        moved = exact_step(h, d, a, a0, beta, gamma)
+        error = gain * d - (moved - h) - needed
+        if side * error > 0.0:
+            high = d
+        else:
+            low = d
+        slope = gain - steepness(moved, side, a, a0, beta, gamma)
+        new = d - error / slope if slope > 0.0 else 0.5 * (low + high)
+        if side * (new - low) < 0.0 or side * (high - new) < 0.0:
+            new = 0.5 * (low + high)
+        if abs(new - d) <= 1e-15 * abs(d):
+            return new
+        d = new
+    return d
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer the displacement; state is (displacement [m], h [V])."""
+    gain, a, beta, gamma = p[0], p[1], p[2], p[3]
+    position, h = state[0], state[1]
+    for k in range(x.size):
+        d = solve_step(x[k] - (gain * position - h), h, gain, a, 0.0, beta, gamma)
+        h = exact_step(h, d, a, 0.0, beta, gamma)
+        position += d
+        y[k] = position
+    state[0] = position
+    state[1] = h
+
+
+@jit
+def at_slope(p: FloatArray, first: int, slope: float, span: float) -> float:
+    """Return a parameter of the selector, linear between its knots, constant outside."""
+    place = slope / span * KNOTS - 1.0
+    if place <= 0.0:
+        return float(p[first])
+    if place >= KNOTS - 1:
+        return float(p[first + KNOTS - 1])
+    i = int(place)
+    return float(p[first + i] + (place - i) * (p[first + i + 1] - p[first + i]))
+
+
+@jit
+def selector_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer the displacement; state is (displacement [m], h [V], voltage of the law [V], slope).
+
+    The slope is that of the last step. Voltage and h are kept when the parameters change.
+    """
+    span = p[0]
+    position, h, voltage, slope = state[0], state[1], state[2], state[3]
+    for k in range(x.size):
+        gain = at_slope(p, 1, slope, span)
+        a = at_slope(p, 1 + KNOTS, slope, span)
+        beta = at_slope(p, 1 + 2 * KNOTS, slope, span)
+        gamma = at_slope(p, 1 + 3 * KNOTS, slope, span)
+        d = solve_step(x[k] - voltage, h, gain, a, 0.0, beta, gamma)
+        moved = exact_step(h, d, a, 0.0, beta, gamma)
+        voltage += gain * d - (moved - h)
+        h = moved
+        position += d
+        slope = abs(d) / dt
+        y[k] = position
+    state[0] = position
+    state[1] = h
+    state[2] = voltage
+    state[3] = slope
+
+
+def monotone(gain: float, a: float, beta: float, gamma: float) -> str:
+    """Return '' or why the voltage does not grow with the displacement."""
+    if a == 0.0:
+        return ''
+    if beta + gamma <= 0.0:
+        return 'inverse_beta + inverse_gamma must be positive, or h grows without bound'
+    steepest = gain - max(0.0, 2.0 * a * beta / (beta + gamma))
+    if steepest <= 0.0:
+        return (
+            f'inverse_A = {a:.4g} makes the voltage fall while the displacement rises; keep it '
+            'below inverse_gain (beta + gamma)/(2 beta)'
+        )
+    return ''
+
+
+def check(values: Mapping[str, float]) -> str:
+    """Return '' or why the law cannot be solved for the displacement."""
+    return monotone(
+        values['inverse_gain'],
+        values['inverse_A'],
+        values['inverse_beta'],
+        values['inverse_gamma'],
+    )
+
+
+def selector_check(values: Mapping[str, float]) -> str:
+    """Return '' or why the law cannot be solved at one of the knots."""
+    for i in range(1, KNOTS + 1):
+        reason = monotone(
+            values[f'inverse_gain_at{i}'],
+            values[f'inverse_A_at{i}'],
+            values[f'inverse_beta_at{i}'],
+            values[f'inverse_gamma_at{i}'],
+        )
+        if reason:
+            return f'at knot {i}, {reason}'
+    return ''
+
+
+PARAMETERS = (
+    Parameter('inverse_gain', 'V/m', 7e3, 1e-3, 1e12, 'Voltage per displacement without h.', 7e3),
+    Parameter('inverse_A', 'V/m', -2e3, -1e12, 1e12, 'Growth of h with the displacement.', 2e3),
+    Parameter(
+        'inverse_beta', '1/m', 1e4, 0.0, 1e10, 'Decay of h with the length of the path.', 1e4
+    ),
+    Parameter('inverse_gamma', '1/m', 0.0, -1e10, 1e10, 'Decay of h with the displacement.', 1e4),
+)
+
+
+def _knots() -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(
+            f'{q.name}_at{i}', q.unit, q.default, q.low, q.high,
+            f'{q.description[:-1]}, at {i / KNOTS:g} of selector_slope.', q.scale,
+        )
+        for q in PARAMETERS
+        for i in range(1, KNOTS + 1)
+    )  # fmt: skip
+
+
+BLOCKS = (
+    Block(
+        name='inverse_bouc_wen',
+        slot=Slot.HYSTERESIS,
+        parameters=PARAMETERS,
+        kernel=kernel,
+        state_size=2,
+        description=(
+            'u = inverse_gain y - h, dh = inverse_A dy - inverse_beta |dy| h - inverse_gamma dy '
+            '|h|, solved for y.'
+        ),
+        source='003, inverse Bouc-Wen',
+        check=check,
+    ),
+    Block(
+        name='inverse_selector',
+        slot=Slot.HYSTERESIS,
+        parameters=(
+            Parameter(
+                'selector_slope',
+                'm/s',
+                0.05,
+                1e-12,
+                1e3,
+                'Slope of the displacement at the last of ten equally spaced knots.',
+                0.05,
+                follows_range=True,
+            ),
+            *_knots(),
+        ),
+        kernel=selector_kernel,
+        state_size=4,
+        description='Inverse Bouc-Wen whose parameters follow the slope of the displacement.',
+        source='003 (selector between ten triangle fits); EQUATIONS E.3',
+        check=selector_check,
+    ),
+)

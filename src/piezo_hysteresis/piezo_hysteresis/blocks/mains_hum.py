@@ -1,0 +1,85 @@
+"""A fixed tone that does not come from the drive."""
+
+from math import cos, pi, sin
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer the displacement with the tone added; state is (start [s], samples so far)."""
+    start, count = state[0], state[1]
+    for k in range(x.size):
+        cycles = p[0] * (start + count * dt)
+        angle = 2.0 * pi * (cycles - int(cycles))
+        y[k] = x[k] + p[1] * sin(angle) + p[2] * cos(angle)
+        count += 1.0
+    state[1] = count
+
+
+def guess(seen: Residual) -> dict[str, float]:
+    """Return the strongest line of the residual that is no harmonic of the drive."""
+    n = seen.residual.size
+    time = seen.start + np.arange(n) * seen.dt
+    window = np.hanning(n)
+    lines = np.abs(np.fft.rfft(window * (seen.residual - seen.residual.mean())))
+    frequencies = np.fft.rfftfreq(n, seen.dt)
+    lines[:3] = 0.0
+    if seen.frequency > 0.0:
+        order = frequencies / seen.frequency
+        lines[np.abs(order - np.round(order)) * seen.frequency < 3.0 / (n * seen.dt)] = 0.0
+    place = int(np.argmax(lines))
+    if lines[place] == 0.0:
+        return {}
+    # the peak of a parabola through the three largest lines, in log
+    offset = 0.0
+    if 0 < place < n // 2 and lines[place - 1] > 0.0 and lines[place + 1] > 0.0:
+        left, top, right = np.log(lines[place - 1 : place + 2])
+        offset = 0.5 * (left - right) / (left - 2.0 * top + right)
+    hum = float((place + offset) / (n * seen.dt))
+    angle = 2.0 * np.pi * hum * time
+    columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones(n)])
+    sine, cosine, _ = np.linalg.lstsq(columns, seen.residual, rcond=None)[0]
+    return {'hum_frequency': hum, 'hum_sine': float(sine), 'hum_cosine': float(cosine)}
+
+
+BLOCK = Block(
+    name='mains_hum',
+    slot=Slot.ADDED,
+    parameters=(
+        Parameter('hum_frequency', 'Hz', 50.0, 1e-3, 1e6, 'Frequency of the tone.', 50.0),
+        Parameter('hum_sine', 'm', 0.0, -1.0, 1.0, 'Sine amplitude at time 0.', 1e-6),
+        Parameter('hum_cosine', 'm', 0.0, -1.0, 1.0, 'Cosine amplitude at time 0.', 1e-6),
+    ),
+    kernel=kernel,
+    state_size=2,
+    description='Tone of fixed frequency, locked to the time of the record and not to the drive.',
+    source='EQUATIONS F, mains',
+    clocked=True,
+)
+
+EFFECTS = (
+    Effect(
+        name='mains_hum',
+        variant='mains_hum',
+        repeatable=True,
+        block=BLOCK,
+        neutral={'hum_sine': 0.0, 'hum_cosine': 0.0},
+        start={'hum_frequency': 50.0, 'hum_sine': 1e-7, 'hum_cosine': 1e-7},
+        alternatives=({'hum_frequency': 60.0}, {'hum_frequency': 100.0}),
+        guess=guess,
+        physics=(
+            'Mains, a pump or a fan gets into the sensor or the mount at a frequency that has '
+            'nothing to do with the drive.'
+        ),
+        experiment='A record at 0 V, and drives of which the tone is no multiple.',
+        mistaken_for=('odd_harmonic', 'resonance'),
+    ),
+)

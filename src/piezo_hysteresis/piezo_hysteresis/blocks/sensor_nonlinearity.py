@@ -1,0 +1,52 @@
+"""A sensor that is not linear."""
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.jit import jit
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v + s2 v^2 + s3 v^3``; no state."""
+    for k in range(x.size):
+        y[k] = x[k] + (p[0] + p[1] * x[k]) * x[k] * x[k]
+
+
+BLOCK = Block(
+    name='sensor_nonlinearity',
+    slot=Slot.SENSOR,
+    parameters=(
+        Parameter(
+            'sensor_quadratic', '1/m', 0.0, -1e7, 1e7, 'Quadratic error of the reading.', 100.0
+        ),
+        Parameter('sensor_cubic', '1/m^2', 0.0, -1e13, 1e13, 'Cubic error of the reading.', 1e6),
+    ),
+    kernel=kernel,
+    state_size=0,
+    description='Polynomial of third order in the displacement, before the offset.',
+    source='001 where the fibre sensor is used on the slope of its characteristic; EQUATIONS C',
+)
+
+EFFECTS = (
+    Effect(
+        name='sensor_nonlinearity',
+        variant='sensor_nonlinearity',
+        block=BLOCK,
+        first=True,
+        neutral={'sensor_quadratic': 0.0, 'sensor_cubic': 0.0},
+        start={'sensor_quadratic': 50.0, 'sensor_cubic': 0.0},
+        alternatives=({'sensor_quadratic': -50.0},),
+        physics=(
+            'The reading is a curve of the true displacement: the harmonics it makes follow the '
+            'measured amplitude, resonance included, and do not excite the structure.'
+        ),
+        experiment=(
+            'Calibrate against a second sensor; or drive half the resonance frequency, where a '
+            'square law before the mode would ring and one of the sensor does not.'
+        ),
+        mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
+    ),
+)

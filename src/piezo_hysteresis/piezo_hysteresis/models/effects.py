@@ -1,0 +1,186 @@
+"""Effects by name: how to add them to a model and where a fit starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from piezo_hysteresis.blocks import EFFECTS, Effect
+from piezo_hysteresis.blocks.effect import Residual
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.chain import Model
+from piezo_hysteresis.models.scaling import (
+    REFERENCE_DISPLACEMENT,
+    REFERENCE_INPUT,
+    factor,
+    suited,
+)
+
+EFFECT_NAMES: tuple[str, ...] = tuple(sorted({effect.name for effect in EFFECTS}))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model with one effect added.
+
+    Attributes
+    ----------
+    effect : Effect
+        What was added.
+    model : Model
+        The chain with it.
+    added : tuple of str
+        Names of the parameters that are free in `model` and were not there, or held, before.
+    neutral : mapping of str to float
+        Values, under the names of `model`, with which it answers as before.
+    starts : tuple of mapping
+        Start values of `added`, the likeliest first.
+    renamed : mapping of str to str
+        Names in `model` of the block's own parameters.
+    """
+
+    effect: Effect
+    model: Model
+    added: tuple[str, ...]
+    neutral: Mapping[str, float]
+    starts: tuple[Mapping[str, float], ...]
+    renamed: Mapping[str, str]
+
+    def values(
+        self, before: Mapping[str, float], start: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Return all values of `model` from those of the model before and a start.
+
+        Parameters
+        ----------
+        before : mapping of str to float
+            Values of the model without the effect.
+        start : mapping of str to float, optional
+            One of `starts`, or `neutral`; `neutral` where it is not given.
+        """
+        every = self.model.defaults()
+        kept = dict(before)
+        if self.effect.convert is not None:
+            kept |= {self.renamed[k]: v for k, v in self.effect.convert(before).items()}
+        every |= {k: v for k, v in kept.items() if k in every and k not in self.model.held}
+        return every | dict(self.neutral if start is None else start)
+
+    def guessed(self, seen: Residual) -> dict[str, float]:
+        """Return the first start with what the residual of a record says about it."""
+        start = dict(self.starts[0])
+        if self.effect.guess is not None:
+            limits = {q.name: (q.low, q.high) for q in self.model.parameters}
+            for key, value in self.effect.guess(seen).items():
+                name = self.renamed[key]
+                start[name] = min(max(value, limits[name][0]), limits[name][1])
+        return start
+
+
+def described(name: str) -> tuple[Effect, ...]:
+    """Return every way in which the effect called `name` can enter a model.
+
+    Raises
+    ------
+    ModelError
+        If there is no such effect.
+    """
+    found = tuple(effect for effect in EFFECTS if effect.name == name)
+    if not found:
+        raise ModelError(f'there is no effect {name}; choose one of {", ".join(EFFECT_NAMES)}')
+    return found
+
+
+def applicable(model: Model, effect: Effect) -> bool:
+    """Return whether `effect` can be added to `model`."""
+    present = {block.name for block in model.blocks}
+    if effect.requires and not present & set(effect.requires):
+        return False
+    if effect.replaces and not present & set(effect.replaces):
+        return False
+    if not set(effect.absorbs) <= present or not set(effect.frees) <= set(model.held):
+        return False
+    return effect.block is None or effect.repeatable or effect.block.name not in present
+
+
+def add_effect(
+    model: Model,
+    effect: Effect,
+    input_amplitude: float = REFERENCE_INPUT,
+    displacement_amplitude: float = REFERENCE_DISPLACEMENT,
+) -> Candidate:
+    """Add `effect` to `model`.
+
+    Parameters
+    ----------
+    model : Model
+        The model that lacks something.
+    effect : Effect
+        One of `piezo_hysteresis.blocks.EFFECTS`.
+    input_amplitude, displacement_amplitude : float
+        Largest absolute input [V or N] and half the span of the displacement [m]; start values
+        and ranges are scaled to them.
+
+    Raises
+    ------
+    ModelError
+        If the model cannot have the effect, or has it already.
+    """
+    if not applicable(model, effect):
+        raise ModelError(
+            f'model {model.name} cannot take up {effect.name} ({effect.variant}): it has it '
+            f'already or lacks {", ".join((*effect.requires, *effect.replaces)) or "A0"}'
+        )
+    ratios = (input_amplitude / REFERENCE_INPUT, displacement_amplitude / REFERENCE_DISPLACEMENT)
+    name = f'{model.name}+{effect.name}'
+    if effect.block is None:
+        larger, renamed = model.free(*effect.frees), {each: each for each in effect.frees}
+        own = {q.name: q for block in model.blocks for q in block.parameters}
+    else:
+        larger, renamed = _with_block(model, effect, name, ratios)
+        own = {q.name: q for q in effect.block.parameters}
+    larger = Model(name, larger.blocks, larger.held)
+
+    def named(values: Mapping[str, float]) -> dict[str, float]:
+        return {renamed[k]: v * factor(own[k], ratios) for k, v in values.items()}
+
+    added = tuple(each for each in larger.free_names if each not in model.free_names)
+    defaults = larger.defaults()
+    base = {each: defaults[each] for each in added} | named(effect.start)
+    starts = tuple(base | named(each) for each in ({}, *effect.alternatives))
+    neutral = {renamed[k]: v for k, v in effect.neutral.items()}
+    return Candidate(effect, larger, added, neutral, starts, renamed)
+
+
+def _with_block(
+    model: Model, effect: Effect, name: str, ratios: tuple[float, float]
+) -> tuple[Model, dict[str, str]]:
+    assert effect.block is not None
+    block = suited(effect.block, ratios)
+    if effect.replaces:
+        present = [each.name for each in model.blocks]
+        replaced = next(each for each in effect.replaces if each in present)
+        larger = model.with_replaced(replaced, block, name)
+        for each in effect.absorbs:
+            larger = larger.without_block(each)
+    else:
+        larger = model.with_block(block, name, first=effect.first)
+    renamed = larger.names_of(block)
+    own = {q.name: q for q in effect.block.parameters}
+    held = {
+        renamed[k]: v * (factor(own[k], ratios) if own[k].follows_range else 1.0)
+        for k, v in effect.holds.items()
+    }
+    return larger.hold(**held), renamed
+
+
+def candidates(
+    model: Model,
+    input_amplitude: float = REFERENCE_INPUT,
+    displacement_amplitude: float = REFERENCE_DISPLACEMENT,
+) -> tuple[Candidate, ...]:
+    """Return `model` with every effect that it can take up, one at a time."""
+    return tuple(
+        add_effect(model, effect, input_amplitude, displacement_amplitude)
+        for effect in EFFECTS
+        if applicable(model, effect)
+    )
