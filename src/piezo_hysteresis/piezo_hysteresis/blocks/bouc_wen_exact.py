@@ -1,6 +1,6 @@
 """Bouc-Wen hysteresis by its exact step: the same model at every sampling rate."""
 
-from math import exp, expm1, log1p
+from math import expm1, log1p
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
@@ -15,7 +15,7 @@ def decay(h: float, a: float, kp: float, travel: float) -> float:
     z = kp * travel
     if abs(z) < 1e-8:
         return h * (1.0 - z) + a * travel * (1.0 - 0.5 * z)
-    return h * exp(-z) - a * expm1(-z) / kp
+    return h + (h - a / kp) * expm1(-z)
 
 
 @jit

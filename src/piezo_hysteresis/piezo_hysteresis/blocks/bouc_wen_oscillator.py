@@ -67,20 +67,27 @@ def rates(
 
 @jit
 def advance(
-    s: FloatArray, f0: float, f1: float, f2: float, h: float, p: FloatArray, height: float
-) -> None:
-    """Advance (x, v, z) by one Runge-Kutta step, forces at its start, middle and end."""
-    x, v, z = s[0], s[1], s[2]
-    a1, z1 = rates(x, v, z, f0, p, height)
+    x: float,
+    v: float,
+    z: float,
+    f: tuple[float, float, float],
+    h: float,
+    p: FloatArray,
+    height: float,
+) -> tuple[float, float, float]:
+    """Return (x, v, z) after one Runge-Kutta step, forces at its start, middle and end."""
+    a1, z1 = rates(x, v, z, f[0], p, height)
     v2 = v + 0.5 * h * a1
-    a2, z2 = rates(x + 0.5 * h * v, v2, z + 0.5 * h * z1, f1, p, height)
+    a2, z2 = rates(x + 0.5 * h * v, v2, z + 0.5 * h * z1, f[1], p, height)
     v3 = v + 0.5 * h * a2
-    a3, z3 = rates(x + 0.5 * h * v2, v3, z + 0.5 * h * z2, f1, p, height)
+    a3, z3 = rates(x + 0.5 * h * v2, v3, z + 0.5 * h * z2, f[1], p, height)
     v4 = v + h * a3
-    a4, z4 = rates(x + h * v3, v4, z + h * z3, f2, p, height)
-    s[0] = x + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
-    s[1] = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    s[2] = z + h / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
+    a4, z4 = rates(x + h * v3, v4, z + h * z3, f[2], p, height)
+    return (
+        x + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4),
+        v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+        z + h / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4),
+    )  # fmt: skip
 
 
 @jit
@@ -95,7 +102,7 @@ def kernel(
     finer = max(1, ceil(min(fastest * dt / (_PHASES // 2 * _STRIDE), 1000.0)))
     h = dt / (_PHASES // 2 * finer)
     forces = np.empty(_PHASES + 1)
-    past = state[3:]
+    position, velocity, z, past = state[0], state[1], state[2], state[3:]
     for k in range(x.size):
         for j in range(_TAPS - 1, 0, -1):
             past[j] = past[j - 1]
@@ -107,16 +114,16 @@ def kernel(
             slope, bend = f2 - f0, 2.0 * (f2 - 2.0 * f1 + f0)
             for q in range(finer):
                 t0, t1, t2 = q / finer, (q + 0.5) / finer, (q + 1.0) / finer
-                advance(
-                    state,
+                between = (
                     f0 + t0 * (slope - bend * (1.0 - t0)),
                     f0 + t1 * (slope - bend * (1.0 - t1)),
                     f0 + t2 * (slope - bend * (1.0 - t2)),
-                    h,
-                    p,
-                    height,
                 )
-        y[k] = state[0]
+                position, velocity, z = advance(position, velocity, z, between, h, p, height)
+        y[k] = position
+    state[0] = position
+    state[1] = velocity
+    state[2] = z
 
 
 def check(values: Mapping[str, float]) -> str:

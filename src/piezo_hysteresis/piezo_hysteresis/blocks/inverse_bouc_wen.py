@@ -51,8 +51,8 @@ def solve_step(
         new = d - error / slope if slope > 0.0 else 0.5 * (low + high)
         if side * (new - low) < 0.0 or side * (high - new) < 0.0:
             new = 0.5 * (low + high)
-        if abs(new - d) <= 1e-15 * abs(d):
-            return new
+        if abs(new - d) <= 1e-8 * abs(d):
+            return new  # quadratic: what is left is below rounding
         d = new
     return d
 

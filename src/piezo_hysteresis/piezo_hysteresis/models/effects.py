@@ -141,7 +141,8 @@ def add_effect(
     larger = Model(name, larger.blocks, larger.held)
 
     def named(values: Mapping[str, float]) -> dict[str, float]:
-        return {renamed[k]: v * factor(own[k], ratios) for k, v in values.items()}
+        scaled = {k: v * factor(own[k], ratios) for k, v in values.items()}
+        return {renamed[k]: min(max(v, own[k].low), own[k].high) for k, v in scaled.items()}
 
     added = tuple(each for each in larger.free_names if each not in model.free_names)
     defaults = larger.defaults()
