@@ -129,9 +129,11 @@ def derive(
     record = np.zeros(1, DERIVED_TYPE)
     d = record[0]
     d['step'] = dt / 2.0 ** np.arange(chain.LEVELS + 2)
-    d['fineness'] = 2.0**refine
     _derive_hysteresis(d, v, effects)
     fastest = _derive_modes(d, v)
+    memory = v['friction.coulomb'] > 0.0 or v['restoring.share'] > 0.0
+    d['memory'] = memory
+    d['stride'] = (0.05 if memory else 0.1) / 2.0**refine
     d['creep_gain'][: slow.KELVIN_VOIGT] = [v[f'creep.gain_{j}'] for j in (1, 2, 3)]
     d['creep_gain'][slow.KELVIN_VOIGT :] = v['log_creep.gain'] / 2.0
     times = [v[f'creep.time_{j}'] for j in (1, 2, 3)]
@@ -150,6 +152,7 @@ def derive(
     if v['amplifier.lag_time_constant'] > 0.0:
         longest = min(longest, 0.25 * v['amplifier.lag_time_constant'])
     d['level_moving'] = min(chain.LEVELS, _level(dt, longest) + refine)
+    d['level_corner'] = min(chain.LEVELS, d['level_moving'] + 4)
     return record
 
 
@@ -193,6 +196,7 @@ def _derive_modes(d: Any, v: Mapping[str, float]) -> float:
         d['omega'][i], d['share'][i] = omega, share * compliance
         d['active'][i] = omega > 0.0 and share != 0.0
         if omega > 0.0:
+            d['zeta'] = d['zeta'] if i else zeta
             d['propagator'][i] = propagators(omega, zeta, d['step'])
     d['static_share'] = 0.0 if modes[0][0] > 0.0 else modes[0][2] * compliance
     d['dynamic'] = bool(np.any(d['active']))

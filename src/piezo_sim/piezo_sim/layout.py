@@ -65,9 +65,12 @@ DERIVED_TYPE = np.dtype(
         ('propagator', 'f8', (structure.MODES, chain.LEVELS + 2, 4)),
         ('filter', 'f8', (chain.LEVELS + 1, 4)),
         ('step', 'f8', (chain.LEVELS + 2,)),
-        ('fineness', 'f8'),
+        ('stride', 'f8'),
+        ('memory', '?'),
+        ('zeta', 'f8'),
         ('level_still', 'i8'),
         ('level_moving', 'i8'),
+        ('level_corner', 'i8'),
         ('creep_gain', 'f8', (slow.ELEMENTS,)),
         ('creep_share', 'f8', (slow.ELEMENTS,)),
     ],
@@ -86,7 +89,7 @@ _PREISACH_TYPE = np.dtype(
 
 _SCALARS = (
     *('command', 'voltage', 'voltage_before', 'strain_voltage', 'rate', 'widening', 'loss'),
-    *('residue', 'eta', 'lost_motion', 'drive', 'drive_middle', 'drive_mean', 'bristle'),
+    *('residue', 'free', 'slope', 'eta', 'lost_motion', 'drive', 'drive_middle', 'drive_mean', 'bristle'),
     *('yielding', 'slow', 'drift', 'warmth', 'jump', 'filtered', 'seen_before', 'reading'),
 )
 

@@ -91,12 +91,36 @@ def _level(p: Any, d: Any, s: Any, position: int, end: int, moving: bool) -> int
     """Return the coarsest level that fits the grid, the signals and the events ahead."""
     level = int(d.level_moving if moving else d.level_still)
     if d.nonlinear:
-        quick = structure.quickness(p, d, s) * d.step[0] * d.fineness
-        while level < LEVELS and quick > 0.1 * (1 << level):
+        quick = structure.quickness(p, d, s) * d.step[0]
+        while level < LEVELS and quick > d.stride * (1 << level):
             level += 1
+        if d.memory:
+            ahead = structure.reversal(p, d, s, (s.tick + position / GRID) * d.step[0])
+            finest = min(LEVELS, level + 4)
+            while level < finest and 0.0 < ahead < d.step[level]:
+                level += 1
     while level < LEVELS:
         length = GRID >> level
         if position & (length - 1) == 0 and position + length <= end:
+            break
+        level += 1
+    return level
+
+
+@leaf
+def _before_corner(
+    p: Any, d: Any, s: Any, level: int, target: float, tau: float, slew: float
+) -> int:
+    """Return the level whose step ends before voltage or strain turn a corner.
+
+    A corner inside the finest step costs the square of that step.
+    """
+    ahead = amplifier.corner(s.voltage, target, tau, slew)
+    while level < d.level_corner and 0.0 < ahead < d.step[level]:
+        level += 1
+    while level < d.level_corner:
+        end = amplifier.toward(s.voltage, target, d.step[level], tau, slew)
+        if drive.kink(p, d, s, end) == end:
             break
         level += 1
     return level
@@ -117,9 +141,7 @@ def _advance(p: Any, d: Any, s: Any, first: int, last: int, target: float, dt: f
         moving = s.voltage != target
         level = _level(p, d, s, position, last, moving)
         if moving:
-            ahead = amplifier.corner(s.voltage, target, tau, slew)
-            while level < LEVELS and 0.0 < ahead < d.step[level]:
-                level += 1
+            level = _before_corner(p, d, s, level, target, tau, slew)
         h = d.step[level]
         w0 = wh = w1 = s.drive
         if moving:
@@ -142,7 +164,8 @@ def _advance(p: Any, d: Any, s: Any, first: int, last: int, target: float, dt: f
 @leaf
 def _interval(p: Any, d: Any, s: Any, history: Any, fault: int, dt: float) -> None:
     """Advance the plant over one sampling interval."""
-    drive.start_interval(p, s, dt)
+    if drive.start_interval(p, s, dt):
+        s.drive = drive.follow(p, d, s, s.voltage)
     size = history.size
     history[s.tick % size] = s.command
     delay = p.amplifier.delay + p.amplifier.delay_per_volt * abs(s.command)

@@ -54,8 +54,12 @@ EFFECTS = (
 
 
 @leaf
-def start_interval(p: Any, s: Any, dt: float) -> None:
-    """Update what is constant over an interval of `dt` [s]: felt rate and gain."""
+def start_interval(p: Any, s: Any, dt: float) -> bool:
+    """Update what is constant over an interval of `dt` [s]: felt rate and gain.
+
+    Returns whether the drive has to be worked out anew.
+    """
+    before = s.widening + s.loss + s.residue
     if p.rate.widening > 0.0:
         rate = abs(s.voltage - s.voltage_before) / dt
         s.rate += (rate - s.rate) * -math.expm1(-dt / p.rate.memory)
@@ -68,6 +72,25 @@ def start_interval(p: Any, s: Any, dt: float) -> None:
         s.loss += (p.depolarisation.loss - s.loss) * share
     if s.residue != 0.0:
         s.residue = s.residue * math.exp(-dt / 5e-3) if abs(s.residue) > 1e-18 else 0.0
+    return bool(s.widening + s.loss + s.residue != before)
+
+
+@leaf
+def kink(p: Any, d: Any, s: Any, end: float) -> float:
+    """Return the first voltage on the way to `end` [V] at which the slope of the strain jumps."""
+    if d.use_play:
+        end = play.kink(s.play, s.strain_voltage, end, s.widening, d)
+    if d.use_preisach:
+        f = s.widening
+        end = preisach.kink(s.preisach, s.strain_voltage / f, end / f) * f
+    if p.backlash.half_width > 0.0 and s.slope > 0.0:
+        # Where the lost motion ends is only estimated, the better the nearer it is.
+        sign = 1.0 if end > s.strain_voltage else -1.0
+        gap = sign * (s.lost_motion - s.free) + p.backlash.half_width
+        ahead = gap / s.slope
+        if gap > 1e-6 * p.backlash.half_width and ahead < sign * (end - s.strain_voltage):
+            end = s.strain_voltage + sign * ahead
+    return end
 
 
 @leaf
@@ -83,9 +106,11 @@ def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
     if d.use_preisach:
         hysteretic = preisach.move(s.preisach, voltage / s.widening, p.preisach)
         strain += (p.preisach.linear_weight - 1.0) * voltage + hysteretic * s.widening
-    s.strain_voltage = voltage
     strain += p.electrostriction.coefficient * voltage * voltage
     free = p.actuator.gain * (1.0 - s.loss) * strain
+    if voltage != s.strain_voltage:
+        s.slope = (free - s.free) / (voltage - s.strain_voltage)
+    s.free, s.strain_voltage = free, voltage
     width = p.backlash.half_width
     s.lost_motion = min(max(s.lost_motion, free - width), free + width)
     return float(s.lost_motion + s.residue)

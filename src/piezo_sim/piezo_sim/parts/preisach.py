@@ -26,8 +26,8 @@ PARAMETERS = (
     Parameter('preisach.linear_weight', '1', 0.75, 0.0, 2.0, 'Share without hysteresis.'),
     Parameter('preisach.weight', '1', 0.45, 0.0, 5.0, 'Weight of the hysteretic share.'),
     Parameter('preisach.scale', 'V', 0.6, 1e-6, 1e4, 'Typical coercive voltage.'),
-    Parameter('preisach.asymmetry', '1/V', 0.1, -10.0, 10.0, 'Change of the density with bias.'),
-    Parameter('preisach.curvature', '1/V^2', 0.15, 0.0, 100.0, 'Fall of the density with bias.'),
+    Parameter('preisach.asymmetry', '1/V', 0.05, -10.0, 10.0, 'Change of the density with bias.'),
+    Parameter('preisach.curvature', '1/V^2', 0.02, 0.0, 100.0, 'Fall of the density with bias.'),
 )
 
 EFFECTS = (Effect('preisach', 'Hysteresis with nonlocal memory (Preisach).'),)
@@ -50,6 +50,18 @@ def _branch(s: Any, voltage: float, p: Any) -> float:
     if voltage >= last:
         return float(s.level[s.depth - 1]) + _everett(voltage, last, p)
     return float(s.level[s.depth - 1]) - _everett(last, voltage, p)
+
+
+@leaf
+def kink(s: Any, start: float, end: float) -> float:
+    """Return the first voltage between `start` and `end` [V] at which the slope jumps, or `end`."""
+    if s.depth >= 2:
+        point = s.turn[s.depth - 2]
+    elif s.depth == 1:
+        point = -s.turn[0]
+    else:
+        return end
+    return float(point) if min(start, end) < point < max(start, end) else end
 
 
 @leaf

@@ -128,6 +128,18 @@ def _force(
 
 
 @leaf
+def reversal(p: Any, d: Any, s: Any, time: float) -> float:
+    """Return the time [s] until the first mode turns back, if it went on as it does; 0 if not.
+
+    Friction and hysteretic restoring forces have a corner there.
+    """
+    v, omega = s.v[0], d.omega[0]
+    a = omega * omega * (d.share[0] * s.drive - s.x[0]) - 2.0 * d.zeta * omega * v
+    a += _force(p, omega * omega, s.x[0], v, s.bristle, s.yielding, time)
+    return -v / a if v * a < 0.0 else 0.0
+
+
+@leaf
 def _bristle_rate(p: Any, v: float, bristle: float) -> float:
     f = p.friction
     if f.coulomb == 0.0:
