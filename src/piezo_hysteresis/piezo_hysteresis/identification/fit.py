@@ -1,0 +1,187 @@
+"""Output error: the parameters whose free run comes closest to all records at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Slot
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
+from piezo_hysteresis.identification.result import FitResult, result_of
+from piezo_hysteresis.identification.solver import Progress, solve
+from piezo_hysteresis.identification.targets import Target, targets_of
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.records import Record
+
+
+def fit(
+    model: Model,
+    records: Sequence[Record],
+    start: Mapping[str, float] | None = None,
+    *,
+    free: Sequence[str] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    weights: str | Mapping[str, float] = 'equal',
+    folded: bool = True,
+    stride: int = 1,
+    sampling_offset: bool | float = False,
+    max_evaluations: int = 100,
+    tolerance: float = 1e-9,
+    workers: int = 1,
+    targets: Sequence[Target] | None = None,
+    progress: Progress | None = None,
+) -> FitResult:
+    """Fit a chain to records by free-run least squares from one start.
+
+    Parameters
+    ----------
+    model : Model
+        Any chain; held parameters stay.
+    records : sequence of Record
+        Fitted jointly. Ignored where `targets` are given.
+    start : mapping of str to float, optional
+        Start values; parameters left out start at the default of the model.
+    free : sequence of str, optional
+        What to fit; all free parameters of the model where not given.
+    bounds : mapping of str to (low, high), optional
+        Narrower bounds than those of the model.
+    priors : mapping of str to Prior, optional
+        Knowledge besides the data; needs folded records, whose noise says how much it counts.
+    weights : str or mapping of str to float
+        ``equal``: every metre counts the same. ``relative``: errors relative to the motion of
+        the record. Or a factor by record name.
+    folded : bool
+        Compare mean periods where records repeat themselves; a model with a slow block (creep,
+        drift) has no steady period and always sees whole records.
+    stride : int
+        Compare every `stride`-th sample of whole records.
+    sampling_offset : bool or float
+        True to fit when the displacement was sampled, within one sample; or that time [s].
+    max_evaluations, tolerance
+        See `solver.solve`.
+    workers : int
+        Threads; the result is the same for any number.
+    targets : sequence of Target, optional
+        Prepared by `targets_of`, to spare the folding where many models see the same records.
+    progress : callable, optional
+        Told ``(fraction, words)``.
+
+    Returns
+    -------
+    FitResult
+        Also where the fit did not converge; look at `converged` and `warnings`.
+
+    Raises
+    ------
+    IdentificationError
+        If there is nothing to fit, or a name is unknown.
+    """
+    seen = _targets(model, records, targets, folded, stride)
+    names, values = _unknowns(model, start, free, sampling_offset)
+    low, high = _box(model, names, bounds, min(t.dt for t in seen))
+    objective = Objective(
+        model,
+        seen,
+        names,
+        values,
+        weights=target_weights(seen, weights),
+        priors=priors,
+        noise=_pooled_noise(seen) if priors else 0.0,
+        workers=workers,
+    )
+    begin = np.array([values[name] for name in names])
+    solution = solve(
+        objective,
+        begin,
+        low,
+        high,
+        max_evaluations=max_evaluations,
+        tolerance=tolerance,
+        progress=progress,
+    )
+    return result_of(objective, solution)
+
+
+def _targets(
+    model: Model,
+    records: Sequence[Record],
+    targets: Sequence[Target] | None,
+    folded: bool,
+    stride: int,
+) -> list[Target]:
+    if targets is None:
+        slow = any(block.slot == Slot.SLOW for block in model.blocks)
+        targets = targets_of(records, folded=folded and not slow, stride=stride)
+    if not targets:
+        raise IdentificationError('there is no record to fit; give at least one')
+    return list(targets)
+
+
+def _unknowns(
+    model: Model,
+    start: Mapping[str, float] | None,
+    free: Sequence[str] | None,
+    sampling_offset: bool | float,
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    values = {**model.defaults(), **(start or {})}
+    chosen = tuple(model.free_names if free is None else free)
+    unknown = sorted({*chosen, *values} - {*model.parameter_names, SAMPLING_OFFSET})
+    if unknown:
+        raise IdentificationError(
+            f'model {model.name} has no parameter {", ".join(unknown)}; it has '
+            f'{", ".join(model.parameter_names)}'
+        )
+    if sampling_offset is True:
+        if SAMPLING_OFFSET not in chosen:
+            chosen = (*chosen, SAMPLING_OFFSET)
+        values.setdefault(SAMPLING_OFFSET, 0.0)
+    elif sampling_offset is not False:
+        values[SAMPLING_OFFSET] = float(sampling_offset)
+    if not chosen:
+        raise IdentificationError(f'model {model.name} has no free parameter; name some in free')
+    return chosen, values
+
+
+def _box(
+    model: Model,
+    names: Sequence[str],
+    bounds: Mapping[str, tuple[float, float]] | None,
+    dt: float,
+) -> tuple[FloatArray, FloatArray]:
+    limits = {q.name: (q.low, q.high) for q in model.parameters}
+    limits[SAMPLING_OFFSET] = (-dt, dt)
+    for name, (low, high) in (bounds or {}).items():
+        if name in limits:
+            limits[name] = (max(low, limits[name][0]), min(high, limits[name][1]))
+    rows = np.array([limits[name] for name in names])
+    return rows[:, 0], rows[:, 1]
+
+
+def target_weights(targets: Sequence[Target], weights: str | Mapping[str, float]) -> list[float]:
+    """Return the factor of each target's residual.
+
+    ``relative`` divides by the motion of the record, but a record that hardly moves counts at most
+    ten times as much as the one that moves most.
+    """
+    if not isinstance(weights, str):
+        return [float(weights.get(t.name, 1.0)) for t in targets]
+    if weights == 'equal':
+        return [1.0] * len(targets)
+    if weights == 'relative':
+        motion = np.array([float(np.std(t.measured)) for t in targets])
+        largest = float(motion.max()) or 1.0
+        return [float(largest / m) for m in np.maximum(motion, 0.1 * largest)]
+    raise IdentificationError(f'weights {weights!r} are unknown; choose equal or relative')
+
+
+def _pooled_noise(targets: Sequence[Target]) -> float:
+    known = [t.noise for t in targets if np.isfinite(t.noise)]
+    if not known:
+        raise IdentificationError(
+            'priors need the noise of the records; record at least two periods, or leave them out'
+        )
+    return float(np.sqrt(np.mean(np.square(known))))

@@ -1,0 +1,107 @@
+"""The unknowns in which a chain is linear: found by test, solved exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.solver import triangle
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model
+
+
+def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tuple[str, ...]:
+    """Return the largest leading set of unknowns in which the response is jointly affine.
+
+    Found by superposition on a short test signal, so that it holds for any chain: ``A1, A,
+    offset`` of a Bouc-Wen chain (h is homogeneous in A > 0), every weight of a play bank.
+
+    Parameters
+    ----------
+    model : Model
+        Any chain, its defaults and scales fit for the data.
+    free : sequence of str
+        Unknowns to choose from.
+    amplitude : float
+        Amplitude of the test signal [V].
+    """
+    k = np.arange(240)
+    voltage = amplitude * (np.sin(0.19 * k) + 0.35 * np.sin(0.057 * k + 1.0)) / 1.35
+    scales = {q.name: q for q in model.parameters}
+    found: tuple[str, ...] = ()
+    for name in free:
+        q = scales.get(name)
+        if q is None or q.high - q.low < 4 * q.scale:
+            continue
+        if _affine(model, (*found, name), voltage):
+            found = (*found, name)
+    return found
+
+
+def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
+    scales = {q.name: q.scale for q in model.parameters}
+    base = {**model.defaults(), **dict.fromkeys(names, 0.0)}
+    rng = np.random.default_rng(0)
+    one = {**base, **{n: float(rng.uniform(0.5, 1.5)) * scales[n] for n in names}}
+    two = {**base, **{n: float(rng.uniform(0.5, 1.5)) * scales[n] for n in names}}
+    both = {**base, **{n: one[n] + two[n] for n in names}}
+
+    def run(values: Mapping[str, float]) -> FloatArray:
+        packed = model.pack(values, checked=False)
+        with np.errstate(over='ignore', invalid='ignore'):
+            return model.respond(voltage, packed, 1e-3, frequency=10.0)
+
+    zero, first, second, total = run(base), run(one), run(two), run(both)
+    scale = float(np.max(np.abs(first - zero), initial=0.0))
+    with np.errstate(over='ignore', invalid='ignore'):
+        gap = float(np.max(np.abs(first + second - total - zero)))
+    return bool(np.isfinite(gap) and gap <= 1e-7 * scale)
+
+
+def solve_linear(
+    model: Model,
+    targets: Sequence[Target],
+    values: Mapping[str, float],
+    names: Sequence[str],
+) -> dict[str, float]:
+    """Return `values` with the unknowns `names` at their best.
+
+    Parameters
+    ----------
+    model : Model
+        A chain that is affine in `names`.
+    targets : sequence of Target
+        What to compare with.
+    values : mapping of str to float
+        The other parameters.
+    names : sequence of str
+        From `linear_parameters`.
+    """
+    base = {**values, **dict.fromkeys(names, 0.0)}
+    packed = model.pack(base, checked=False)
+    p = len(names)
+    blocks = []
+    with np.errstate(over='ignore', invalid='ignore'):
+        for target in targets:
+            y, rows = sensitivities(
+                model, packed, names, target.voltage, target.dt, target.frequency
+            )
+            part = np.vstack(
+                [rows[:, target.first :: target.stride], target.measured - target.pick(y)]
+            )
+            if not np.all(np.isfinite(part)):
+                return dict(values)
+            blocks.append(triangle(target.weight * part.T))
+    full = triangle(np.vstack([*blocks, np.zeros((p + 1, p + 1))]))
+    norms = np.linalg.norm(full[:p, :p], axis=0)
+    norms[norms == 0.0] = 1.0
+    best = np.linalg.lstsq(full[:p, :p] / norms, full[:p, p], rcond=1e-7)[0] / norms
+    limits = {q.name: (q.low, q.high) for q in model.parameters}
+    best = np.array(
+        [np.clip(value, *limits[name]) for name, value in zip(names, best, strict=True)]
+    )
+    solved = dict(zip(names, (float(v) for v in best), strict=True))
+    return {**values, **solved}

@@ -1,0 +1,163 @@
+"""A fitted chain and all that is known about the fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
+from piezo_hysteresis.identification.solver import Solution
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.uncertainty import (
+    Covariance,
+    covariance,
+    cramer_rao,
+    inflation,
+    warnings_of,
+)
+from piezo_hysteresis.models import Model
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted chain and all that is known about the fit.
+
+    Attributes
+    ----------
+    model : Model
+        The chain.
+    values : dict of str to float
+        Every parameter of the chain, fixed ones included.
+    free : tuple of str
+        Names of what was fitted; may hold ``sampling_offset``.
+    sampling_offset : float
+        By how much later than our convention the displacement was sampled [s]; a nuisance.
+    covariance : Covariance
+        Standard deviations, correlations, condition number, directions not determined.
+    cost : float
+        Half the weighted sum of squares [m^2].
+    residuals : dict of str to ndarray
+        Measured minus simulated displacement by record [m]; of the mean period where folded.
+    targets : tuple of Target
+        What was compared with.
+    converged : bool
+        Whether a tolerance was met.
+    message : str
+        Why the solver stopped.
+    warnings : tuple of str
+        What the records do not tell, in words.
+    history : tuple of float
+        Rms of the error over all samples after every accepted step [m].
+    evaluations : int
+        Simulations of the data set.
+    """
+
+    model: Model
+    values: dict[str, float]
+    free: tuple[str, ...]
+    sampling_offset: float
+    covariance: Covariance
+    cost: float
+    residuals: dict[str, FloatArray]
+    targets: tuple[Target, ...]
+    converged: bool
+    message: str
+    warnings: tuple[str, ...]
+    history: tuple[float, ...]
+    evaluations: int
+    objective: Objective
+    solution: Solution
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation of every fitted unknown, in its unit."""
+        return dict(zip(self.free, (float(s) for s in self.covariance.std), strict=True))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix in the order of `free`, shape (p, p)."""
+        return self.covariance.correlation
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the column-scaled Jacobian."""
+        return self.covariance.condition
+
+    @property
+    def x(self) -> FloatArray:
+        """Fitted unknowns in the order of `free`, shape (p,)."""
+        return self.solution.x
+
+    @cached_property
+    def rms(self) -> float:
+        """Rms of the error over all compared samples [m]."""
+        return sqrt(
+            sum(float(e @ e) for e in self.residuals.values())
+            / sum(e.size for e in self.residuals.values())
+        )
+
+    @cached_property
+    def noise(self) -> float:
+        """Noise of one sample [m] from period to period, pooled; NaN where nothing was folded."""
+        known = [t for t in self.targets if t.repeats > 1]
+        if not known:
+            return float('nan')
+        freedom = [(t.repeats - 1) * t.period for t in known]
+        return sqrt(
+            sum(t.noise**2 * f for t, f in zip(known, freedom, strict=True)) / sum(freedom)
+        )
+
+    @cached_property
+    def jacobian(self) -> dict[str, FloatArray]:
+        """Derivatives of the simulated samples by record, shapes (m, p) [m per unit]."""
+        return {
+            target.name: np.ascontiguousarray(self.objective.jacobian(target, self.x)[1].T)
+            for target in self.targets
+        }
+
+    def cramer_rao(self, noise: float) -> dict[str, float]:
+        """Return the smallest standard deviations that white noise of rms `noise` [m] allows."""
+        bound = cramer_rao(self.solution.factor, noise)
+        return dict(zip(self.free, (float(b) for b in bound), strict=True))
+
+
+def result_of(objective: Objective, solution: Solution) -> FitResult:
+    """Say all that is known about the fit that ended at `solution`."""
+    p = len(objective.free)
+    names = objective.free
+    possible = np.isfinite(solution.cost)
+    residuals = objective.residuals(solution.x) if possible else []
+    freedom = max(sum(e.size for e in residuals) - p, 1)
+    variance = 2 * solution.cost / freedom * inflation(residuals) if possible else float('inf')
+    spread = covariance(solution.factor, variance, names)
+    values = objective.values(solution.x)
+    late = values.pop(SAMPLING_OFFSET, 0.0)
+    said = list(warnings_of(spread, names, solution.x))
+    said += [
+        f'{name} ended on its bound {value:.4g}: the records want it beyond what is possible.'
+        for name, value, on in zip(names, solution.x, solution.at_bound, strict=True)
+        if on
+    ]
+    if not solution.converged:
+        said.insert(0, f'the fit did not converge ({solution.message}): trust no digit of it.')
+    return FitResult(
+        model=objective.model,
+        values=values,
+        free=names,
+        sampling_offset=late,
+        covariance=spread,
+        cost=solution.cost,
+        residuals={t.name: e for t, e in zip(objective.targets, residuals, strict=False)},
+        targets=objective.targets,
+        converged=solution.converged,
+        message=solution.message,
+        warnings=tuple(said),
+        history=tuple(sqrt(2 * cost / (freedom + p)) for cost in solution.history),
+        evaluations=solution.evaluations,
+        objective=objective,
+        solution=solution,
+    )

@@ -1,0 +1,126 @@
+"""Response of a chain and its derivatives with respect to chosen parameters, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Parameter
+from piezo_hysteresis.identification.tangents import TANGENTS
+from piezo_hysteresis.models import Model
+
+_STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
+
+
+def sensitivities(
+    model: Model,
+    packed: FloatArray,
+    free: Sequence[str],
+    voltage: FloatArray,
+    dt: float,
+    frequency: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the free run from rest and its derivatives.
+
+    Blocks with a compiled tangent kernel are differentiated exactly, the others by differences of
+    that block alone, so that a chain costs little more than its slowest blocks.
+
+    Parameters
+    ----------
+    model : Model
+        Any chain.
+    packed : ndarray, shape (p,)
+        Parameters as `Model.pack` orders them.
+    free : sequence of str
+        Parameters to differentiate by.
+    voltage : ndarray, shape (n,)
+        Input from rest [V].
+    dt, frequency : float
+        Sampling interval [s] and fundamental frequency of the drive [Hz].
+
+    Returns
+    -------
+    displacement : ndarray, shape (n,)
+        Free run [m].
+    rows : ndarray, shape (len(free), n)
+        Row j is the derivative by ``free[j]`` [m per unit of the parameter].
+    """
+    signal = np.ascontiguousarray(voltage, dtype=np.float64)
+    tangent = np.empty((0, signal.size))
+    columns: list[str] = []
+    first = 0
+    for block in model.blocks:
+        last = first + len(block.parameters)
+        own = model.parameters[first:last]
+        signal, tangent = _through(
+            block, own, packed[first:last], set(free), signal, tangent, dt, frequency
+        )
+        columns += [each.name for each in own if each.name in free]
+        first = last
+    order = [columns.index(name) for name in free]
+    return signal, tangent if order == list(range(len(order))) else tangent[order]
+
+
+def _through(
+    block: Block,
+    own: Sequence[Parameter],
+    p: FloatArray,
+    free: set[str],
+    signal: FloatArray,
+    tangent: FloatArray,
+    dt: float,
+    frequency: float,
+) -> tuple[FloatArray, FloatArray]:
+    wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
+    incoming = tangent.shape[0]
+    if block.name in TANGENTS and (wanted or incoming):
+        output = np.empty_like(signal)
+        every = np.empty((incoming + len(own), signal.size))
+        TANGENTS[block.name](signal, output, tangent, every, p, dt)
+        if len(wanted) == len(own):
+            return output, every
+        kept = [*range(incoming), *(incoming + j for j in wanted)]
+        return output, every[kept]
+    return _differenced(block, own, p, wanted, signal, tangent, dt, frequency)
+
+
+def _differenced(
+    block: Block,
+    own: Sequence[Parameter],
+    p: FloatArray,
+    wanted: Sequence[int],
+    signal: FloatArray,
+    tangent: FloatArray,
+    dt: float,
+    frequency: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Carry tangents through a block by differences of the block alone."""
+
+    def run(x: FloatArray, values: FloatArray) -> FloatArray:
+        return block.respond(x, values, dt, state=block.initial_state(dt), frequency=frequency)
+
+    output = run(signal, p)
+    incoming = tangent.shape[0]
+    result = np.empty((incoming + len(wanted), signal.size))
+    span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
+    for j in range(incoming):
+        column = tangent[j]
+        size = float(np.max(np.abs(column), initial=0.0))
+        if size == 0.0:
+            result[j] = 0.0
+            continue
+        step = _STEP * span / size
+        result[j] = (run(signal + step * column, p) - output) / step
+    for place, j in enumerate(wanted, start=incoming):
+        step = _parameter_step(own[j], p[j])
+        moved = p.copy()
+        moved[j] += step
+        result[place] = (run(signal, moved) - output) / (moved[j] - p[j])
+    return output, result
+
+
+def _parameter_step(parameter: Parameter, value: float) -> float:
+    step = _STEP * max(abs(value), 0.1 * parameter.scale)
+    return -step if value + step > parameter.high else step

@@ -1,0 +1,204 @@
+"""Bounded nonlinear least squares that sees the data only through a small triangular factor.
+
+Levenberg-Marquardt on ``R`` of the QR factorisation of [J | r]: one step costs p^3 whatever the
+number of samples, so that 200 000-sample problems pay for simulation only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+from typing import Protocol
+
+import numpy as np
+
+from piezo_hysteresis.arrays import BoolArray, FloatArray
+
+Progress = Callable[[float, str], None]
+
+
+class Problem(Protocol):
+    """What the solver asks of a least-squares problem with p unknowns."""
+
+    def cost(self, x: FloatArray) -> float:
+        """Half the sum of squares at `x`, shape (p,); inf where `x` is impossible."""
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """R, shape (p, p), Q'r, shape (p,), and the cost at `x`."""
+
+
+def triangle(rows: FloatArray) -> FloatArray:
+    """Return R of the QR factorisation of `rows`, shape (m, p); shape (min(m, p), p)."""
+    return np.asarray(np.linalg.qr(rows, mode='r'), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where the solver stopped.
+
+    Attributes
+    ----------
+    x : ndarray, shape (p,)
+        Best point.
+    factor : ndarray, shape (p, p)
+        R of the Jacobian at `x`: ``J'J = R'R``.
+    cost : float
+        Half the sum of squares.
+    converged : bool
+        Whether a tolerance was met, not a limit.
+    message : str
+        Why it stopped, in words.
+    evaluations : int
+        Simulations of the whole data set, linearisations included.
+    history : tuple of float
+        Cost after each accepted step, the start first.
+    at_bound : tuple of bool
+        Which unknowns ended on a bound.
+    """
+
+    x: FloatArray
+    factor: FloatArray
+    cost: float
+    converged: bool
+    message: str
+    evaluations: int
+    history: tuple[float, ...]
+    at_bound: tuple[bool, ...]
+
+
+def bounded_step(
+    factor: FloatArray, rhs: FloatArray, damping: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Minimise ``|R s + q|^2 + |damping s|^2`` over ``low <= s <= high``, to good approximation.
+
+    Unknowns that would leave are put on their bound one round after another and the others solved
+    anew, so that a bound does not spoil the step of the rest.
+    """
+    p = rhs.size
+    step = np.zeros(p)
+    free = np.ones(p, dtype=bool)
+    # one that stands on a bound and would be pushed out stays there
+    downhill = -(factor.T @ rhs)
+    free &= ~((low >= 0) & (downhill < 0)) & ~((high <= 0) & (downhill > 0))
+    for _ in range(p):
+        if not np.any(free):
+            break
+        known = rhs + factor[:, ~free] @ step[~free]
+        stacked = np.vstack([factor[:, free], np.diag(damping[free])])
+        target = np.concatenate([-known, np.zeros(int(free.sum()))])
+        step[free] = np.linalg.lstsq(stacked, target, rcond=None)[0]
+        out: BoolArray = free & ((step < low) | (step > high))
+        if not np.any(out):
+            break
+        step[out] = np.clip(step[out], low[out], high[out])
+        free &= ~out
+    return np.clip(step, low, high)
+
+
+def solve(
+    problem: Problem,
+    start: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    *,
+    max_evaluations: int = 100,
+    tolerance: float = 1e-9,
+    progress: Progress | None = None,
+) -> Solution:
+    """Minimise `problem` from `start` inside the box.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to minimise.
+    start, low, high : ndarray, shape (p,)
+        Start and bounds; the start is clipped into them.
+    max_evaluations : int
+        Limit of simulations and linearisations.
+    tolerance : float
+        Relative decrease of the cost, and relative size of the step, that count as none.
+    progress : callable, optional
+        Told ``(fraction of the evaluations used, cost in words)``.
+
+    Returns
+    -------
+    Solution
+        Never worse than the start; ``converged`` and ``message`` say what happened.
+    """
+    x = np.clip(np.asarray(start, dtype=float), low, high)
+    factor, rhs, cost = problem.linearise(x)
+    if not isfinite(cost):
+        return _done(
+            x, factor, cost, False, 'the start itself is impossible', 1, [cost], low, high
+        )
+    history = [cost]
+    norms = _norms(factor)
+    damping, growth, used = 1e-3, 2.0, 1
+    message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
+    while used < max_evaluations:
+        if _stationary(x, factor, rhs, cost, low, high):
+            message, converged = 'the gradient vanishes', True
+            break
+        step = bounded_step(factor, rhs, np.sqrt(damping) * norms, low - x, high - x)
+        moved = factor @ step
+        predicted = -float(rhs @ moved) - 0.5 * float(moved @ moved)
+        small = float(np.linalg.norm(norms * step)) <= tolerance * float(np.linalg.norm(norms * x))
+        if predicted <= tolerance * cost or small:
+            message, converged = 'no step lowers the error any further', True
+            break
+        trial = np.clip(x + step, low, high)
+        new = problem.cost(trial)
+        used += 1
+        ratio = (cost - new) / predicted if isfinite(new) else -1.0
+        if ratio <= 1e-4:
+            damping, growth = damping * growth, growth * 2.0
+            if damping > 1e12:
+                message = 'stuck: no step lowers the error although the gradient does not vanish'
+                break
+            continue
+        damping = max(damping * max(1 / 3, 1 - (2 * ratio - 1) ** 3), 1e-15)
+        growth = 2.0
+        x = trial
+        factor, rhs, cost = problem.linearise(x)
+        used += 1
+        history.append(cost)
+        norms = np.maximum(norms, _norms(factor))
+        if progress is not None:
+            progress(used / max_evaluations, f'sum of squares {2 * cost:.4g}')
+    return _done(x, factor, cost, converged, message, used, history, low, high)
+
+
+def _norms(factor: FloatArray) -> FloatArray:
+    norms = np.linalg.norm(factor, axis=0)
+    return np.where(norms > 0, norms, 1.0)
+
+
+def _stationary(
+    x: FloatArray,
+    factor: FloatArray,
+    rhs: FloatArray,
+    cost: float,
+    low: FloatArray,
+    high: FloatArray,
+) -> bool:
+    """Whether the residual is orthogonal to every column that could still move."""
+    gradient = factor.T @ rhs
+    blocked = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
+    angle = np.abs(gradient) / (_norms(factor) * np.sqrt(2 * cost) + 1e-300)
+    return bool(np.all(blocked | (angle < 1e-9)))
+
+
+def _done(
+    x: FloatArray,
+    factor: FloatArray,
+    cost: float,
+    converged: bool,
+    message: str,
+    used: int,
+    history: list[float],
+    low: FloatArray,
+    high: FloatArray,
+) -> Solution:
+    on = tuple(bool(each) for each in (x <= low) | (x >= high))
+    return Solution(x, factor, cost, converged, message, used, tuple(history), on)

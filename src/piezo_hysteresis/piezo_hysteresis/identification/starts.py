@@ -1,0 +1,165 @@
+"""Start values from the data: scan what is nonlinear, solve exactly for what is linear."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.linear import linear_parameters, solve_linear
+from piezo_hysteresis.identification.objective import Objective
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model
+
+_SCAN_RECORDS = 4
+_SCAN_SAMPLES = 20_000  # of a whole record; more does not find another basin
+
+
+@dataclass(frozen=True)
+class Start:
+    """One start and the error it leaves.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Every parameter of the chain.
+    cost : float
+        Sum of squares over the scanned records [m^2].
+    """
+
+    values: dict[str, float]
+    cost: float
+
+
+def starts(
+    model: Model,
+    targets: Sequence[Target],
+    free: Sequence[str],
+    given: Mapping[str, float] | None = None,
+    *,
+    count: int = 8,
+) -> list[Start]:
+    """Return up to `count` start points that lie in different basins, the best first.
+
+    Resonance and memory are scanned together first, because a wrong one hides the other; then the
+    shape of the loop (beta, gamma) in units of the amplitude, and the resonance once more. Gains,
+    weights and offset are solved exactly at each point.
+
+    Parameters
+    ----------
+    model : Model
+        Any chain, its defaults fit for the data (`models.for_range`).
+    targets : sequence of Target
+        Prepared records.
+    free : sequence of str
+        Unknowns.
+    given : mapping of str to float, optional
+        Values that are not scanned; a start that holds all unknowns is returned as it is, first.
+    count : int
+        How many.
+    """
+    seen = _representative(targets)
+    amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)
+    known = dict(given or {})
+    linear = tuple(n for n in linear_parameters(model, free, amplitude) if n not in known)
+    base = {**model.defaults(), **known}
+    scanned = [name for name in free if name not in known and name not in linear]
+
+    def judged(values: Mapping[str, float]) -> Start:
+        solved = solve_linear(model, seen, values, linear)
+        x = np.array([solved[name] for name in free])
+        return Start(solved, Objective(model, seen, free, solved).cost(x))
+
+    pool = [judged(base)]
+    for kept, moves in _rounds(model, scanned, amplitude, seen):
+        for start in _distinct(pool, scanned, kept):
+            pool += [judged({**start.values, **move}) for move in moves]
+    return _distinct(pool, scanned, count)
+
+
+def _representative(targets: Sequence[Target]) -> list[Target]:
+    """Few records, spread over the frequencies, long ones cut."""
+    order = sorted(targets, key=lambda t: (t.frequency, t.name))
+    if len(order) > _SCAN_RECORDS:
+        places = np.unique(np.linspace(0, len(order) - 1, _SCAN_RECORDS).round().astype(int))
+        order = [order[place] for place in places]
+    return [_cut(target) for target in order]
+
+
+def _cut(target: Target) -> Target:
+    if target.repeats > 1 or target.voltage.size <= _SCAN_SAMPLES:
+        return target
+    end = max(_SCAN_SAMPLES, target.first + 2 * target.stride)
+    kept = len(range(target.first, min(end, target.voltage.size), target.stride))
+    return replace(target, voltage=target.voltage[:end], measured=target.measured[:kept])
+
+
+def _rounds(
+    model: Model, scanned: Sequence[str], amplitude: float, targets: Sequence[Target]
+) -> Iterator[tuple[int, list[dict[str, float]]]]:
+    """Yield the rounds of the scan: how many points go on, and where each of them is moved."""
+    limits = {q.name: (q.low, q.high) for q in model.parameters}
+
+    def allowed(moves: list[dict[str, float]]) -> list[dict[str, float]]:
+        return [
+            move
+            for move in moves
+            if all(limits[name][0] <= value <= limits[name][1] for name, value in move.items())
+        ]
+
+    light = 'natural_frequency' in scanned
+    damping = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0) if 'damping_ratio' in scanned else ()
+    memory = np.array([0.1, 0.3, 1.0, 3.0, 10.0]) / amplitude if 'beta' in scanned else ()
+    if light:
+        grid = _frequencies(targets)
+        yield (
+            1,
+            allowed(_grid(natural_frequency=grid, damping_ratio=damping[2:3], beta=memory[1:4])),
+        )
+        yield 4, allowed(_grid(damping_ratio=damping))
+    if 'beta' in scanned:
+        moves = _grid(beta=memory, gamma=(-0.5, 0.0, 0.5) if 'gamma' in scanned else ())
+        for move in moves:
+            if 'gamma' in move:
+                move['gamma'] *= move['beta']
+        yield 4, allowed(moves)
+    if light:
+        yield 1, allowed(_grid(natural_frequency=grid, damping_ratio=damping[1:4:2]))
+
+
+def _grid(**axes: Sequence[float] | FloatArray) -> list[dict[str, float]]:
+    used = {name: axis for name, axis in axes.items() if len(axis)}
+    return [
+        dict(zip(used, (float(v) for v in point), strict=True))
+        for point in product(*used.values())
+    ]
+
+
+def _frequencies(targets: Sequence[Target]) -> FloatArray:
+    """Candidates for a resonance: from the slowest drive to half the sampling rate."""
+    slowest = min((t.frequency for t in targets if t.frequency > 0), default=0.0)
+    longest = max(t.measured.size * t.stride * t.dt for t in targets)
+    low = max(2 * slowest, 4 / longest)
+    high = 0.45 / min(t.dt for t in targets)
+    return np.geomspace(low, high, 2 + round(6 * np.log2(high / low)))
+
+
+def _distinct(pool: Sequence[Start], scanned: Sequence[str], count: int) -> list[Start]:
+    chosen: list[Start] = []
+    for start in sorted(pool, key=lambda each: each.cost):
+        near = any(
+            all(
+                abs(start.values[name] - other.values[name])
+                <= 0.3 * max(abs(start.values[name]), abs(other.values[name]))
+                for name in scanned
+            )
+            for other in chosen
+        )
+        if not near and np.isfinite(start.cost):
+            chosen.append(start)
+        if len(chosen) == count:
+            break
+    return chosen or [min(pool, key=lambda each: each.cost)]

@@ -1,0 +1,239 @@
+"""Compiled sensitivities: a block's output and its derivatives in one pass.
+
+A tangent kernel ``(x, y, dx, dy, p, dt)`` answers the input x, shape (n,), from rest, as the block
+does, and carries derivatives along: `dx`, shape (m, n), holds those of the input with respect to m
+parameters upstream; it fills `dy`, shape (m + q, n), with those of the output, the block's own q
+parameters last. One row after another runs through the recursion, because a short row of
+derivatives per sample does not fill the pipeline. Blocks without a kernel here are differenced
+numerically (see `sensitivities`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import copysign, exp, expm1, log1p, pi
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._second_order import hold
+from piezo_hysteresis.jit import jit
+
+Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
+
+
+@jit
+def _hysteresis_rows(
+    a1: float, factor: FloatArray, slope: FloatArray, dx: FloatArray, dy: FloatArray, x: FloatArray
+) -> None:
+    """Run ``dh+ = factor dh + forcing`` for every row; the forcing of the own rows is in `dy`."""
+    m = dx.shape[0]
+    for j in range(m):
+        row = dx[j]
+        dh = before = 0.0
+        for k in range(x.size):
+            dh = factor[k] * dh + slope[k] * (row[k] - before)
+            before = row[k]
+            dy[j, k] = a1 * before - dh
+    for k in range(x.size):
+        dy[m, k] = x[k]
+    for j in range(m + 1, m + 5):
+        dh = 0.0
+        for k in range(x.size):
+            dh = factor[k] * dh + dy[j, k]
+            dy[j, k] = -dh
+
+
+@jit
+def bouc_wen(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Euler step: dh+ = (1 - gamma sgn(h) du - beta |du|) dh + (what each parameter adds)."""
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    m = dx.shape[0]
+    factor = np.empty(x.size)
+    slope = np.empty(x.size)
+    last = h = 0.0
+    for k in range(x.size):
+        du = x[k] - last
+        rise = abs(du)
+        size = abs(h)
+        factor[k] = 1.0 - gamma * copysign(1.0, h) * du - beta * rise
+        slope[k] = a + copysign(a0, du) - gamma * size - copysign(beta, du) * h
+        dy[m + 1, k] = du
+        dy[m + 2, k] = rise
+        dy[m + 3, k] = -rise * h
+        dy[m + 4, k] = -size * du
+        h += a * du + a0 * rise - gamma * size * du - beta * rise * h
+        last = x[k]
+        y[k] = a1 * last - h
+    _hysteresis_rows(a1, factor, slope, dx, dy, x)
+
+
+@jit
+def _decay(h: float, c: float, kp: float, z: float) -> tuple[float, float, float, float]:
+    """Solve dh/dz = c - kp h over z: h and its derivatives by the start, c and kp."""
+    e = exp(-kp * z)
+    if abs(kp * z) < 1e-5:
+        by_c = z * (1.0 - 0.5 * kp * z)
+        curve = z * z * (-0.5 + kp * z / 3.0)
+    else:
+        by_c = -expm1(-kp * z) / kp
+        curve = (z * e - by_c) / kp
+    return h * e + c * by_c, e, by_c, c * curve - z * h * e
+
+
+@jit
+def _exact(h: float, z: float, c: float, toward: float, away: float, g: FloatArray) -> float:
+    """Move h over the travel z; g: derivatives by h, c, toward, away (the two rates) and z.
+
+    `toward` is the rate while h runs against c, `away` after it has passed zero.
+    """
+    for i in range(5):
+        g[i] = 0.0
+    if h * c < 0.0:
+        ratio = toward * h / c
+        flat = abs(ratio) < 1e-9
+        needed = np.inf
+        if ratio < 1.0:
+            needed = -h / c if flat else log1p(-ratio) / toward
+        if needed >= z:
+            new, g[0], g[1], g[2] = _decay(h, c, toward, z)
+            g[4] = c - toward * new
+            return new
+        new, _, by_c, g[3] = _decay(0.0, c, away, z - needed)
+        g[4] = c - away * new
+        # the crossing itself moves with h, c and the first rate
+        room = c - toward * h
+        g[0] = g[4] / room
+        g[1] = by_c - g[4] * h / (c * room)
+        bend = 0.5 * h * h / (c * c) if flat else h / (toward * room) + needed / toward
+        g[2] = g[4] * bend
+        return new
+    new, g[0], g[1], g[3] = _decay(h, c, away, z)
+    g[4] = c - away * new
+    return new
+
+
+@jit
+def bouc_wen_exact(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Exact step of `blocks.bouc_wen_exact` and its derivatives."""
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    m = dx.shape[0]
+    factor = np.empty(x.size)
+    slope = np.empty(x.size)
+    g = np.zeros(5)
+    last = h = 0.0
+    for k in range(x.size):
+        du = x[k] - last
+        last = x[k]
+        side = 1.0 if du > 0.0 else -1.0
+        c = side * a + a0
+        sign = side if c > 0.0 else -side
+        h = _exact(h, abs(du), c, beta - sign * gamma, beta + sign * gamma, g)
+        factor[k] = g[0]
+        slope[k] = side * g[4]
+        dy[m + 1, k] = side * g[1]
+        dy[m + 2, k] = g[1]
+        dy[m + 3, k] = g[2] + g[3]
+        dy[m + 4, k] = sign * (g[3] - g[2])
+        y[k] = a1 * last - h
+    _hysteresis_rows(a1, factor, slope, dx, dy, x)
+
+
+@jit
+def mode(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Run derivatives of the input through the mode itself, which is linear."""
+    omega, damping = 2.0 * pi * p[0], p[1]
+    f11, f12, f21, f22 = hold(omega, damping, dt)
+    velocity = np.empty(x.size)
+    q1 = q2 = 0.0
+    for k in range(x.size):
+        y[k] = q1
+        velocity[k] = q2
+        moved = f11 * q1 + f12 * q2 + (1.0 - f11) * x[k]
+        q2 = f21 * q1 + f22 * q2 - f21 * x[k]
+        q1 = moved
+    m = dx.shape[0]
+    for j in range(m):
+        row = dx[j]
+        q1 = q2 = 0.0
+        for k in range(x.size):
+            dy[j, k] = q1
+            moved = f11 * q1 + f12 * q2 + (1.0 - f11) * row[k]
+            q2 = f21 * q1 + f22 * q2 - f21 * row[k]
+            q1 = moved
+    for i in range(2):
+        # hold is smooth: a central difference of its four numbers is good to ten digits
+        s = 1e-6 * omega if i == 0 else 0.0
+        r = 1e-6 * damping if i == 1 else 0.0
+        u = hold(omega + s, damping + r, dt)
+        v = hold(omega - s, damping - r, dt)
+        width = s / pi if i == 0 else 2.0 * r
+        t11, t12 = (u[0] - v[0]) / width, (u[1] - v[1]) / width
+        t21, t22 = (u[2] - v[2]) / width, (u[3] - v[3]) / width
+        q1 = q2 = 0.0
+        for k in range(x.size):
+            dy[m + i, k] = q1
+            away = y[k] - x[k]
+            moved = f11 * q1 + f12 * q2 + t11 * away + t12 * velocity[k]
+            q2 = f21 * q1 + f22 * q2 + t21 * away + t22 * velocity[k]
+            q1 = moved
+
+
+@jit
+def autoregressive(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Run derivatives through the recursion, which is linear in its input and its past."""
+    c1, c2 = p[0], p[1]
+    m = dx.shape[0]
+    n = x.size
+    for j in range(m + 3):
+        y1 = y2 = y3 = 0.0
+        # the answer itself first, then the rows upstream, then those of c1 and c2
+        for k in range(n):
+            if j == 0:
+                drive = x[k]
+            elif j <= m:
+                drive = dx[j - 1, k]
+            else:
+                lag = j - m + 1
+                drive = y[k - lag] if k >= lag else 0.0
+            new = y1 + c1 * y2 + c2 * y3 + drive
+            y3 = y2
+            y2 = y1
+            y1 = new
+            if j == 0:
+                y[k] = new
+            else:
+                dy[j - 1, k] = new
+
+
+@jit
+def offset(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Add a constant."""
+    y[:] = x + p[0]
+    dy[:-1] = dx
+    dy[-1] = 1.0
+
+
+@jit
+def gain(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Multiply by a constant."""
+    y[:] = p[0] * x
+    dy[:-1] = p[0] * dx
+    dy[-1] = x
+
+
+TANGENTS: dict[str, Tangent] = {
+    each.__name__: each for each in (bouc_wen, bouc_wen_exact, mode, autoregressive, offset, gain)
+}

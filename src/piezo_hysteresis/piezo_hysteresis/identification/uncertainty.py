@@ -1,0 +1,190 @@
+"""What the data can tell: covariance, what is confounded, and which record would help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+
+#: Scaled condition number beyond which digits of single parameters mean nothing.
+CONDITION_LIMIT = 1e6
+#: Correlation beyond which two parameters count as not told apart.
+CORRELATION_LIMIT = 0.995
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Linearised uncertainty of p parameters.
+
+    Attributes
+    ----------
+    std : ndarray, shape (p,)
+        Standard deviations; inf where the data say nothing.
+    correlation : ndarray, shape (p, p)
+        Correlation matrix.
+    condition : float
+        Condition number of the column-scaled Jacobian.
+    directions : tuple
+        For each direction the data do not determine: names and shares of its parameters.
+    """
+
+    std: FloatArray
+    correlation: FloatArray
+    condition: float
+    directions: tuple[tuple[tuple[str, float], ...], ...]
+
+
+def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Covariance:
+    """Return the uncertainty from R of the Jacobian and the variance of one residual.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (p, p)
+        ``J'J = R'R``.
+    variance : float
+        Variance of an independent residual, in the square of its unit.
+    names : sequence of str
+        Names of the parameters.
+    """
+    p = len(names)
+    if p == 0:
+        return Covariance(np.empty(0), np.empty((0, 0)), 1.0, ())
+    norms = np.linalg.norm(factor, axis=0)
+    dead = norms <= 0.0
+    scaled = factor / np.where(dead, 1.0, norms)
+    _, singular, rows = np.linalg.svd(scaled)
+    largest = float(singular[0])
+    condition = largest / float(singular[-1]) if singular[-1] > 0 else float('inf')
+    weak = singular < largest / CONDITION_LIMIT
+    inverse = np.where(weak, 0.0, 1.0 / np.where(singular > 0, singular, 1.0))
+    shape = (rows.T * inverse**2) @ rows
+    spread = np.sqrt(np.maximum(np.diag(shape), 1e-300))
+    correlation = shape / np.outer(spread, spread)
+    np.fill_diagonal(correlation, 1.0)
+    std = np.sqrt(max(variance, 0.0)) * spread / np.where(dead, 1.0, norms)
+    lost = dead | np.any(np.abs(rows[weak]) > 0.1, axis=0)
+    directions = tuple(
+        tuple((names[j], float(row[j])) for j in np.argsort(-np.abs(row)) if abs(row[j]) > 0.1)
+        for row in rows[weak]
+    )
+    return Covariance(np.where(lost, np.inf, std), correlation, condition, directions)
+
+
+def inflation(residuals: Sequence[FloatArray]) -> float:
+    """Return by how much serial correlation of residuals inflates the variance of a mean.
+
+    One for white noise; the integrated autocorrelation time in samples where a model error is
+    left, which repeats itself and therefore holds less information than it has samples.
+    """
+    weight = total = 0.0
+    for e in residuals:
+        power = float(e @ e)
+        if e.size < 8 or power <= 0.0:
+            continue
+        size = 1 << (2 * e.size - 1).bit_length()
+        spectrum = np.abs(np.fft.rfft(e, size)) ** 2
+        rho = np.fft.irfft(spectrum, size)[: e.size // 2] / power
+        end = int(np.argmax(rho <= 0.05)) or rho.size
+        total += power * (1.0 + 2.0 * float(rho[1:end].sum()))
+        weight += power
+    return max(total / weight, 1.0) if weight > 0 else 1.0
+
+
+def cramer_rao(factor: FloatArray, noise: float) -> FloatArray:
+    """Return the smallest standard deviations that white noise of rms `noise` [m] allows.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (p, p)
+        R of the Jacobian whose rows count as the records have samples.
+    noise : float
+        Noise floor of one sample [m].
+    """
+    return covariance(factor, noise**2, [str(j) for j in range(factor.shape[1])]).std
+
+
+def digits(value: float, std: float) -> str:
+    """Return `value` with the digits that `std` leaves it, as ``1.234e-04 +- 5e-07``."""
+    if not np.isfinite(std):
+        return 'not determined'
+    if std <= 0.0 or value == 0.0:
+        return f'{value:.6g}'
+    if abs(value) < std:
+        return f'0 within {std:.1e}'
+    known = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(std)))
+    return f'{value:.{min(max(known, 0) + 1, 9)}g} ± {std:.1g}'
+
+
+_HELP = {
+    frozenset({'A1', 'A'}): (
+        'add records with smaller and larger amplitudes, or a slower return after a reversal: '
+        'only the shape of the loop separates them'
+    ),
+    frozenset({'A0', 'offset'}): (
+        'add a start from rest or a step in amplitude, or fix one of the two'
+    ),
+    frozenset({'A', 'beta'}): 'add records with a larger amplitude, in which the loop saturates',
+    frozenset({'A1', 'beta'}): 'add records with a larger amplitude, in which the loop saturates',
+    frozenset({'beta', 'gamma'}): 'add records with at least two amplitudes',
+    frozenset({'natural_frequency', 'damping_ratio'}): (
+        'add a record whose drive or one of its odd harmonics falls on the resonance, or a step'
+    ),
+    frozenset({'sampling_offset', 'natural_frequency'}): (
+        'add records at several frequencies, one of them near the resonance'
+    ),
+    frozenset({'sampling_offset', 'damping_ratio'}): (
+        'add records at several frequencies, one of them near the resonance'
+    ),
+}
+_DEFAULT_HELP = 'add records at other frequencies and amplitudes, or fix one of them'
+
+
+def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) -> tuple[str, ...]:
+    """Say in words which parameters these records do not determine, and what to record."""
+    said: list[str] = []
+    named: set[frozenset[str]] = set()
+    for direction in result.directions:
+        group = [name for name, _ in direction]
+        named.add(frozenset(group[:2]))
+        if len(group) == 1:
+            said.append(
+                f'{group[0]} has no influence on these records: fix it, or record what excites it.'
+            )
+        else:
+            said.append(
+                f'{_listed(group)} cannot be told apart from these records: {_help(group)}.'
+            )
+    for i in range(len(names)):
+        for j in range(i):
+            pair = frozenset({names[i], names[j]})
+            strong = abs(result.correlation[i, j]) > CORRELATION_LIMIT
+            known = np.isfinite(result.std[i]) and np.isfinite(result.std[j])
+            loose = max(_relative(values[k], result.std[k]) for k in (i, j)) > 0.02
+            if strong and known and loose and pair not in named:
+                both = [names[j], names[i]]
+                said.append(
+                    f'{_listed(both)} can hardly be told apart from these records (correlation '
+                    f'{result.correlation[i, j]:+.4f}): {_help(both)}.'
+                )
+    for name, value, std in zip(names, values, result.std, strict=True):
+        if np.isfinite(std) and std > abs(value) > 0 and name != 'sampling_offset':
+            said.append(f'{name} is smaller than its uncertainty: these records do not show it.')
+    return tuple(said)
+
+
+def _relative(value: float, std: float) -> float:
+    return float(std / abs(value)) if value else float('inf')
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
+
+
+def _help(names: Sequence[str]) -> str:
+    for pair, words in _HELP.items():
+        if pair <= set(names):
+            return words
+    return _DEFAULT_HELP

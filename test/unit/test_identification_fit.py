@@ -1,0 +1,268 @@
+"""Output error: derivatives, folding, solver, recovery, what it says about its own digits."""
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.linear import linear_parameters
+from piezo_hysteresis.identification.objective import Prior, shifted
+from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.solver import Problem, solve
+from piezo_hysteresis.identification.targets import fold, period_of, targets_of
+from piezo_hysteresis.models import Model, named
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT = 1e-3
+TRUTH = {
+    'A1': 180e-6,
+    'A': 60e-6,
+    'beta': 2.5,
+    'gamma': 1.0,
+    'natural_frequency': 68.0,
+    'damping_ratio': 0.015,
+    'offset': 6e-6,
+}
+
+
+def chain(*blocks: str, **held: float) -> Model:
+    return Model('test', tuple(named_block(each) for each in blocks), held)
+
+
+# away from neutral values, where differences are one-sided
+MOVED = {'A0': 3e-6, 'lag_time': 2e-3, 'creep_share': 0.1, 'creep_time': 0.5}
+BIMORPH = chain('bouc_wen', 'mode', 'offset', A0=0.0)
+
+
+def sine(frequency: float, seconds: float, amplitude: float = 1.0) -> np.ndarray:
+    return amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
+
+
+def simulated(
+    frequency: float, model: Model = BIMORPH, noise: float = 20e-9, seconds: float = 20.0
+) -> Record:
+    u = sine(frequency, seconds)
+    y = model.respond(u, model.pack(TRUTH), DT)
+    y = y + np.random.default_rng(int(frequency)).normal(0, noise, u.size)
+    return Record(f'{frequency:g} Hz', DT, u, y, info=RecordInfo(frequency=frequency))
+
+
+@pytest.mark.parametrize(
+    'blocks',
+    [
+        ('bouc_wen', 'mode', 'offset'),
+        ('bouc_wen_exact', 'mode', 'offset'),
+        ('bouc_wen', 'autoregressive', 'offset'),
+        ('gain', 'mode', 'offset'),
+        ('amplifier_lag', 'bouc_wen_exact', 'mode', 'creep', 'offset'),
+    ],
+)
+def test_sensitivities_equal_central_differences(blocks: tuple[str, ...]) -> None:
+    model = chain(*blocks)
+    start = model.defaults()
+    start |= {name: value for name, value in MOVED.items() if name in start}
+    p = model.pack(start)
+    u = np.cumsum(np.random.default_rng(1).normal(0, 0.05, 1500))
+    y, rows = sensitivities(model, p, model.parameter_names, u, DT)
+    np.testing.assert_allclose(y, model.respond(u, p, DT), rtol=1e-12, atol=1e-18)
+    for j, name in enumerate(model.parameter_names):
+        step = 1e-6 * max(abs(p[j]), 1e-7)
+        up, down = p.copy(), p.copy()
+        up[j] += step
+        down[j] -= step
+        expected = (model.respond(u, up, DT) - model.respond(u, down, DT)) / (2 * step)
+        scale = np.max(np.abs(expected))
+        np.testing.assert_allclose(rows[j], expected, atol=1e-4 * scale, err_msg=name)
+
+
+def test_exact_step_sensitivities_through_zero_and_at_rest() -> None:
+    """The move is split where h passes zero; the split itself depends on the parameters."""
+    model = chain('bouc_wen_exact')
+    u = np.array([0.0, 1.0, 1.0, 0.2, -3.0, -3.0, 4.0, 3.9, 4.5, -0.1])
+    p = model.pack({'A1': 1e-4, 'A': 5e-5, 'A0': 4e-6, 'beta': 0.9, 'gamma': -0.4})
+    _, rows = sensitivities(model, p, model.parameter_names, u, DT)
+    for j in range(p.size):
+        step = 1e-6 * abs(p[j])
+        up, down = p.copy(), p.copy()
+        up[j] += step
+        down[j] -= step
+        expected = (model.respond(u, up, DT) - model.respond(u, down, DT)) / (2 * step)
+        np.testing.assert_allclose(rows[j], expected, atol=1e-8 * np.max(np.abs(expected)))
+
+
+def test_recovers_the_family_to_two_parts_in_ten_thousand() -> None:
+    result = output_error(BIMORPH, [simulated(f) for f in (1, 7, 14, 23, 35, 50)])
+    assert result.converged
+    assert result.warnings == ()
+    for name, true in TRUTH.items():
+        assert result.values[name] == pytest.approx(true, rel=2e-4), name
+        assert abs(result.values[name] - true) < 5 * result.std[name], name
+    assert result.noise == pytest.approx(20e-9, rel=0.03)
+
+
+def test_deviations_are_as_large_as_the_scatter_of_repeated_fits() -> None:
+    estimates = []
+    for seed in range(24):
+        record = simulated(23.0, seconds=4.0)
+        y = record.displacement + np.random.default_rng(seed).normal(0, 200e-9, len(record))
+        noisy = Record('noisy', DT, record.voltage, y, info=record.info)
+        result = fit(BIMORPH, [noisy], TRUTH, free=['beta', 'natural_frequency', 'offset'])
+        estimates.append([result.values[name] for name in result.free])
+    spread = np.std(estimates, axis=0, ddof=1)
+    stated = np.array([result.std[name] for name in result.free])
+    assert np.all(stated > 0.6 * spread)
+    assert np.all(stated < 1.7 * spread)
+    bound = result.cramer_rao(200e-9)
+    np.testing.assert_allclose(list(bound.values()), stated, rtol=0.3)
+
+
+def test_the_result_does_not_depend_on_the_number_of_workers() -> None:
+    records = [simulated(f, seconds=6.0) for f in (7, 14, 23)]
+    one, two = (fit(BIMORPH, records, TRUTH, workers=workers) for workers in (1, 2))
+    assert one.values == two.values
+    assert one.std == two.std
+
+
+def test_folding_gives_the_answer_of_the_whole_record() -> None:
+    records = [simulated(f) for f in (14, 23)]
+    folded = fit(BIMORPH, records, TRUTH)
+    whole = fit(BIMORPH, records, TRUTH, folded=False)
+    for name, std in whole.std.items():
+        assert abs(folded.values[name] - whole.values[name]) < 4 * std, name
+        assert folded.std[name] == pytest.approx(std, rel=0.35), name
+
+
+def test_a_slow_block_is_never_folded() -> None:
+    model = chain('bouc_wen', 'mode', 'creep', 'offset', A0=0.0)
+    result = fit(model, [simulated(14.0, seconds=6.0)], TRUTH, free=['A1'], max_evaluations=3)
+    assert result.targets[0].repeats == 1
+
+
+def test_finds_the_period_and_leaves_out_the_transient() -> None:
+    record = simulated(23.0)
+    assert period_of(record) == 1000
+    assert period_of(simulated(50.0)) == 20
+    target = fold(record)
+    assert target is not None
+    assert target.repeats < 20  # the first second rings
+    assert target.noise == pytest.approx(20e-9, rel=0.05)
+    assert target.measured.size == 1000
+
+
+@pytest.mark.parametrize(
+    'voltage',
+    [np.zeros(4000), np.cumsum(np.random.default_rng(0).normal(size=4000)), sine(0.3, 4.0)],
+)
+def test_what_does_not_repeat_is_not_folded(voltage: np.ndarray) -> None:
+    record = Record('one', DT, voltage, 1e-6 * voltage)
+    assert fold(record) is None
+    assert targets_of([record])[0].measured.size == 4000
+
+
+def test_a_drifting_record_is_not_folded() -> None:
+    u = sine(10.0, 20.0)
+    y = 1e-4 * u + 1e-7 * DT * np.arange(u.size)
+    y += np.random.default_rng(0).normal(0, 20e-9, u.size)
+    assert fold(Record('drift', DT, u, y)) is None
+
+
+def test_sampling_offset_is_found_and_left_out_where_it_is_none() -> None:
+    on_time = [simulated(f) for f in (7, 14, 23, 35)]
+    late = [
+        Record(r.name, DT, r.voltage, shifted(r.displacement, 0.4), info=r.info) for r in on_time
+    ]
+    assert output_error(BIMORPH, on_time).sampling_offset == 0.0
+    found = output_error(BIMORPH, late).sampling_offset
+    assert found == pytest.approx(0.4 * DT, rel=0.01)
+
+
+def test_shifting_by_whole_samples_is_exact() -> None:
+    y = np.random.default_rng(0).normal(size=30)
+    np.testing.assert_array_equal(shifted(y, 1.0)[:-1], y[1:])
+    np.testing.assert_array_equal(shifted(y, -1.0)[1:], y[:-1])
+    np.testing.assert_array_equal(shifted(y, 0.0), y)
+
+
+@pytest.mark.parametrize(
+    ('model', 'expected'),
+    [
+        (named('classical'), {'A1', 'A', 'offset'}),
+        (named('linear_mode'), {'A1', 'offset'}),
+        (BIMORPH, {'A1', 'A', 'offset'}),
+    ],
+)
+def test_finds_what_is_linear(model: Model, expected: set[str]) -> None:
+    assert set(linear_parameters(model, model.free_names, 1.0)) == expected
+
+
+def test_says_which_parameters_cannot_be_told_apart() -> None:
+    """A loop of tiny amplitude does not saturate: A1 - A is all that it shows."""
+    model = chain('bouc_wen', 'offset', A0=0.0)
+    u = 1e-4 * sine(10.0, 2.0)
+    y = model.respond(u, model.pack({**model.defaults()}), DT)
+    y = y + np.random.default_rng(0).normal(0, 1e-10, u.size)
+    result = fit(model, [Record('tiny', DT, u, y)], free=['A1', 'A', 'offset'])
+    assert result.condition > 1e3
+    assert any('A1' in each and 'told apart' in each for each in result.warnings)
+
+
+def test_a_parameter_without_influence_has_no_digits() -> None:
+    record = Record('still', DT, np.zeros(2000), np.random.default_rng(0).normal(0, 1e-8, 2000))
+    result = fit(chain('gain', 'offset'), [record])
+    assert np.isinf(result.std['A1'])
+    assert any('A1 has no influence' in each for each in result.warnings)
+    assert np.isfinite(result.std['offset'])
+
+
+def test_an_unfinished_fit_says_so() -> None:
+    result = fit(BIMORPH, [simulated(23.0)], max_evaluations=2)
+    assert not result.converged
+    assert 'did not converge' in result.warnings[0]
+
+
+def test_a_prior_holds_what_the_data_leave_open() -> None:
+    record = simulated(1.0)
+    loose = fit(BIMORPH, [record], TRUTH)
+    tight = fit(BIMORPH, [record], TRUTH, priors={'natural_frequency': Prior(mean=68.0, std=0.01)})
+    assert tight.std['natural_frequency'] < 0.02 < loose.std['natural_frequency']
+
+
+def test_bounds_hold_and_are_reported() -> None:
+    result = fit(BIMORPH, [simulated(23.0)], TRUTH, bounds={'offset': (7e-6, 1e-3)})
+    assert result.values['offset'] == 7e-6
+    assert any('offset ended on its bound' in each for each in result.warnings)
+
+
+def test_wrong_names_are_refused() -> None:
+    with pytest.raises(IdentificationError, match='betta'):
+        fit(BIMORPH, [simulated(23.0, seconds=1.0)], {'betta': 1.0})
+    with pytest.raises(IdentificationError, match='at least one'):
+        fit(BIMORPH, [])
+    with pytest.raises(IdentificationError, match='equal or relative'):
+        fit(BIMORPH, [simulated(23.0, seconds=1.0)], weights='heavy')
+
+
+class Rosenbrock(Problem):
+    """The classic curved valley, as least squares."""
+
+    def cost(self, x: np.ndarray) -> float:
+        r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+        return 0.5 * float(r @ r)
+
+    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+        q, factor = np.linalg.qr(np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]))
+        return factor, q.T @ r, self.cost(x)
+
+
+def test_the_solver_finds_the_valley_and_the_bound() -> None:
+    far = np.full(2, 10.0)
+    free = solve(Rosenbrock(), np.array([-1.2, 1.0]), -far, far)
+    np.testing.assert_allclose(free.x, [1.0, 1.0], atol=1e-7)
+    assert free.converged
+    bounded = solve(Rosenbrock(), np.array([-1.2, 1.0]), -far, np.array([0.5, 10.0]))
+    np.testing.assert_allclose(bounded.x, [0.5, 0.25], atol=1e-7)
+    assert bounded.at_bound == (True, False)
+    assert list(bounded.history) == sorted(bounded.history, reverse=True)
