@@ -1,6 +1,40 @@
 """Excitations and references with analytic derivatives (neutral: no physics)."""
 
-from piezo_hysteresis.waveforms.base import Samples, Waveform
-from piezo_hysteresis.waveforms.sine import Sine
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.waveforms.base import Samples, Shaped, Waveform, WaveformError
+from piezo_hysteresis.waveforms.chirp import Chirp
+from piezo_hysteresis.waveforms.corners import (
+    Lines,
+    Triangle,
+    rest,
+    reversal_curves,
+    staircase,
+    step_and_hold,
+)
+from piezo_hysteresis.waveforms.sequence import Sequence
+from piezo_hysteresis.waveforms.sine import Multisine, Sine, SineSum
+from piezo_hysteresis.waveforms.spec import KINDS, Kind, Setting, from_spec, has_setting
 
-__all__ = ['Samples', 'Sine', 'Waveform']
+__all__ = [
+    'KINDS',
+    'Chirp',
+    'Kind',
+    'Lines',
+    'Multisine',
+    'PiezoError',
+    'Samples',
+    'Sequence',
+    'Setting',
+    'Shaped',
+    'Sine',
+    'SineSum',
+    'Triangle',
+    'Waveform',
+    'WaveformError',
+    'from_spec',
+    'has_setting',
+    'rest',
+    'reversal_curves',
+    'staircase',
+    'step_and_hold',
+]

@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import PiezoError
+
+
+class WaveformError(PiezoError):
+    """A waveform was asked for that does not exist or cannot be built."""
 
 
 @dataclass(frozen=True)
@@ -42,3 +49,68 @@ class Waveform(Protocol):
 
     def sample(self, time: FloatArray) -> Samples:
         """Answer the waveform at `time` [s], any shape."""
+
+
+Shape = tuple[FloatArray, FloatArray, FloatArray]
+"""A unit shape with its first and second time derivative."""
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """``offset + ramp(t) amplitude shape(t)``: what all steady excitations have in common.
+
+    Attributes
+    ----------
+    amplitude : float
+        Amplitude, in the unit of the signal (V or m).
+    duration : float
+        Length [s].
+    offset : float
+        Constant added, in the unit of the signal.
+    ramp : float
+        Seconds over which the amplitude rises smoothly from 0 [s]; 0 starts at once. A lightly
+        damped mode rings for long after a start without a ramp.
+    """
+
+    amplitude: float
+    duration: float
+    offset: float = 0.0
+    ramp: float = 0.0
+
+    def shape(self, time: FloatArray) -> Shape:
+        """Answer the shape of amplitude 1 at `time` [s]."""
+        raise NotImplementedError
+
+    def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Answer frequency [Hz] and phase [rad] of the fundamental; by default there is none."""
+        return np.zeros_like(time), np.zeros_like(time)
+
+    def sample(self, time: FloatArray) -> Samples:
+        """Answer the waveform and its derivatives at `time` [s]."""
+        time = np.asarray(time, dtype=np.float64)
+        gain, gain_rate, gain_acceleration = smooth_ramp(time, self.ramp)
+        shape, rate, acceleration = self.shape(time)
+        frequency, phase = self.fundamental(time)
+        return Samples(
+            value=self.offset + self.amplitude * gain * shape,
+            velocity=self.amplitude * (gain_rate * shape + gain * rate),
+            acceleration=self.amplitude
+            * (gain_acceleration * shape + 2.0 * gain_rate * rate + gain * acceleration),
+            frequency=frequency,
+            phase=phase,
+        )
+
+
+def smooth_ramp(time: FloatArray, length: float) -> Shape:
+    """Answer a rise from 0 to 1 over `length` seconds, with its first two derivatives.
+
+    The quintic smooth step: value, velocity and acceleration are continuous, so a lightly damped
+    mode is not struck.
+    """
+    if length <= 0:
+        return np.ones_like(time), np.zeros_like(time), np.zeros_like(time)
+    s = np.clip(time / length, 0.0, 1.0)
+    value = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    velocity = 30.0 * s**2 * (1.0 - s) ** 2 / length
+    acceleration = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / length**2
+    return value, velocity, acceleration
