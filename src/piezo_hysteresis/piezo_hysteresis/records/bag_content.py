@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
+from piezo_hysteresis.records.compressed import CompressedFile, decompressed
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, MESSAGES, REFERENCE, STATE, typestore
 from piezo_hysteresis.records.mcap_reader import McapFile
 from piezo_hysteresis.records.metadata import Metadata, read_metadata
 from piezo_hysteresis.records.sqlite_storage import SqliteFile
-from piezo_hysteresis.records.storage import Block, Topic
+from piezo_hysteresis.records.storage import Block, Storage, Topic
 
-READERS = {'.mcap': McapFile, '.db3': SqliteFile}
+READERS: dict[str, Callable[[Path, DamageLog], Storage]] = {'.mcap': McapFile, '.db3': SqliteFile}
+CHECKSUM_KEY = 'piezo_hysteresis.checksum'
+DROPPED_KEY = 'piezo_hysteresis.dropped'
 STATE_KEY = 'piezo_hysteresis.state'
 RECORDING = 'recording'
 
@@ -76,32 +81,44 @@ class BagContent:
         return sorted(found, key=lambda content: content.topic.name)
 
 
-def blocks_of(path: Path, log: DamageLog) -> Iterator[tuple[dict[int, Topic], Block]]:
-    """Yield the topics of the storage file and the block, for every block of a bag."""
-    metadata = read_metadata(path, log) if path.is_dir() else None
-    for file in storage_files(path, metadata, log):
-        storage = READERS[file.suffix](file, log)
+def blocks_of(
+    path: Path, log: DamageLog, metadata: Metadata | None = None
+) -> Iterator[tuple[dict[int, Topic], Block]]:
+    """Yield the topics of the storage file and the block, for every block of a bag.
+
+    Raises
+    ------
+    RecordError
+        If the bag is damaged and the log does not salvage, or if it holds no storage file.
+    """
+    if metadata is None and path.is_dir():
+        metadata = read_metadata(path, log)
+    by_message = metadata is not None and metadata.compression == 'message'
+    for storage in _storages(path, metadata, log):
         with closing(storage.blocks()) as blocks:
             for block in blocks:
-                yield storage.topics, block
+                yield (
+                    storage.topics,
+                    decompressed(block, storage.path, log) if by_message else block,
+                )
 
 
-def storage_files(path: Path, metadata: Metadata | None, log: DamageLog) -> list[Path]:
-    """Return the storage files of a bag folder, or the file itself."""
-    if metadata is None:
-        return [path]
-    files = []
-    for summary in metadata.files:
-        file = path / summary.name
-        if file.suffix not in READERS:
-            log.add(path, f'its storage file {file.name} is of a kind that is not known')
-        elif not file.is_file():
+def _storages(path: Path, metadata: Metadata | None, log: DamageLog) -> Iterator[Storage]:
+    """Yield the storage files of a bag folder, or the file itself."""
+    files = [path] if metadata is None else [path / file.name for file in metadata.files]
+    found = 0
+    for file in files:
+        packed = file.suffix == '.zstd'
+        reader = READERS.get(Path(file.stem).suffix if packed else file.suffix)
+        if not file.is_file():
             log.add(path, f'its storage file {file.name} is missing')
+        elif reader is None:
+            log.add(path, f'its storage file {file.name} is of a kind that is not known')
         else:
-            files.append(file)
-    if not files:
-        raise RecordError(f'{path}: the folder holds no bag; give a folder with a metadata.yaml')
-    return files
+            found += 1
+            yield CompressedFile(file, log, reader) if packed else reader(file, log)
+    if not found:
+        raise RecordError(f'{path}: the folder holds no bag; give one that holds a metadata.yaml')
 
 
 def read_content(path: Path, log: DamageLog) -> BagContent:
@@ -112,15 +129,20 @@ def read_content(path: Path, log: DamageLog) -> BagContent:
     RecordError
         If the bag is damaged and the log does not salvage, or if nothing of it is readable.
     """
-    content = BagContent(path, metadata=read_metadata(path, log) if path.is_dir() else None)
-    for file in storage_files(path, content.metadata, log):
-        storage = READERS[file.suffix](file, log)
-        for block in storage.blocks():
-            _collect(content, storage.topics, block, log)
-        for topic in storage.topics.values():
+    metadata = read_metadata(path, log) if path.is_dir() else None
+    content = BagContent(path, metadata=metadata)
+    checksum = 0
+    for topics, block in blocks_of(path, log, metadata):
+        if metadata is not None and CHECKSUM_KEY in metadata.custom:
+            checksum = crc32(block.buffer.data, checksum)
+        for topic in topics.values():
             content.topics.setdefault(topic.name, TopicContent(topic))
-    if content.metadata is not None:
-        _compare(content, content.metadata, log)
+        _collect(content, topics, block, log)
+    if metadata is not None:
+        expected = metadata.custom.get(CHECKSUM_KEY, f'{checksum:08x}')
+        if expected != f'{checksum:08x}':
+            log.add(path, 'the checksum of its messages is wrong, some value has changed')
+        _compare(content, metadata, log)
     return content
 
 
@@ -132,17 +154,7 @@ def _collect(content: BagContent, topics: dict[int, Topic], block: Block, log: D
             continue
         topic = topics[number]
         held = content.topics.setdefault(topic.name, TopicContent(topic))
-        own = block.topic == number
-        if own.all():
-            part = block
-        else:
-            part = Block(
-                block.buffer,
-                block.topic[own],
-                block.log_time[own],
-                block.offset[own],
-                block.length[own],
-            )
+        part = block.take(block.topic == number)
         held.count += part.topic.size
         held.first = min(held.first, int(part.log_time.min()))
         held.last = max(held.last, int(part.log_time.max()))
@@ -154,7 +166,11 @@ def _collect(content: BagContent, topics: dict[int, Topic], block: Block, log: D
 
 def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
     topic = held.topic
-    fields = cdr.fixed_fields(topic.msgtype, topic.definition or MESSAGES[topic.msgtype])
+    try:
+        fields = _fields(topic)
+    except RecordError as error:
+        log.add(content.path, f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
+        fields = cdr.fixed_fields(topic.msgtype, MESSAGES[topic.msgtype])
     decoded = cdr.decode(fields, block.buffer, block.offset, block.length)
     bad = int(decoded.good.size - decoded.good.sum())
     if bad:
@@ -165,12 +181,35 @@ def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLo
         held.columns.setdefault(name, []).append(column)
 
 
+@cache
+def _fields(topic: Topic) -> cdr.Fields:
+    """Return the fields of a topic as its bag defines them."""
+    if not topic.definition:
+        return cdr.fixed_fields(topic.msgtype, MESSAGES[topic.msgtype])
+    return cdr.fixed_fields(topic.msgtype, topic.definition, topic.encoding, topic.type_hash)
+
+
+@cache
+def _marker_store(topic: Topic) -> Any:
+    """Return a type store that reads the markers of a topic as its bag defines them."""
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+
+    if not topic.definition or topic.encoding != 'ros2msg':
+        return typestore()
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(topic.definition, topic.msgtype))
+    except (TypesysError, ValueError, KeyError):
+        return typestore()
+    return store
+
+
 def _decode_markers(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
     from rosbags.serde import SerdeError
 
     for index in range(block.topic.size):
         try:
-            message = typestore().deserialize_cdr(block.payload(index), MARKER)
+            message = _marker_store(held.topic).deserialize_cdr(block.payload(index), MARKER)
         except (SerdeError, ValueError, IndexError, AssertionError) as error:
             what = f'a marker on topic {held.topic.name} cannot be read ({error})'
             log.add(content.path, what, lost=1)

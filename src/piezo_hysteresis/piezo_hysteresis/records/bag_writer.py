@@ -15,6 +15,7 @@ import numpy as np
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
+from piezo_hysteresis.records.bag_content import CHECKSUM_KEY
 from piezo_hysteresis.records.bags import MARKER_NAME, REFERENCE_NAME, STATE_NAME
 from piezo_hysteresis.records.definitions import (
     MARKER,
@@ -32,7 +33,6 @@ from piezo_hysteresis.records.storage import Topic
 
 SECOND = 1_000_000_000
 ROWS = 1 << 15  # samples in one chunk
-CHECKSUM_KEY = 'piezo_hysteresis.checksum'
 
 
 @dataclass(frozen=True)

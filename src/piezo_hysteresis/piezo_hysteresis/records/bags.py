@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from piezo_hysteresis.records.sampling import Track, records_of
 STATE_NAME = 'actuator/state'
 REFERENCE_NAME = 'reference'
 MARKER_NAME = 'record/marker'
+MARKER_FIELDS = ('record', 'rate', *(item.name for item in fields(RecordInfo)))
 EXACT = 1 << 53  # nanoseconds that float64 still tells apart (104 days)
 
 
@@ -124,13 +125,21 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
     if reference is not None:
         columns['reference'] = reference
     track = Track(
-        content.path.resolve().stem or 'record', (stamp - origin) * 1e-9, columns, sample
+        content.path.resolve().stem or 'record',
+        np.asarray((stamp - origin) * 1e-9, np.float64),
+        columns,
+        sample,
     )
     markers = [
         message
         for held in _siblings(content, MARKER, MARKER_NAME, space, alone)
         for message in held.messages
     ]
+    # A marker that holds less than the agreed fields was recorded with another definition.
+    lacking = sum(not all(hasattr(m, name) for name in MARKER_FIELDS) for m in markers)
+    if lacking:
+        log.add(content.path, f'{lacking} markers were recorded with another definition')
+        markers = [m for m in markers if all(hasattr(m, name) for name in MARKER_FIELDS)]
     if not markers:
         return [_Run(space, _with_reference(track, content.path, log))]
     return [
@@ -144,7 +153,8 @@ def _cut(
 ) -> list[Track]:
     """Return the samples from each marker to the next."""
     starts = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in markers]
-    order = sorted(range(len(markers)), key=starts.__getitem__)
+    # At one tick, the end of a record stands in front of the beginning of the next.
+    order = sorted(range(len(markers)), key=lambda k: (starts[k], bool(markers[k].record)))
     edges = [starts[k] for k in order] + [int(stamp.max()) + 1]
     outside = int(np.sum(stamp < edges[0]))
     parts = []
@@ -154,7 +164,7 @@ def _cut(
         if not marker.record:
             outside += int(own.sum())
         elif not own.any():
-            log.add(path, f'record {marker.record} holds no samples')
+            log.note(path, f'record {marker.record} is announced but holds no samples')
         else:
             part = track.take(own)
             parts.append(

@@ -27,7 +27,9 @@ NUMPY_CODES = {
 }  # fmt: skip
 
 
-def fixed_fields(msgtype: str, definition: str) -> Fields:
+def fixed_fields(
+    msgtype: str, definition: str, encoding: str = 'ros2msg', type_hash: str = ''
+) -> Fields:
     """Return name and NumPy code of the fields behind the header.
 
     Parameters
@@ -36,25 +38,45 @@ def fixed_fields(msgtype: str, definition: str) -> Fields:
         ``package/msg/Name``.
     definition : str
         Its definition as stored in a bag; dependencies may follow.
+    encoding : str
+        How it is written: ``ros2msg`` or ``ros2idl``.
+    type_hash : str
+        RIHS01 hash that belongs to it; empty where it is not known.
 
     Raises
     ------
     RecordError
-        If the message does not begin with a header or a further field has no fixed size.
+        If the definition cannot be read or does not agree with its hash, does not begin with a
+        header, or a further field has no fixed size.
     """
     from rosbags.interfaces import Nodetype
-    from rosbags.typesys import TypesysError, get_types_from_msg
+    from rosbags.typesys import (
+        Stores,
+        TypesysError,
+        get_types_from_idl,
+        get_types_from_msg,
+        get_typestore,
+    )
 
     try:
-        fields = get_types_from_msg(definition, msgtype)[msgtype][1]
-    except (TypesysError, KeyError, ValueError) as error:
+        if encoding == 'ros2idl':
+            types = get_types_from_idl(definition)
+        else:
+            types = get_types_from_msg(definition, msgtype)
+        store = get_typestore(Stores.EMPTY)
+        store.register(types)
+        agrees = not type_hash or store.hash_rihs01(msgtype) == type_hash
+        fields = types[msgtype][1]
+    except (TypesysError, KeyError, ValueError, TypeError) as error:
         raise RecordError(f'the stored definition of {msgtype} cannot be read ({error})') from None
+    if not agrees:
+        raise RecordError(f'the stored definition of {msgtype} does not agree with its hash')
     kinds = [(name, node[0], node[1]) for name, node in fields]
     if not kinds or kinds[0][2] != 'std_msgs/msg/Header':
         raise RecordError(f'the stored definition of {msgtype} does not begin with a header')
     result = []
     for name, kind, detail in kinds[1:]:
-        base = detail[0] if isinstance(detail, tuple) else detail
+        base = str(detail[0] if isinstance(detail, tuple) else detail)
         if kind != Nodetype.BASE or base not in NUMPY_CODES:
             raise RecordError(
                 f'{msgtype}: field {name} in the stored definition has no fixed size'
@@ -88,7 +110,8 @@ def row_type(fields: Fields, frame_length: int, byte_order: str = '<') -> np.dty
         offsets.append(end)
         end += size
     layout: Any = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': end}
-    return np.dtype(layout)
+    kind: np.dtype[np.void] = np.dtype(layout)
+    return kind
 
 
 def encode(fields: Fields, stamps: IntArray, columns: dict[str, Any], frame_id: str = '') -> Rows:

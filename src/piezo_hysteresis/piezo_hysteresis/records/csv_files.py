@@ -218,7 +218,7 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
         return RecordInfo(), path.stem, 0.0
     try:
         known = {
-            item.name: type(item.default)(entry[item.name])  # type: ignore[call-arg]
+            item.name: type(getattr(RecordInfo(), item.name))(entry[item.name])
             for item in fields(RecordInfo)
             if item.name in entry
         }

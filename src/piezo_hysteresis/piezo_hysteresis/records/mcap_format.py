@@ -75,19 +75,19 @@ class Cursor:
 @jit
 def _walk(buffer: Any, fields: Any, others: Any) -> tuple[int, int, int]:
     """Note messages and other records; return both counts and where the walk stopped."""
-    messages, rest, at, end = 0, 0, 0, buffer.size
+    messages, rest, end = 0, 0, buffer.size
+    at = np.int64(0)
     while at + 9 <= end and messages < fields.shape[0] and rest < others.shape[0]:
-        size = 0
+        size = np.int64(0)
         for k in range(8):
             size |= np.int64(buffer[at + 1 + k]) << (8 * k)
         if size < 0 or size > end - at - 9:
             break
         if buffer[at] == 5 and size >= 22:
-            channel = np.int64(buffer[at + 9]) | np.int64(buffer[at + 10]) << 8
-            log_time = 0
+            log_time = np.int64(0)
             for k in range(8):
                 log_time |= np.int64(buffer[at + 15 + k]) << (8 * k)
-            fields[messages, 0] = channel
+            fields[messages, 0] = np.int64(buffer[at + 9]) | np.int64(buffer[at + 10]) << 8
             fields[messages, 1] = log_time
             fields[messages, 2] = at + 31
             fields[messages, 3] = size - 22
@@ -98,7 +98,7 @@ def _walk(buffer: Any, fields: Any, others: Any) -> tuple[int, int, int]:
             others[rest, 2] = size
             rest += 1
         at += 9 + size
-    return messages, rest, at
+    return messages, rest, int(at)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ verified, and what the index counts is compared with what was found.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import BinaryIO
 from zlib import crc32
@@ -51,7 +51,7 @@ class McapFile:
         self._expected: int | None = None
         self._chunk_starts: list[int] = []
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Generator[Block]:
         """Yield the messages of every chunk (and of every stretch without chunks).
 
         Raises
@@ -135,7 +135,7 @@ class McapFile:
             cursor.take(16)
             self._chunk_starts.append(cursor.number('Q'))
 
-    def _data(self, file: BinaryIO) -> Iterator[Block]:
+    def _data(self, file: BinaryIO) -> Generator[Block]:
         """Walk over the data section in windows; yield its messages."""
         at, wanted = len(mcap.MAGIC), WINDOW
         while at < self._size:
@@ -179,7 +179,7 @@ class McapFile:
         channel, log_time, offset, length = walk.messages.T
         return Block(np.frombuffer(data, np.uint8), channel, log_time, offset, length)
 
-    def _chunk(self, content: bytes, at: int, *, cut: bool = False) -> Iterator[Block]:
+    def _chunk(self, content: bytes, at: int, *, cut: bool = False) -> Generator[Block]:
         """Yield the messages of one chunk if its checksum holds.
 
         A chunk that was cut off has no checksum to hold, but complete messages in its front part
@@ -225,7 +225,7 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
     if compression == '':
         return data
     if compression == 'lz4':
-        from lz4.frame import LZ4FrameDecompressor
+        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
         return bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     if compression == 'zstd':

@@ -124,7 +124,9 @@ class PaddedFile:
 
     def abandon(self) -> None:
         """Close; the file stays as valid as it was."""
-        os.close(self._fd)
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._fd = -1
 
 
 class McapWriter:

@@ -118,7 +118,7 @@ class Record:
     @property
     def time(self) -> FloatArray:
         """Time of each sample [s], shape (n,)."""
-        return self.start + np.arange(len(self)) * self.dt
+        return np.asarray(self.start + np.arange(len(self)) * self.dt, np.float64)
 
     @property
     def duration(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Block, Topic
 
-ROWS = 1 << 16
+ROWS = 1 << 13
 SCHEMA = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
 CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL,
@@ -53,7 +53,7 @@ class SqliteFile:
         self.log = log
         self.topics: dict[int, Topic] = {}
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Generator[Block]:
         """Yield messages in the order in which they were stored.
 
         Raises
@@ -115,21 +115,27 @@ class SqliteFile:
             topics[number] = Topic(name, msgtype, text, type_hash, profiles, encoding)
         return topics
 
-    def _messages(self, base: sqlite3.Connection) -> Iterator[Block]:
+    def _messages(self, base: sqlite3.Connection) -> Generator[Block]:
         rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
         while True:
             batch, error = _fetch(rows)
-            good = [row for row in batch if _plausible(row)]
-            if len(good) < len(batch):
-                wrong = len(batch) - len(good)
-                what = f'{wrong} rows hold no message'
-                self.log.add(self.path, what, count=wrong, lost=wrong)
-            if good:
-                yield block_of(good)
+            if batch:
+                yield self._block(batch)
             if error is not None:
                 raise error
             if not batch:
                 return
+
+    def _block(self, batch: list[Any]) -> Block:
+        """Return the rows of a batch that are messages: SQLite lets any value be in any column."""
+        try:
+            return block_of(batch)
+        except (TypeError, ValueError, OverflowError):
+            good = [row for row in batch if _plausible(row)]
+            wrong = len(batch) - len(good)
+            what = f'{wrong} rows hold no message'
+            self.log.add(self.path, what, count=wrong, lost=wrong)
+            return block_of(good)
 
 
 def _fetch(rows: sqlite3.Cursor) -> tuple[list[Any], sqlite3.Error | None]:
@@ -146,12 +152,12 @@ def _plausible(row: tuple[Any, Any, Any]) -> bool:
 
 def block_of(rows: list[tuple[int, int, bytes]]) -> Block:
     """Return messages (topic number, log time [ns], payload) as one block."""
-    topic, log_time, data = zip(*rows, strict=True)
+    topic, log_time, data = zip(*rows, strict=True) if rows else ((), (), ())
     length = np.fromiter(map(len, data), np.int64, len(rows))
     return Block(
         np.frombuffer(b''.join(data), np.uint8),
-        np.array(topic, np.int64),
-        np.array(log_time, np.int64),
+        np.fromiter(topic, np.int64, len(rows)),
+        np.fromiter(log_time, np.int64, len(rows)),
         np.cumsum(length) - length,
         length,
     )

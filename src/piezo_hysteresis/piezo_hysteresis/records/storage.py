@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.arrays import BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,18 @@ class Block:
     offset: IntArray
     length: IntArray
 
+    def take(self, mask: BoolArray) -> Block:
+        """Return some of the messages; the bytes are shared."""
+        if mask.all():
+            return self
+        return Block(
+            self.buffer,
+            self.topic[mask],
+            self.log_time[mask],
+            self.offset[mask],
+            self.length[mask],
+        )
+
     def payload(self, index: int) -> bytes:
         """Return the serialised message number `index` of this block."""
         first = int(self.offset[index])
@@ -66,10 +79,19 @@ class Block:
 
 
 class Storage(Protocol):
-    """A storage file that can be read block by block."""
+    """A storage file that can be read block by block.
 
+    Attributes
+    ----------
+    path : Path
+        The file.
+    topics : dict of int to Topic
+        Topics by their number in the file.
+    """
+
+    path: Path
     topics: dict[int, Topic]
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Generator[Block]:
         """Yield blocks in file order; `topics` is complete when the last one was read."""
         ...

@@ -1,0 +1,87 @@
+"""What the verbs that read data tell about them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.records import Record, Survey
+from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return columns aligned under their heads; numbers to the right."""
+    width = [max(len(line[k]) for line in [head, *rows]) for k in range(len(head))]
+    number = [all(_is_number(row[k]) for row in rows) for k in range(len(head))]
+    lines = []
+    for line in [head, *rows]:
+        cells = zip(line, width, number, strict=True)
+        lines.append('  '.join(c.rjust(w) if n else c.ljust(w) for c, w, n in cells).rstrip())
+    return '\n'.join(lines)
+
+
+def _is_number(cell: str) -> bool:
+    return cell.replace('.', '').replace('-', '').replace('+', '').replace('e', '').isdigit()
+
+
+def records_table(records: Sequence[Record]) -> str:
+    """Return one line per record: size, rate, ranges and what is known of it."""
+    head = ['record', 'samples', 'rate Hz', 'start s', 'duration s', 'input', 'stroke um',
+            'excitation', 'reference', 'actuator']  # fmt: skip
+    rows = [
+        [
+            record.name,
+            str(len(record)),
+            f'{record.rate:.6g}',
+            f'{record.start:.6g}',
+            f'{record.duration:.6g}',
+            f'{record.voltage.min():.4g} .. {record.voltage.max():.4g} {record.info.input_unit}',
+            f'{np.ptp(record.displacement) * 1e6:.4g}',
+            _excitation(record),
+            'yes' if record.reference is not None else 'no',
+            record.info.actuator or '-',
+        ]
+        for record in records
+    ]
+    return table(head, rows)
+
+
+def _excitation(record: Record) -> str:
+    frequency = record.info.frequency
+    return record.info.excitation + (f' {frequency:.4g} Hz' if frequency else '')
+
+
+def topics_table(bag: BagContent) -> str:
+    """Return one line per topic of a bag: type, number of messages and their mean rate."""
+    rows = []
+    for name, held in sorted(bag.topics.items()):
+        span = (held.last - held.first) * 1e-9
+        rate = f'{(held.count - 1) / span:.4g}' if held.count > 1 and span > 0 else '-'
+        rows.append([name, held.topic.msgtype, str(held.count), rate])
+    return table(['topic', 'type', 'messages', 'mean rate Hz'], rows)
+
+
+def bag_lines(bag: BagContent) -> list[str]:
+    """Return what the metadata of a bag say: storage, files, and what its recorder dropped."""
+    metadata = bag.metadata
+    if metadata is None:
+        return []
+    names = ', '.join(file.name for file in metadata.files)
+    lines = [f'storage {metadata.storage}: {names}']
+    dropped = metadata.custom.get(DROPPED_KEY, '0')
+    if dropped != '0':
+        lines.append(f'its recorder had to drop {dropped} messages')
+    return lines
+
+
+def print_survey_notes(found: Survey) -> None:
+    """Tell on stderr what was lost, mended or should be known."""
+    for note in found.notes:
+        print(f'note: {note}', file=sys.stderr)
+    for damage in found.damage:
+        print(f'salvaged: {damage}', file=sys.stderr)
+    if found.damage:
+        lost = sum(damage.lost for damage in found.damage)
+        print(f'salvaged: {len(found.damage)} findings, {lost} samples lost', file=sys.stderr)

@@ -1,0 +1,67 @@
+"""Write every record of the data as a CSV file, with what is known of it in records.yaml."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import yaml
+
+from piezo_hysteresis.cli.data_report import print_survey_notes
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import Record, survey, write_csv
+from piezo_hysteresis.records.csv_files import INFO_FILE, LENGTHS
+
+HELP = 'records back to CSV files'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument('data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV')
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder to create')
+    parser.add_argument(
+        '--unit', choices=('m', 'mm', 'um', 'nm'), default='um',
+        help='unit of the displacement (m keeps every digit)',
+    )  # fmt: skip
+    parser.add_argument('--actuator', help='which one, where a bag holds several')
+    parser.add_argument(
+        '--salvage', action='store_true', help='keep what is readable of damaged data'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the files, all or none."""
+    found = survey(arguments.data, salvage=arguments.salvage, actuator=arguments.actuator)
+    folder = Path(arguments.out)
+    if folder.exists():
+        raise RecordError(f'{folder} exists already; remove it or choose another name')
+    young = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
+    try:
+        young.mkdir(parents=True)
+        _write(young, found.records, arguments.unit)
+        young.rename(folder)
+    except OSError as error:
+        raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
+    finally:
+        shutil.rmtree(young, ignore_errors=True)
+    print_survey_notes(found)
+    print(f'{len(found.records)} files in {folder}')
+    return 0
+
+
+def _write(folder: Path, records: list[Record], unit: str) -> None:
+    assert unit in LENGTHS
+    notes: dict[str, dict[str, object]] = {}
+    for record in records:
+        stem = re.sub(r'[^\w.+-]+', '_', record.name).strip('.') or 'record'
+        name, number = f'{stem}.csv', 2
+        while name.lower() in {taken.lower() for taken in notes}:
+            name, number = f'{stem}-{number}.csv', number + 1
+        write_csv(folder / name, record, unit=unit)
+        notes[name] = {'record': record.name, 'rate': record.rate, **asdict(record.info)}
+    text = yaml.safe_dump(notes, sort_keys=False)
+    (folder / INFO_FILE).write_text(text, 'utf-8')

@@ -1,0 +1,62 @@
+"""List the records and topics of bags and CSV files, and say what is wrong with them.
+
+The exit code is 2 where something is damaged: other verbs then need --salvage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from piezo_hysteresis.cli.data_report import bag_lines, records_table, topics_table
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import Survey, survey
+from piezo_hysteresis.records.bag_content import read_content
+from piezo_hysteresis.records.damage import DamageLog
+
+HELP = 'records, topics, rates, gaps and units of bags and CSV files'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument('data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print what each of the data holds."""
+    findings = 0
+    for path in map(Path, arguments.data):
+        print(f'{path}:')
+        try:
+            found = survey([path], salvage=True)
+        except RecordError:
+            _print_topics(path)
+            raise
+        findings += _print_survey(found)
+    if findings:
+        print(f'error: {findings} findings; other verbs need --salvage', file=sys.stderr)
+    return 2 if findings else 0
+
+
+def _print_survey(found: Survey) -> int:
+    for bag in found.bags:
+        print('\n'.join([*bag_lines(bag), topics_table(bag), '']))
+    print(records_table(found.records))
+    for note in found.notes:
+        print(f'note: {note}')
+    for damage in found.damage:
+        print(f'damage: {damage}' + (f' ({damage.lost} lost)' if damage.lost else ''))
+    return len(found.damage)
+
+
+def _print_topics(path: Path) -> None:
+    """Print the topics of a bag that holds no record, where there are any."""
+    if not path.is_dir() and path.suffix not in ('.mcap', '.db3'):
+        return
+    try:
+        bag = read_content(path, DamageLog(salvage=True))
+    except (RecordError, OSError, ValueError):
+        return
+    if bag.topics:
+        print('\n'.join([*bag_lines(bag), topics_table(bag)]))

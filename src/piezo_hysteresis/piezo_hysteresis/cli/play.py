@@ -1,0 +1,33 @@
+"""Play a bag back to topics, at any rate or in lock-step with the nodes that listen."""
+
+from __future__ import annotations
+
+import argparse
+
+from piezo_hysteresis.cli.need_ros import node_module
+
+HELP = 'topics from a bag'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument('bag', metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument(
+        'topics', nargs='*', metavar='TOPIC', help='topics to play; all where none'
+    )
+    parser.add_argument('--rate', type=float, default=1.0, help='speed against the recording')
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument(
+        '--lock-step', action='store_true',
+        help='send each message when the one before was taken, as fast as that goes',
+    )  # fmt: skip
+    parser.add_argument('--salvage', action='store_true', help='play what is readable')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Hand over to the player node."""
+    words = [arguments.bag, *arguments.topics, '--rate', repr(arguments.rate)]
+    for option in ('loop', 'lock_step', 'salvage'):
+        if getattr(arguments, option):
+            words.append('--' + option.replace('_', '-'))
+    return int(node_module('player').run(words))

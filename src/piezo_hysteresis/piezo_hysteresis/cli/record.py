@@ -1,0 +1,28 @@
+"""Record topics of a running ROS 2 system into a bag that survives whatever happens.
+
+Everything flushed is readable after a crash, a kill or a full disk; Ctrl-C ends the recording.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from piezo_hysteresis.cli.need_ros import node_module
+
+HELP = 'bag from topics of a running ROS 2 system'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument(
+        'topics', nargs='*', metavar='TOPIC',
+        help='topics to record; all of the namespace where none are given',
+    )  # fmt: skip
+    parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
+    parser.add_argument('--namespace', default='piezo', help='of topics given without a slash')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Hand over to the recorder node."""
+    words = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
+    return int(node_module('recorder').run(words))

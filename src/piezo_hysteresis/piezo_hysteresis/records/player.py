@@ -1,0 +1,162 @@
+"""Plays the messages of a bag in the order of their log times, at any rate."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.bag_content import blocks_of
+from piezo_hysteresis.records.damage import Damage, DamageLog
+from piezo_hysteresis.records.storage import Block, Topic
+
+
+@dataclass(frozen=True)
+class Played:
+    """One message whose time has come.
+
+    Attributes
+    ----------
+    topic : Topic
+        Name, type and definition.
+    payload : bytes
+        The serialised message as it was recorded.
+    log_time : int
+        When it was recorded, which is what ``/clock`` should say [ns].
+    lap : int
+        Rounds played before, with ``loop``.
+    """
+
+    topic: Topic
+    payload: bytes
+    log_time: int
+    lap: int
+
+
+class Player:
+    """Iterates over the messages of a bag, waiting until each is due.
+
+    Parameters
+    ----------
+    path : str or Path
+        Bag folder or storage file.
+    rate : float
+        Speed against the recording; ``inf`` never waits (lock-step: the taker sets the pace).
+    loop : bool
+        Begin again at the end, until `stop`.
+    topics : collection of str, optional
+        Names of the topics to play; all where not given.
+    salvage : bool
+        Play what is readable of a damaged bag.
+    clock : callable
+        Monotonic time [s].
+    wait : callable, optional
+        Waits for a number of seconds; returns early when `stop` is called where not given.
+
+    Attributes
+    ----------
+    topics : dict of str to Topic
+        What will be played.
+    first, last : int
+        Log times of the first and the last message [ns].
+    count : int
+        Messages of one round.
+    damage : list of Damage
+        What was wrong with the bag, when salvaging.
+
+    Raises
+    ------
+    RecordError
+        If the rate is not positive, the bag cannot be used, or nothing in it is to be played.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        rate: float = 1.0,
+        loop: bool = False,
+        topics: Collection[str] | None = None,
+        salvage: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], object] | None = None,
+    ) -> None:
+        if not rate > 0:
+            raise RecordError(f'the rate of playing must be positive, got {rate}')
+        self.path = Path(path)
+        self._rate, self._loop, self._salvage = rate, loop, salvage
+        self._clock = clock
+        self._stop = threading.Event()
+        self._wait = wait or self._stop.wait
+        self._wanted = None if topics is None else {'/' + name.strip('/') for name in topics}
+        self.topics: dict[str, Topic] = {}
+        self.count = 0
+        starts: list[int] = []
+        ends: list[int] = []
+        log = DamageLog(salvage)
+        for own, block in self._blocks(log):
+            if block.topic.size:
+                self.topics |= {
+                    own[number].name: own[number] for number in set(block.topic.tolist())
+                }
+                self.count += block.topic.size
+                ends.append(int(block.log_time.max()))
+            starts.append(int(block.log_time.min()) if block.topic.size else 1 << 62)
+        self.damage: list[Damage] = log.findings
+        if not self.count:
+            held = 'it holds no messages' if topics is None else 'none of the topics is in it'
+            raise RecordError(f'{self.path}: {held}; see what it holds with `info {self.path}`')
+        self.first, self.last = min(starts), max(ends)
+        # A message is due when no later block can hold an earlier one.
+        self._later = np.minimum.accumulate([*starts[1:], 1 << 62][::-1])[::-1].tolist()
+
+    def stop(self) -> None:
+        """End playing, from any thread; a wait under way ends at once."""
+        self._stop.set()
+
+    def __iter__(self) -> Iterator[Played]:
+        lap = 0
+        while not self._stop.is_set():
+            began = self._clock()
+            for topic, payload, log_time in self._in_order():
+                due = began + (log_time - self.first) * 1e-9 / self._rate
+                while (left := due - self._clock()) > 0 and not self._stop.is_set():
+                    self._wait(left)
+                if self._stop.is_set():
+                    return
+                yield Played(topic, payload, log_time, lap)
+            if not self._loop:
+                return
+            lap += 1
+
+    def _blocks(self, log: DamageLog) -> Iterator[tuple[dict[int, Topic], Block]]:
+        """Yield every block cut down to the topics that are to be played."""
+        for topics, block in blocks_of(self.path, log):
+            names = {
+                number
+                for number, topic in topics.items()
+                if self._wanted is None or '/' + topic.name.strip('/') in self._wanted
+            }
+            yield topics, block.take(np.isin(block.topic, list(names)))
+
+    def _in_order(self) -> Iterator[tuple[Topic, bytes, int]]:
+        held: list[tuple[dict[int, Topic], Block]] = []
+        for later, entry in zip(self._later, self._blocks(DamageLog(salvage=True)), strict=False):
+            held.append(entry)
+            times = np.concatenate([block.log_time for _, block in held])
+            owner = np.repeat(range(len(held)), [block.topic.size for _, block in held])
+            inner = np.concatenate([np.arange(block.topic.size) for _, block in held])
+            order = np.argsort(times, kind='stable')
+            due = order[times[order] <= later]
+            for which, index, log_time in zip(
+                owner[due].tolist(), inner[due].tolist(), times[due].tolist(), strict=True
+            ):
+                topics, block = held[which]
+                yield topics[int(block.topic[index])], block.payload(index), log_time
+            held = [(topics, block.take(block.log_time > later)) for topics, block in held]
+            held = [(topics, block) for topics, block in held if block.topic.size]
