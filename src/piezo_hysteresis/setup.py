@@ -36,5 +36,10 @@ setup(
     description='Models, identifies and compensates piezo hysteresis; finds what the model misses',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
-    entry_points={'console_scripts': [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
+    entry_points={
+        'console_scripts': [
+            *(f'{node} = {package}.nodes.{node}:main' for node in nodes),
+            *(f'{verb} = {package}.cli.executables:{verb}_' for verb in verbs),
+        ]
+    },
 )

@@ -6,7 +6,15 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 # lock-step loop starts whatever the order in which its processes come up.
 LOOP = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
-    depth=16,
+    depth=64,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+# For a node beside the loop that must see every tick though nobody waits for it.
+FOLLOWER = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=20000,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )

@@ -10,6 +10,7 @@ from rclpy.task import Future
 
 from piezo_hysteresis.nodes.excitation_plan import Experiment
 from piezo_hysteresis.nodes.messages import point_into
+from piezo_hysteresis.nodes.sweep_server import SweepServer
 from piezo_hysteresis.nodes.tables import EXCITATION
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
@@ -34,9 +35,10 @@ class Excitation(Node):
         self._experiment: Experiment | None = None
         self._emitted = -1
         self._newest_state = -1
+        self._ready = False
         self._heard = time.monotonic()
-        self._parameters = NodeParameters(self, EXCITATION, self._apply)
-        self._rate = self._parameters.number('rate')
+        self._params = NodeParameters(self, EXCITATION, self._apply)
+        self._rate = self._params.number('rate')
         self._reference = Reference()
         self._voltage = VoltageCommand()
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
@@ -45,6 +47,9 @@ class Excitation(Node):
         )
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
+        self._sweeps = SweepServer(
+            self, self._rate, lambda: self._params.text('actuator'), self._begin
+        )
         self.create_timer(0.5, self._watch)
 
     # --- ticks ---------------------------------------------------------------------------------
@@ -52,6 +57,7 @@ class Excitation(Node):
     def _on_status(self, message: LoopStatus) -> None:
         # A simulator at tick 0 has no state to answer yet: its status starts the loop.
         if message.sample == 0 and self._newest_state < 0:
+            self._ready = True
             self._emit(0)
 
     def _on_state(self, message: ActuatorState) -> None:
@@ -61,9 +67,27 @@ class Excitation(Node):
         self._heard = time.monotonic()
         self._emit(message.sample + 1)
 
+    def _begin(self) -> None:
+        """Answer the newest state, in case the loop waits for it."""
+        self._heard = time.monotonic()
+        if self._newest_state >= 0 or self._ready:
+            self._emit(self._newest_state + 1)
+
     def _emit(self, sample: int) -> None:
-        if self._parameters.text('mode') == 'idle' or sample <= self._emitted:
+        if sample <= self._emitted:
             return
+        if self._sweeps.active:
+            self._emit_sweep(sample)
+        elif self._params.text('mode') != 'idle':
+            self._emit_experiment(sample)
+
+    def _emit_sweep(self, sample: int) -> None:
+        voltage = self._sweeps.voltage(sample)
+        if voltage is not None:
+            self._emitted = sample
+            self._publish_voltage(sample, voltage)
+
+    def _emit_experiment(self, sample: int) -> None:
         experiment = self._experiment
         if experiment is None:
             experiment = self._experiment = self._new_experiment(sample)
@@ -71,10 +95,10 @@ class Excitation(Node):
             self._finish(sample)
             return
         self._emitted = sample
-        if self._parameters.text('mode') == 'reference':
+        if self._params.text('mode') == 'reference':
             self._emit_reference(experiment, sample)
         else:
-            self._emit_voltage(experiment, sample)
+            self._publish_voltage(sample, experiment.point(sample).displacement)
 
     def _emit_reference(self, experiment: Experiment, sample: int) -> None:
         message = self._reference
@@ -82,59 +106,62 @@ class Excitation(Node):
         stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
         self._reference_publisher.publish(message)
 
-    def _emit_voltage(self, experiment: Experiment, sample: int) -> None:
+    def _publish_voltage(self, sample: int, voltage: float) -> None:
         message = self._voltage
         message.sample = sample
-        message.voltage = experiment.point(sample).displacement
+        message.voltage = voltage
         stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
         self._voltage_publisher.publish(message)
 
     def _finish(self, sample: int) -> None:
         self.get_logger().info(f'experiment over at tick {sample}')
-        self._parameters.overwrite({'mode': 'idle'})
-        if self._parameters.flag('exit_when_done') and not self.stop.done():
+        self._end()
+
+    def _end(self) -> None:
+        self._params.overwrite({'mode': 'idle'})
+        if self._params.flag('exit_when_done') and not self.stop.done():
             self.stop.set_result(True)
 
     # --- parameters ----------------------------------------------------------------------------
 
     def _new_experiment(self, sample: int) -> Experiment:
-        value = self._parameters.number
+        value = self._params.number
         amplitude, offset = self._size()
         duration = value('duration')
         sine = Sine(amplitude, value('frequency'), duration, offset, ramp=value('ramp'))
         return Experiment(sine, sample, self._rate, round(duration * self._rate))
 
     def _size(self) -> tuple[float, float]:
-        kind = self._parameters.text('mode')
-        value = self._parameters.number
+        kind = self._params.text('mode')
+        value = self._params.number
         return value(f'{kind}.amplitude'), value(f'{kind}.offset')
 
     def _apply(self, changes: dict[str, Value]) -> None:
         if 'mode' in changes:
             self._experiment = None
-            self._heard = time.monotonic()
-            if self._newest_state >= 0:
-                self._emit(self._newest_state + 1)
-        elif self._experiment is not None and self._parameters.text('mode') != 'idle':
+            self._begin()
+        elif self._experiment is not None and self._params.text('mode') != 'idle':
             amplitude, offset = self._size()
-            frequency = self._parameters.number('frequency')
+            frequency = self._params.number('frequency')
             self._experiment.retuned(frequency, amplitude, offset, self._emitted + 1)
-            length = round(self._parameters.number('duration') * self._rate)
+            length = round(self._params.number('duration') * self._rate)
             self._experiment.length = length
 
     def _watch(self) -> None:
         silent = time.monotonic() - self._heard
-        deadline = self._parameters.number('deadline')
-        if self._parameters.text('mode') == 'idle' or silent < deadline:
+        deadline = self._params.number('deadline')
+        idle = self._params.text('mode') == 'idle' and not self._sweeps.active
+        if idle or silent < deadline:
             return
-        self.get_logger().error(
+        reason = (
             f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the actuator '
             'or a link of the chain is not running; start it and set mode again'
         )
+        self.get_logger().error(reason)
         self.exit_code = 3
-        self._parameters.overwrite({'mode': 'idle'})
-        if self._parameters.flag('exit_when_done') and not self.stop.done():
-            self.stop.set_result(True)
+        if self._sweeps.active:
+            self._sweeps.give_up(reason)
+        self._end()
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from piezo_hysteresis.nodes.tables import IDENTIFICATION
 from piezo_interfaces.msg import ActuatorState, ModelEstimate
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.qos import FOLLOWER, LATCHED
 from piezo_ros_common.running import run_node
 from piezo_ros_common.table import Value
 
@@ -28,11 +28,11 @@ class Identification(Node):
     def __init__(self) -> None:
         super().__init__('identification')
         self._last_sample = -1
-        self._parameters = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
+        self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
         self._rls = OnlineRls(self._settings({}))
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
-        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, FOLLOWER)
         self.create_service(Trigger, '~/reset', self._on_reset)
 
     def _on_state(self, message: ActuatorState) -> None:
@@ -40,7 +40,7 @@ class Identification(Node):
             return
         self._last_sample = message.sample
         self._rls.update(message.voltage, message.displacement)
-        if (message.sample + 1) % self._parameters.integer('publish_every') == 0:
+        if (message.sample + 1) % self._params.integer('publish_every') == 0:
             self._publish(message)
 
     def _publish(self, state: ActuatorState) -> None:
@@ -53,7 +53,7 @@ class Identification(Node):
         self._publisher.publish(message)
 
     def _settings(self, changes: dict[str, Value]) -> RlsSettings:
-        known = self._parameters.values if hasattr(self, '_parameters') else {}
+        known = self._params.values if hasattr(self, '_params') else {}
         chosen = {name: changes.get(name, known.get(name)) for name in _SETTINGS}
         rate = changes.get('rate', known.get('rate'))
         return RlsSettings(**chosen, dt=1.0 / float(rate))  # type: ignore[arg-type]
@@ -67,7 +67,7 @@ class Identification(Node):
 
     def _apply(self, changes: dict[str, Value]) -> None:
         if set(changes) == {'forgetting'}:
-            self._rls.forgetting = self._parameters.number('forgetting')
+            self._rls.forgetting = self._params.number('forgetting')
         elif not changes.keys().isdisjoint(_SETTINGS):
             self._rls = OnlineRls(self._settings({}))
 

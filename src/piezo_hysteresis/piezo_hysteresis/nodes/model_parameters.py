@@ -63,8 +63,8 @@ class ModelParameters:
         """Make `loaded` the model of the node."""
         wanted = loaded.to_ros_parameters()
         head = {name: wanted[name] for name in ('model.name', 'model.chain', 'model.held')}
-        self._parameters.overwrite(head)  # type: ignore[arg-type]
-        self._parameters.overwrite({k: v for k, v in wanted.items() if k not in head})  # type: ignore[misc]
+        self._parameters.overwrite(head)
+        self._parameters.overwrite({k: v for k, v in wanted.items() if k not in head})
         self._changed = True
 
     def take(self) -> ModelFile | None:

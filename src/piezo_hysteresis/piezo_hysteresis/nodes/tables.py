@@ -46,6 +46,7 @@ EXCITATION = ParameterTable(
             'What is published: a reference, an open-loop voltage, or nothing.',
             choices=('idle', 'reference', 'voltage'),
         ),
+        ParameterSpec('actuator', '', 'Name written into the markers of recorded sweeps.'),
         ParameterSpec('frequency', 1.0, 'Frequency of the sinusoid.', 'Hz', 0.0, 1e4),
         ParameterSpec('reference.amplitude', 5e-5, 'Amplitude of the reference.', 'm', 0.0, 0.01),
         ParameterSpec('reference.offset', 0.0, 'Mean of the reference.', 'm', -0.01, 0.01),

@@ -5,6 +5,10 @@ from __future__ import annotations
 import sys
 import time
 
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
 from piezo_ros_common import topics
@@ -13,13 +17,9 @@ from piezo_ros_common.qos import LATCHED, LOOP, OBSERVER
 from piezo_ros_common.running import run_node
 from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
 from piezo_ros_common.table import Value
-from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
-
 from piezo_sim.errors import SimulationError
 from piezo_sim.nodes.pacing import CommandBook, Pace
-from piezo_sim.nodes.tables import plant_table, simulator_table
+from piezo_sim.nodes.tables import command_range, plant_table, simulator_table
 from piezo_sim.plant import Plant
 
 # No more than this many ticks at a time, so that parameters and commands are served in between.
@@ -38,13 +38,15 @@ class Simulator(Node):
         self._last_command_tick = -1
         self._missed_in_a_row = 0
         self._table = simulator_table()
-        self._parameters = NodeParameters(self, self._table, self._apply)
-        value = self._parameters
+        self._params = NodeParameters(self, self._table, self._apply)
+        value = self._params
         self._plant = self._make_plant(value.text('preset'))
-        self._parameters.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
+        self._params.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
         self._rate = value.number('rate')
-        limits = self._plant.command_range
-        self._book = CommandBook(*limits, value.number('safe_voltage'), value.number('ramp'))
+        limits = command_range(self._plant)
+        self._book = CommandBook(
+            limits[0], limits[1], value.number('safe_voltage'), value.number('ramp')
+        )
         self._pace = Pace(self._rate, value.number('speed_factor'))
         self._lock_step = value.text('clock') == 'lock_step'
         self._make_topics()
@@ -58,8 +60,8 @@ class Simulator(Node):
         try:
             return Plant.from_preset(
                 preset,
-                rate=self._parameters.number('rate'),
-                seed=self._parameters.integer('seed'),
+                rate=self._params.number('rate'),
+                seed=self._params.integer('seed'),
             )
         except SimulationError as error:
             self.get_logger().fatal(str(error))
@@ -70,7 +72,7 @@ class Simulator(Node):
         self._state_publisher = self.create_publisher(ActuatorState, topics.STATE, LOOP)
         self._status_publisher = self.create_publisher(LoopStatus, topics.LOOP_STATUS, LATCHED)
         self._clock_publisher = None
-        if self._parameters.flag('publish_clock'):
+        if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', OBSERVER)
         self.create_subscription(VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -125,7 +127,7 @@ class Simulator(Node):
         if self._newest_command < self._tick and self._newest_command >= 0:
             self._book.counts['missed'] += 1
         silent = (self._tick - self._last_command_tick) / self._rate
-        if silent > self._parameters.number('command_timeout'):
+        if silent > self._params.number('command_timeout'):
             self._book.ramp_to_safe(1.0 / self._rate)
 
     def _advance(self) -> None:
@@ -143,7 +145,7 @@ class Simulator(Node):
     # --- watching ------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        deadline = self._parameters.number('lock_step_deadline')
+        deadline = self._params.number('lock_step_deadline')
         if self._lock_step and self._waiting_since is not None:
             waited = time.monotonic() - self._waiting_since
             if waited > deadline:
@@ -169,22 +171,22 @@ class Simulator(Node):
     # --- parameters and services ---------------------------------------------------------------
 
     def _apply(self, changes: dict[str, Value]) -> None:
-        self._book.safe_voltage = self._parameters.number('safe_voltage')
-        self._book.ramp = self._parameters.number('ramp')
+        self._book.safe_voltage = self._params.number('safe_voltage')
+        self._book.ramp = self._params.number('ramp')
         if 'speed_factor' in changes:
-            self._pace.speed_factor = self._parameters.number('speed_factor')
+            self._pace.speed_factor = self._params.number('speed_factor')
             self._pace.restart(time.monotonic(), self._tick)
 
     def _refuse_plant(self, changes: dict[str, Value]) -> str:
         try:
-            self._plant.check(changes)
+            self._plant.check(_for_plant(changes))
         except SimulationError as error:
             return str(error)
         return ''
 
     def _apply_plant(self, changes: dict[str, Value]) -> None:
-        self._plant.set_parameters(changes)
-        self._book.low, self._book.high = self._plant.command_range
+        self._plant.set_parameters(_for_plant(changes))
+        self._book.low, self._book.high = command_range(self._plant)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._plant.reset()
@@ -197,14 +199,14 @@ class Simulator(Node):
     ) -> LoadPreset.Response:
         try:
             plant = Plant.from_preset(
-                request.preset, rate=self._rate, seed=self._parameters.integer('seed')
+                request.preset, rate=self._rate, seed=self._params.integer('seed')
             )
         except SimulationError as error:
             response.success, response.message = False, str(error)
             return response
         self._plant = plant
-        self._book.low, self._book.high = plant.command_range
-        self._parameters.overwrite(dict(plant.parameters))
+        self._book.low, self._book.high = command_range(plant)
+        self._params.overwrite(dict(plant.parameters))
         response.success, response.message = True, f'{request.preset} loaded, at rest'
         return response
 
@@ -212,11 +214,15 @@ class Simulator(Node):
         self, request: InjectFault.Request, response: InjectFault.Response
     ) -> InjectFault.Response:
         try:
-            self._plant.inject_fault(request.fault, request.duration)
+            self._plant.inject(request.fault, request.duration)
             response.success, response.message = True, f'{request.fault} injected'
         except SimulationError as error:
             response.success, response.message = False, str(error)
         return response
+
+
+def _for_plant(changes: dict[str, Value]) -> dict[str, float | bool]:
+    return {name: value for name, value in changes.items() if isinstance(value, bool | float)}
 
 
 def main() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from piezo_ros_common.table import ParameterSpec, ParameterTable
-
 from piezo_sim.plant import Plant
 
 
@@ -63,17 +62,24 @@ def simulator_table() -> ParameterTable:
 
 
 def plant_table(plant: Plant) -> ParameterTable:
-    """Return a row for every parameter of `plant`, with its present value as the default."""
+    """Return a row for every number and switch of `plant`, with its present value as default."""
     values = plant.parameters
-    rows = (
+    numbers = [
         ParameterSpec(
-            row.name,
-            values[row.name],
-            row.description,
-            row.unit,
-            row.low,
-            row.high,
+            row.name, float(values[row.name]), row.description, row.unit, row.low, row.high
         )
         for row in plant.parameter_table
-    )
-    return ParameterTable(tuple(rows))
+    ]
+    switches = [
+        ParameterSpec(
+            f'effects.{effect.name}', bool(values[f'effects.{effect.name}']), effect.description
+        )
+        for effect in plant.effect_table
+    ]
+    return ParameterTable((*numbers, *switches))
+
+
+def command_range(plant: Plant) -> tuple[float, float]:
+    """Return the range of commands that the amplifier of `plant` takes [V]."""
+    values = plant.parameters
+    return float(values['amplifier.range_low']), float(values['amplifier.range_high'])

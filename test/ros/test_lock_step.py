@@ -1,0 +1,105 @@
+"""The loop of processes gives the numbers of the offline function, time after time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from listening import Listener
+
+from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.linear_gain import ModeGain
+from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
+from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
+from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.nodes.tables import ATTENUATION
+from piezo_hysteresis.waveforms import Sine
+from piezo_interfaces.msg import ActuatorState, ModelEstimate
+from piezo_ros_common.processes import NodeProcesses
+from piezo_sim.plant import Plant
+
+pytestmark = pytest.mark.ros
+
+SAMPLES = 2000
+RATE = 1000.0
+FREQUENCY = 23.0
+AMPLITUDE = 1.1e-4
+MODEL = {
+    'A1': 1.0e-4,
+    'A': 2.5e-5,
+    'A0': 1e-6,
+    'beta': 0.6,
+    'gamma': 0.1,
+    'c1': 0.4752,
+    'c2': -0.7983,
+    'offset': 6e-6,
+}
+# The all-pole form has the gain 1 / (-c1 - c2) at rest.
+MODEL['A1'] *= -MODEL['c1'] - MODEL['c2']
+MODEL['A'] *= -MODEL['c1'] - MODEL['c2']
+
+
+def offline() -> LoopResult:
+    time = np.arange(SAMPLES) * (1.0 / RATE)
+    limits = Limits(-1.2, 1.2, 2000.0)
+    table = ATTENUATION.defaults()
+    settings = AttenuationSettings(
+        method='rls', orders=(3,), sign_rule='computed', gain=float(table['gain'])
+    )
+    gain = ModeGain(
+        table['plant.gain'],
+        table['plant.natural_frequency'],
+        table['plant.damping_ratio'],
+        1.0 / RATE,
+    )
+    links = [
+        ExtendedInverse(MODEL, 1.0 / RATE, limits=limits),
+        HarmonicAttenuation(settings, gain, 1.0 / RATE),
+    ]
+    plant = Plant.from_preset('fdk_pzba_00030', rate=RATE, seed=7)
+    reference = Sine(AMPLITUDE, FREQUENCY, SAMPLES / RATE, ramp=1.0).sample(time)
+    return closed_loop(reference, links, plant, limits, 1.0 / RATE)
+
+
+@pytest.mark.parametrize('_repetition', [1, 2])
+def test_processes_give_the_numbers_of_the_offline_loop(
+    processes: NodeProcesses, listener: Listener, tmp_path, _repetition: int
+) -> None:
+    model = tmp_path / 'model.yaml'
+    ModelFile(named('extended'), MODEL).save(model)
+    listener.listen(ActuatorState, 'actuator/state')
+    listener.listen(ModelEstimate, 'model/estimate', latched=True)
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'seed': 7})
+    processes.start('piezo_hysteresis', 'feedforward', {'model_file': str(model)})
+    processes.start('piezo_hysteresis', 'attenuation', {'orders': [3]})
+    processes.start('piezo_hysteresis', 'identification', {'publish_every': SAMPLES})
+    listener.matched('actuator/state')
+    listener.matched('model/estimate')
+    excitation = processes.start(
+        'piezo_hysteresis',
+        'excitation',
+        {
+            'mode': 'reference',
+            'frequency': FREQUENCY,
+            'reference.amplitude': AMPLITUDE,
+            'duration': SAMPLES / RATE,
+            'exit_when_done': True,
+        },
+    )
+    states = listener.heard['actuator/state']
+    listener.until(lambda: len(states) >= SAMPLES and bool(listener.heard['model/estimate']), 60.0)
+    assert processes.wait_for(excitation, 20.0) == 0
+
+    expected = offline()
+    assert [state.sample for state in states] == list(range(SAMPLES))
+    voltage = np.array([state.voltage for state in states])
+    displacement = np.array([state.displacement for state in states])
+    np.testing.assert_allclose(voltage, expected.voltage, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(displacement, expected.displacement, rtol=0, atol=1e-12)
+
+    rls = OnlineRls(RlsSettings(offset=True, dt=1.0 / RATE))
+    rls.update_many(voltage, displacement)
+    estimate = listener.heard['model/estimate'][-1]
+    np.testing.assert_allclose(estimate.values, rls.estimate().values, rtol=1e-12)
+    assert np.max(np.abs(voltage)) > 0.3
