@@ -1,0 +1,198 @@
+"""A sweep laid over the ticks of the loop: record after record, rest in between; knows no ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import RecordInfo
+from piezo_hysteresis.waveforms import Sine, Waveform
+
+# After a record the voltage goes back to rest over this time [s].
+RETURN = 0.1
+
+
+@dataclass(frozen=True)
+class SweepRecord:
+    """One record of a sweep.
+
+    Attributes
+    ----------
+    name : str
+        Unique within the sweep.
+    info : RecordInfo
+        What the marker tells.
+    first : int
+        Tick of the sweep at which it starts.
+    voltages : ndarray, shape (n,)
+        Voltage of each tick [V].
+    """
+
+    name: str
+    info: RecordInfo
+    first: int
+    voltages: FloatArray
+
+    @property
+    def last(self) -> int:
+        """Tick behind its end."""
+        return self.first + self.voltages.size
+
+
+class Sweep:
+    """Every record of a sweep, and the voltage of every tick.
+
+    Parameters
+    ----------
+    frequencies, amplitudes : sequence of float
+        Every frequency [Hz] is run at every amplitude [V].
+    seconds : float
+        Length of each record [s].
+    rate : float
+        Sampling rate [Hz].
+    warm_up : float
+        Time that errors leave out [s].
+    pause : float
+        Rest between records [s].
+    waveform : str
+        Kind of waveform.
+    options : mapping
+        Further settings of the waveform.
+
+    Raises
+    ------
+    RecordError
+        If the sweep is empty or a number is impossible.
+    """
+
+    def __init__(
+        self,
+        frequencies: Sequence[float],
+        amplitudes: Sequence[float],
+        seconds: float,
+        rate: float,
+        *,
+        warm_up: float = 0.0,
+        pause: float = 0.0,
+        waveform: str = 'sine',
+        options: Mapping[str, object] | None = None,
+    ) -> None:
+        _check(frequencies, amplitudes, seconds, rate, warm_up, pause)
+        self.rate = rate
+        self.records: list[SweepRecord] = []
+        self._start: int | None = None
+        self._cancelled_at: tuple[int, float] | None = None
+        gap = round((RETURN + pause) * rate)
+        first = 0
+        for amplitude in amplitudes:
+            for frequency in frequencies:
+                spec = {
+                    'kind': waveform,
+                    'frequency': frequency,
+                    'amplitude': amplitude,
+                    'duration': seconds,
+                    **(options or {}),
+                }
+                info = RecordInfo(
+                    excitation=waveform, frequency=frequency, amplitude=amplitude, warm_up=warm_up
+                )
+                name = f'{waveform}_{frequency:g}Hz_{amplitude:g}V'
+                record = SweepRecord(
+                    name,
+                    info,
+                    first,
+                    _voltages(Sine(amplitude, frequency, seconds), seconds, rate),
+                )
+                self.records.append(record)
+                first = record.last + gap
+        self.length = first
+
+    def start(self, sample: int) -> None:
+        """Let the sweep begin at tick `sample` of the loop."""
+        self._start = sample
+
+    def cancel(self, sample: int) -> None:
+        """Return to rest from tick `sample` on."""
+        if self._cancelled_at is None:
+            self._cancelled_at = (sample, self.voltage(sample - 1))
+
+    def over(self, sample: int) -> bool:
+        """Tell whether tick `sample` lies behind the end."""
+        if self._cancelled_at is not None:
+            return sample >= self._cancelled_at[0] + round(RETURN * self.rate)
+        return self._place(sample) >= self.length
+
+    def starting(self, sample: int) -> SweepRecord | None:
+        """Return the record whose first tick `sample` is."""
+        place = self._place(sample)
+        if self._cancelled_at is not None:
+            return None
+        return next((record for record in self.records if record.first == place), None)
+
+    def ending(self, sample: int) -> bool:
+        """Tell whether `sample` is the first tick behind a record."""
+        if self._cancelled_at is not None:
+            return sample == self._cancelled_at[0]
+        return any(record.last == self._place(sample) for record in self.records)
+
+    def running(self, sample: int) -> SweepRecord:
+        """Return the record that tick `sample` belongs to, or that follows it."""
+        place = self._place(sample)
+        return next((r for r in self.records if place < r.last), self.records[-1])
+
+    def voltage(self, sample: int) -> float:
+        """Return the voltage of tick `sample` [V]."""
+        if self._cancelled_at is not None and sample >= self._cancelled_at[0]:
+            gone = (sample - self._cancelled_at[0] + 1) / round(RETURN * self.rate)
+            return self._cancelled_at[1] * max(0.0, 1.0 - gone)
+        place = self._place(sample)
+        for record in self.records:
+            if place < record.first:
+                return 0.0
+            if place < record.last:
+                return float(record.voltages[place - record.first])
+            gone = (place - record.last + 1) / round(RETURN * self.rate)
+            if gone < 1.0:
+                return float(record.voltages[-1]) * (1.0 - gone)
+        return 0.0
+
+    def seconds_left(self, sample: int) -> float:
+        """Return the time until the end [s]."""
+        return max(0.0, (self.length - self._place(sample)) / self.rate)
+
+    def _place(self, sample: int) -> int:
+        return sample - (self._start or 0)
+
+
+def _voltages(waveform: Waveform, seconds: float, rate: float) -> FloatArray:
+    time = np.arange(round(seconds * rate)) * (1.0 / rate)
+    return waveform.sample(time).value
+
+
+def _check(
+    frequencies: Sequence[float],
+    amplitudes: Sequence[float],
+    seconds: float,
+    rate: float,
+    warm_up: float,
+    pause: float,
+) -> None:
+    if not frequencies or not amplitudes:
+        raise RecordError('a sweep needs at least one frequency and one amplitude')
+    numbers = [*frequencies, *amplitudes, seconds, rate, warm_up, pause]
+    if not all(math.isfinite(number) and number >= 0 for number in numbers):
+        raise RecordError(
+            'frequencies, amplitudes and times of a sweep must be finite, not below 0'
+        )
+    if round(seconds * rate) < 2:
+        raise RecordError(f'records of {seconds:g} s at {rate:g} Hz are empty: give more seconds')
+    highest = max(frequencies)
+    if highest >= 0.5 * rate:
+        raise RecordError(
+            f'{highest:g} Hz cannot be sampled at {rate:g} Hz: stay below {0.5 * rate:g} Hz'
+        )

@@ -1,0 +1,174 @@
+"""The ``run_sweep`` action: one goal at a time, feedback on the way, at rest after a cancel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+from rclpy.task import Future
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.sweep_plan import Sweep, SweepRecord
+from piezo_interfaces.action import RunSweep
+from piezo_interfaces.msg import RecordMarker
+from piezo_ros_common import topics
+from piezo_ros_common.qos import LOOP
+from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
+
+# Ticks between two feedback messages.
+FEEDBACK_EVERY = 200
+
+
+class SweepServer:
+    """Runs sweeps for the excitation node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose action it is.
+    rate : float
+        Sampling rate [Hz].
+    actuator : callable
+        Returns the name of the actuator.
+    begin : callable
+        Called when a sweep is accepted, so that the node starts to emit.
+    """
+
+    def __init__(self, node: Node, rate: float, actuator: Any, begin: Any) -> None:
+        self._node = node
+        self._rate = rate
+        self._actuator = actuator
+        self._begin = begin
+        self._sweep: Sweep | None = None
+        self._goal: Any = None
+        self._done: Future | None = None
+        self._newest = -1
+        self._first = -1
+        self._reason = ''
+        self._marker = RecordMarker(rate=rate)
+        self._markers = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
+        self._server = ActionServer(
+            node,
+            RunSweep,
+            'run_sweep',
+            execute_callback=self._execute,
+            goal_callback=self._judge,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    @property
+    def active(self) -> bool:
+        """Whether a sweep runs."""
+        return self._sweep is not None
+
+    def voltage(self, sample: int) -> float | None:
+        """Return the voltage of tick `sample`, or None when the sweep is over."""
+        sweep = self._sweep
+        assert sweep is not None
+        if self._first < 0:
+            self._first = sample
+            sweep.start(sample)
+        if self._goal.is_cancel_requested:
+            sweep.cancel(sample)
+        if sweep.over(sample):
+            self._end_record(sample)
+            self._finish(sample)
+            return None
+        record = sweep.starting(sample)
+        if record is not None:
+            self._mark(record, sample)
+        elif sweep.ending(sample):
+            self._end_record(sample)
+        if sample % FEEDBACK_EVERY == 0:
+            self._report(sweep, sample)
+        self._newest = sample
+        return sweep.voltage(sample)
+
+    def give_up(self, reason: str) -> None:
+        """End the sweep because the actuator does not answer."""
+        self._reason = reason
+        self._finish(self._newest)
+
+    def _judge(self, goal: RunSweep.Goal) -> GoalResponse:
+        try:
+            self._planned(goal)
+        except (PiezoError, yaml.YAMLError, TypeError) as error:
+            self._node.get_logger().error(f'sweep refused: {error}')
+            return GoalResponse.REJECT
+        if self.active:
+            self._node.get_logger().error('sweep refused: another one is running; cancel it first')
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _planned(self, goal: RunSweep.Goal) -> Sweep:
+        options = yaml.safe_load(goal.options) if goal.options else {}
+        return Sweep(
+            list(goal.frequencies),
+            list(goal.amplitudes),
+            goal.seconds,
+            self._rate,
+            warm_up=goal.warm_up,
+            pause=goal.pause,
+            waveform=goal.waveform or 'sine',
+            options=options,
+        )
+
+    async def _execute(self, goal: Any) -> RunSweep.Result:
+        self._goal = goal
+        self._first = -1
+        self._reason = ''
+        self._done = Future()
+        self._sweep = self._planned(goal.request)
+        self._begin()
+        await self._done
+        result = RunSweep.Result()
+        result.samples = max(0, self._newest + 1 - self._first)
+        result.records = self._records_run
+        if self._reason:
+            goal.abort()
+            result.message = self._reason
+        elif goal.is_cancel_requested:
+            goal.canceled()
+            result.message = 'cancelled; the actuator is at rest'
+        else:
+            goal.succeed()
+            result.success = True
+            result.message = f'{result.records} records'
+        return result
+
+    def _finish(self, sample: int) -> None:
+        sweep, self._sweep = self._sweep, None
+        assert sweep is not None
+        assert self._done is not None
+        ran = sample - self._first
+        self._records_run = sum(record.last <= ran for record in sweep.records)
+        self._done.set_result(True)
+
+    def _mark(self, record: SweepRecord, sample: int) -> None:
+        marker = self._marker
+        marker.record = record.name
+        marker.actuator = self._actuator()
+        marker.excitation = record.info.excitation
+        marker.frequency = record.info.frequency
+        marker.amplitude = record.info.amplitude
+        marker.warm_up = record.info.warm_up
+        marker.input_unit = record.info.input_unit
+        stamp_into(marker.header.stamp, tick_nanoseconds(sample, self._rate))
+        self._markers.publish(marker)
+
+    def _end_record(self, sample: int) -> None:
+        marker = RecordMarker(rate=self._rate)
+        stamp_into(marker.header.stamp, tick_nanoseconds(sample, self._rate))
+        self._markers.publish(marker)
+
+    def _report(self, sweep: Sweep, sample: int) -> None:
+        record = sweep.running(sample)
+        feedback = RunSweep.Feedback()
+        feedback.record = record.name
+        feedback.frequency = record.info.frequency
+        feedback.amplitude = record.info.amplitude
+        feedback.seconds_left = sweep.seconds_left(sample)
+        feedback.fraction = 1.0 - feedback.seconds_left * self._rate / sweep.length
+        self._goal.publish_feedback(feedback)
