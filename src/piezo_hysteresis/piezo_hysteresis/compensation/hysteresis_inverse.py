@@ -8,7 +8,10 @@ limited to low..high.
 
 from __future__ import annotations
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._plays import bank
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit
 
@@ -162,3 +165,82 @@ def invert_gain(
             memory[STROKE] += 1.0
         u[k] = new
         memory[U] = new
+
+
+@jit
+def next_segment(
+    u: float, side: float, plays: FloatArray, weights: FloatArray, spacing: float
+) -> tuple[float, float]:
+    """Return what the engaged plays weigh and how far it is until the next one engages [V]."""
+    weight, nearest = 0.0, np.inf
+    slack = 1e-13 * (1.0 + abs(u))
+    for j in range(plays.size):
+        ahead = side * (plays[j] - u) + (j + 1) * spacing
+        if ahead <= slack:
+            weight += weights[j]
+        elif ahead < nearest:
+            nearest = ahead
+    return weight, nearest
+
+
+@jit
+def solve_plays(
+    missing: float,
+    u: float,
+    plays: FloatArray,
+    weights: FloatArray,
+    w0: float,
+    spacing: float,
+    minimum: float,
+) -> tuple[float, bool]:
+    """Return the voltage at which a bank of plays has moved by `missing` [m].
+
+    The bank is piecewise linear in the voltage, so the answer is found segment by segment. The
+    flag says that the slope of a segment was clamped to `minimum`.
+    """
+    side = 1.0 if missing > 0.0 else -1.0
+    left = abs(missing)
+    clamped = False
+    for _ in range(plays.size + 1):
+        weight, ahead = next_segment(u, side, plays, weights, spacing)
+        gradient = w0 + weight
+        if gradient < minimum:
+            gradient = minimum
+            clamped = True
+        if left <= gradient * ahead:
+            return u + side * left / gradient, clamped
+        left -= gradient * ahead
+        u += side * ahead
+    return u, clamped
+
+
+@jit
+def invert_plays(
+    w: FloatArray,
+    u: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    minimum: float,
+    low: float,
+    high: float,
+) -> None:
+    """Solve the Prandtl-Ishlinskii model; p is range, w0, w1, ..., memory ends with the plays."""
+    last, plays, weights = memory[U], memory[H:], p[2:]
+    spacing = p[0] / (weights.size + 1)
+    for k in range(w.size):
+        now = p[1] * last
+        for j in range(plays.size):
+            now += weights[j] * plays[j]
+        missing = w[k] - now
+        new = last
+        if missing != 0.0:
+            new, clamped = solve_plays(missing, last, plays, weights, p[1], spacing, minimum)
+            if clamped:
+                memory[CLAMPED] += 1.0
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[STROKE] += 1.0
+        bank(new, plays, weights, spacing)
+        last = new
+        u[k] = new
+    memory[U] = last

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._plays import COUNT
 from piezo_hysteresis.compensation import hysteresis_inverse as hysteresis
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverse import InverseLink, take
@@ -20,7 +21,7 @@ from piezo_hysteresis.compensation.structure_inverse import (
 )
 from piezo_hysteresis.errors import CompensationError
 
-Law = Literal['exact', 'euler', 'delayed', 'gain']
+Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 _Kernel = Callable[
     [FloatArray, FloatArray, FloatArray, FloatArray, float, float, float],
     None,
@@ -30,13 +31,18 @@ _KERNELS: dict[str, _Kernel] = {
     'exact': hysteresis.invert_exact,
     'euler': hysteresis.invert_euler,
     'delayed': hysteresis.invert_delayed,
+    'plays': hysteresis.invert_plays,
     'gain': hysteresis.invert_gain,
 }
-_BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
+BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
+PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
+
+# Places of the numbers before those of the hysteresis.
+_MINIMUM, _K1, _K2, _LEAD, _FIRST = range(5)
 
 
 class PhysicalInverse(InverseLink):
-    """Feedforward by inverting a Bouc-Wen hysteresis behind a structure, 002 (8).
+    """Feedforward by inverting a hysteresis behind a structure, 002 (8).
 
     The structure (one mode, or none) is inverted on the reference's analytic derivatives in the
     middle of the interval of the hold; the hysteresis sample by sample.
@@ -44,17 +50,18 @@ class PhysicalInverse(InverseLink):
     Parameters
     ----------
     parameters : mapping of str to float
-        ``A1, A`` [m/V], ``beta, gamma`` [1/V] and, where they apply, ``A0`` [m/V],
-        ``natural_frequency`` [Hz] with ``damping_ratio``, ``delay`` [s], ``offset`` [m]; for the
-        law ``gain`` only ``gain`` [m/V] of the first five.
+        Of the hysteresis: ``A1, A`` [m/V], ``beta, gamma`` [1/V] and, where it is not 0, ``A0``
+        [m/V]; for the law ``plays`` ``pi_range`` [V], ``w0`` .. ``w9`` [m/V]; for ``gain`` only
+        ``A1``. Of the structure: ``natural_frequency`` [Hz] and ``damping_ratio``, or ``mass``,
+        ``damping``, ``stiffness``, or nothing. And where they apply ``delay`` [s], ``offset`` [m].
     dt : float
         Sampling interval [s].
-    law : {'exact', 'euler', 'delayed', 'gain'}
-        ``exact``: of the exact step; ``euler``: of the papers' step by its branch rule;
+    law : {'exact', 'euler', 'delayed', 'plays', 'gain'}
+        ``exact``: Bouc-Wen by its exact step; ``euler``: by the papers' step and branch rule;
         ``delayed``: with h of the sample before, Rakotondrabe's multiplicative form and 002 (8)
-        as printed; ``gain``: no hysteresis.
+        as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
     minimum_slope : float, optional
-        Smallest slope that is used [m/V]; a tenth of A1 where it is not given.
+        Smallest slope that is used [m/V]; a tenth of A1 (w0) where it is not given.
     lead : float, optional
         Seconds from the tick to the middle of the effect of the voltage [s]; half a sample for a
         model with a mode and 0 for one without where it is not given. The delay comes on top.
@@ -66,9 +73,6 @@ class PhysicalInverse(InverseLink):
     CompensationError
         If a parameter is missing or not finite, or the model falls where the voltage rises.
     """
-
-    counter_names = ('clamped_slopes', 'out_of_stroke')
-    memory_size = 4
 
     def __init__(
         self,
@@ -90,26 +94,39 @@ class PhysicalInverse(InverseLink):
         self._kernel = _KERNELS[law]
         self._minimum_slope = minimum_slope
         self._lead_given = lead
+        self.memory_size = hysteresis.H + (COUNT if law == 'plays' else 1)
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
-        what = f'the {self._law} inverse'
-        if self._law == 'gain':
-            packed = [*take(parameters, ('gain',), what), 0.0, 0.0, 0.0, 0.0]
-        else:
-            packed = take({'A0': 0.0, **parameters}, _BOUC_WEN, what)
-        check_rising(packed)
-        lead, k1, k2 = 0.0, 0.0, 0.0
-        if parameters.get('natural_frequency', 0.0) > 0.0:
-            frequency, ratio = take(parameters, ('natural_frequency', 'damping_ratio'), what)
-            k1, k2 = mode_coefficients(frequency, ratio)
-            lead = 0.5 * self.dt
-        if self._lead_given is not None:
-            lead = self._lead_given
-        minimum = 0.1 * packed[0] if self._minimum_slope is None else self._minimum_slope
+        packed = self._pack_hysteresis(parameters)
+        steepest = packed[1] if self._law == 'plays' else packed[0]
+        minimum = 0.1 * steepest if self._minimum_slope is None else self._minimum_slope
         if not minimum > 0:
             raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
-        return np.array([*packed, minimum, k1, k2, lead + parameters.get('delay', 0.0)])
+        k1, k2 = structure_coefficients(parameters)
+        lead = 0.5 * self.dt if k2 > 0.0 else 0.0
+        if self._lead_given is not None:
+            lead = self._lead_given
+        lead += parameters.get('delay', 0.0)
+        return np.array([minimum, k1, k2, lead, *packed])
+
+    def _pack_hysteresis(self, parameters: Mapping[str, float]) -> list[float]:
+        what = f'the inverse {self._law!r}'
+        if self._law == 'plays':
+            packed = take(parameters, PLAYS, what)
+            if not (packed[0] > 0 and packed[1] > 0):
+                raise CompensationError(
+                    'pi_range and w0 must be positive, or the Prandtl-Ishlinskii model has no '
+                    'inverse; identify again with that bound'
+                )
+            return packed
+        if self._law == 'gain':
+            packed = take(parameters, ('A1',), what)
+            packed += [0.0] * 4
+        else:
+            packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
+        check_rising(packed)
+        return packed
 
     def _initial_memory(self) -> FloatArray:
         return np.zeros(self.memory_size + STATE_SIZE)
@@ -117,20 +134,52 @@ class PhysicalInverse(InverseLink):
     def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
         p, own = self._packed, self.memory_size
         target = np.empty(voltage.size)
-        invert_structure(reference, target, memory[own:], p[6], p[7], p[8], self.dt)
-        self._kernel(target, voltage, memory[:own], p, p[5], self._low, self._high)
+        invert_structure(reference, target, memory[own:], p[_K1], p[_K2], p[_LEAD], self.dt)
+        self._kernel(target, voltage, memory[:own], p[_FIRST:], p[_MINIMUM], self._low, self._high)
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        self._memory[hysteresis.H] *= saturation(new) / max(saturation(old), 1e-300)
+        # The plays remember voltages, which stay what they were.
+        if self._law != 'plays':
+            ratio = saturation(new[_FIRST:]) / max(saturation(old[_FIRST:]), 1e-300)
+            self._memory[hysteresis.H] *= ratio
 
     def counters(self) -> dict[str, int]:
         """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
         return {**super().counters(), 'corners': int(self._memory[self.memory_size + CORNERS])}
 
 
-def saturation(packed: FloatArray) -> float:
-    """Return the level at which h saturates [m]; packed is A1, A, A0, beta, gamma, ..."""
-    a, a0, beta, gamma = (float(value) for value in packed[1:5])
+def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
+    """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for the structure of a model.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        ``natural_frequency`` with ``damping_ratio``, or ``mass, damping, stiffness``; without
+        either there is no structure.
+
+    Raises
+    ------
+    CompensationError
+        If they are not positive and finite.
+    """
+    if 'mass' in parameters:
+        mass, damping, stiffness = take(
+            parameters, ('mass', 'damping', 'stiffness'), 'the structure'
+        )
+        if not (mass > 0 and stiffness > 0):
+            raise CompensationError('mass and stiffness must be positive')
+        return damping / stiffness, mass / stiffness
+    if parameters.get('natural_frequency', 0.0) == 0.0:
+        return 0.0, 0.0
+    frequency, ratio = take(parameters, ('natural_frequency', 'damping_ratio'), 'the mode')
+    if not frequency > 0:
+        raise CompensationError(f'natural_frequency must be positive, got {frequency:g} Hz')
+    return mode_coefficients(frequency, ratio)
+
+
+def saturation(bouc_wen: FloatArray) -> float:
+    """Return the level at which h saturates [m], with which h is scaled on a change."""
+    a, a0, beta, gamma = (float(value) for value in bouc_wen[1:5])
     return max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3)
 
 
@@ -166,7 +215,7 @@ def least_slope(parameters: Mapping[str, float]) -> float:
     parameters : mapping of str to float
         ``A1, A, beta, gamma`` and, where it is not 0, ``A0``.
     """
-    a1, a, a0, beta, gamma = take({'A0': 0.0, **parameters}, _BOUC_WEN, 'the slope')
+    a1, a, a0, beta, gamma = take({'A0': 0.0, **parameters}, BOUC_WEN, 'the slope')
     highest = (a + abs(a0)) / (beta + gamma) if beta + gamma > 0 else math.inf
     steepest = max(beta - gamma, 0.0)
     return a1 - a - abs(a0) - (steepest * highest if steepest > 0 else 0.0)

@@ -44,7 +44,9 @@ def invert_structure(
             d0, v0, a0 = state[_D], state[_V], state[_A]
             miss = abs(v - v0 - 0.5 * dt * (a + a0))
             if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
-                state[CORNERS] += 1.0
+                # The first ticks of a reference that starts from rest are no corner.
+                if state[_SEEN] > 2.0:
+                    state[CORNERS] += 1.0
                 state[_SEEN] = 0.0
             else:
                 r0 = d0 - d + v * dt - 0.5 * a * dt * dt

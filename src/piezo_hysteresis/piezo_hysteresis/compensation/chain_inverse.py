@@ -1,0 +1,303 @@
+"""A numeric inverse for any chain of blocks, block by block from the reading to the voltage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import brentq
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.inverse import InverseLink
+from piezo_hysteresis.compensation.physical import structure_coefficients
+from piezo_hysteresis.compensation.structure_inverse import (
+    CORNERS,
+    STATE_SIZE,
+    invert_structure,
+)
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.chain import Model
+
+# Blocks that move the structure: inverted on the derivatives of the reference.
+_DYNAMIC = ('mode', 'mass_spring', 'resonance')
+_DELAY = 'transport_delay'
+# The share of the first slope below which a slope counts as none.
+_LEAST_SLOPE = 0.1
+_BRACKETS = 40
+
+
+class BlockInverse:
+    """Solves one block with feedthrough for its input, one sample at a time, by bracketing.
+
+    Parameters
+    ----------
+    block : Block
+        Its output at a sample must rise with its input at the same sample.
+    values : ndarray
+        Its packed parameters.
+    dt : float
+        Sampling interval [s].
+    scale : float
+        Small change of the input by which slopes are measured.
+    """
+
+    def __init__(self, block: Block, values: FloatArray, dt: float, scale: float) -> None:
+        self.block = block
+        self._values = values
+        self._dt = dt
+        self._scale = scale
+        self._x, self._y = np.zeros(1), np.zeros(1)
+        self.clamped = 0
+        self.reset()
+        self.first_slope = (self.trial(scale) - self.trial(-scale)) / (2.0 * scale)
+
+    def reset(self) -> None:
+        """Go back to rest."""
+        self._state = self.block.initial_state(self._dt)
+        self._scratch = self._state.copy()
+        self._last = 0.0
+        self.clamped = 0
+
+    def take_over(self, other: BlockInverse) -> None:
+        """Go on with the memory of `other`, a block of the same kind."""
+        self._state[:] = other._state
+        self._last = other._last
+        self.clamped = other.clamped
+
+    def trial(self, x: float) -> float:
+        """Answer the output for the input `x` without remembering it."""
+        self._scratch[:] = self._state
+        self._x[0] = x
+        self.block.kernel(self._x, self._y, self._scratch, self._values, self._dt, 0.0)
+        return float(self._y[0])
+
+    def commit(self, x: float) -> float:
+        """Answer the output for the input `x` and remember it."""
+        self._last = x
+        self._x[0] = x
+        self.block.kernel(self._x, self._y, self._state, self._values, self._dt, 0.0)
+        return float(self._y[0])
+
+    def shape(self, x: float) -> tuple[float, float]:
+        """Answer first and second derivative of output over input at `x`."""
+        step = self._scale
+        above, here, below = self.trial(x + step), self.trial(x), self.trial(x - step)
+        return (above - below) / (2.0 * step), (above - 2.0 * here + below) / step**2
+
+    def solve(self, target: float) -> float:
+        """Answer the input nearest to the last one whose output is `target`.
+
+        Where the output does not reach it within what the least slope allows, that bound is
+        answered and counted.
+        """
+        start = self._last
+        missing = target - self.trial(start)
+        if missing == 0.0:
+            return start
+        least = _LEAST_SLOPE * self.first_slope
+        furthest = missing / least
+        near, far = start, start + missing / self.first_slope
+        for _ in range(_BRACKETS):
+            over = (self.trial(far) - target) * missing
+            if over == 0.0:
+                return far
+            if over > 0.0:
+                return self._between(near, far, target)
+            if abs(far - start) >= abs(furthest):
+                break
+            near = far
+            far = start + 1.5 * (far - start)
+            if abs(far - start) > abs(furthest):
+                far = start + furthest
+        self.clamped += 1
+        return start + furthest
+
+    def _between(self, near: float, far: float, target: float) -> float:
+        return float(brentq(lambda x: self.trial(x) - target, near, far, xtol=1e-18, rtol=1e-14))
+
+
+@dataclass
+class _Stages:
+    """A chain taken apart for its inverse, from the voltage to the reading.
+
+    Attributes
+    ----------
+    front, back : list of BlockInverse
+        Blocks before and behind the dynamic structure.
+    k1, k2, lead : float
+        Structure [s], [s^2] and lead [s].
+    rest : float
+        Reading at rest [m].
+    """
+
+    front: list[BlockInverse] = field(default_factory=list)
+    back: list[BlockInverse] = field(default_factory=list)
+    k1: float = 0.0
+    k2: float = 0.0
+    lead: float = 0.0
+    rest: float = 0.0
+
+    @property
+    def solvers(self) -> list[BlockInverse]:
+        """Every block, from the voltage to the reading."""
+        return [*self.front, *self.back]
+
+
+def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _Stages:
+    stages = _Stages()
+    first = 0
+    for block in model.blocks:
+        own = packed[first : first + len(block.parameters)].copy()
+        first += len(block.parameters)
+        if block.slot is Slot.ADDED:
+            continue
+        if block.name == _DELAY:
+            stages.lead += float(own[0])
+        elif block.name in _DYNAMIC:
+            share, k1, k2 = _structure(block, own)
+            stages.k1 += share * k1
+            stages.k2 += share * k2
+            stages.lead += share * 0.5 * dt
+        else:
+            solver = BlockInverse(block, own, dt, 1e-4 * scale)
+            if not (math.isfinite(solver.first_slope) and solver.first_slope > 0.0):
+                raise CompensationError(
+                    f'block {block.name} does not rise with its input at rest (slope '
+                    f'{solver.first_slope:g}), so the model has no inverse; identify with bounds '
+                    'that keep it rising'
+                )
+            behind = stages.k2 > 0.0 or block.slot in (Slot.SLOW, Slot.SENSOR)
+            (stages.back if behind else stages.front).append(solver)
+            stages.rest = solver.trial(stages.rest)
+            scale *= solver.first_slope
+    return stages
+
+
+def _structure(block: Block, own: FloatArray) -> tuple[float, float, float]:
+    """Return the share that a dynamic block carries and its k1 and k2.
+
+    Several blocks count by the sum of these, each with the half sample that its hold takes: exact
+    for one, right to second order in frequency over natural frequency for more.
+    """
+    values = [float(value) for value in own]
+    if block.name == 'resonance':
+        k1, k2 = structure_coefficients(
+            {'natural_frequency': values[0], 'damping_ratio': values[1]}
+        )
+        return values[2], k1, k2
+    names = (parameter.name for parameter in block.parameters)
+    return 1.0, *structure_coefficients(dict(zip(names, values, strict=True)))
+
+
+class ChainInverse(InverseLink):
+    """Feedforward for any model that answers a rising voltage with a rising displacement.
+
+    From the reading back to the voltage: sensor and slow blocks and the hysteresis are solved
+    numerically, sample by sample; modes are inverted on the reference's derivatives; a delay is
+    a lead. Added tones are left alone: no model of the voltage takes them away, but
+    `HarmonicAttenuation` does.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units.
+    dt : float
+        Sampling interval [s].
+    scale : float
+        Typical voltage [V], for slopes.
+    limits, start, transition
+        As in `InverseLink`.
+
+    Raises
+    ------
+    CompensationError
+        If a block falls or stands still where its input rises.
+    """
+
+    memory_size = 2 + STATE_SIZE
+
+    def __init__(
+        self,
+        model: Model,
+        values: Mapping[str, float],
+        dt: float,
+        *,
+        scale: float = 1.0,
+        limits: Limits | None = None,
+        start: float = 0.5,
+        transition: float = 0.2,
+    ) -> None:
+        self._model = model
+        self._scale = scale
+        self._stages = self._fresh = _Stages()
+        super().__init__(values, dt, limits=limits, start=start, transition=transition)
+
+    def reset(self) -> None:
+        """Forget everything but the parameters."""
+        self._stages = _take_apart(self._model, self._packed, self.dt, self._scale)
+        self._offset = self._stages.rest
+        super().reset()
+
+    def set_parameters(self, parameters: Mapping[str, float]) -> None:
+        """Change parameters while running; the output goes over smoothly, the memory is kept."""
+        super().set_parameters(parameters)
+        self._offset = self._stages.rest
+
+    def respond(
+        self,
+        displacement: FloatArray,
+        velocity: FloatArray | None = None,
+        acceleration: FloatArray | None = None,
+    ) -> FloatArray:
+        """Answer the voltage [V] to a whole reference from rest; see `InverseLink.respond`."""
+        running = self._stages
+        self._stages = _take_apart(self._model, self._packed, self.dt, self._scale)
+        try:
+            return super().respond(displacement, velocity, acceleration)
+        finally:
+            self._stages = running
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        packed = self._model.pack(parameters)
+        self._fresh = _take_apart(self._model, packed, self.dt, self._scale)
+        return packed
+
+    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        for before, after in zip(self._stages.solvers, self._fresh.solvers, strict=True):
+            after.take_over(before)
+        self._stages = self._fresh
+
+    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
+        stages = self._stages
+        point, target = np.empty((3, 1)), np.empty(1)
+        for k in range(voltage.size):
+            d, v, a = (float(value) for value in reference[:, k])
+            d += stages.rest
+            for solver in reversed(stages.back):
+                d = solver.solve(d)
+                slope, bend = solver.shape(d)
+                solver.commit(d)
+                v /= slope or solver.first_slope
+                a = (a - bend * v * v) / (slope or solver.first_slope)
+            point[0, 0], point[1, 0], point[2, 0] = d, v, a
+            invert_structure(point, target, memory[2:], stages.k1, stages.k2, stages.lead, self.dt)
+            u = float(target[0])
+            for solver in reversed(stages.front):
+                u = solver.solve(u)
+            if u > self._high or u < self._low:
+                u = min(max(u, self._low), self._high)
+                memory[1] += 1.0
+            voltage[k] = u
+            for solver in stages.front:
+                u = solver.commit(u)
+        memory[0] = sum(solver.clamped for solver in stages.solvers)
+
+    def counters(self) -> dict[str, int]:
+        """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
+        return {**super().counters(), 'corners': int(self._memory[2 + CORNERS])}

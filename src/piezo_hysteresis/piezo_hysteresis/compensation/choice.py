@@ -1,0 +1,167 @@
+"""Which inverse and which plant gain belong to a model."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Slot
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.chain_inverse import ChainInverse
+from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverse import InverseLink
+from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.oscillator import OscillatorInverse
+from piezo_hysteresis.compensation.physical import Law, PhysicalInverse
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.chain import Model
+
+_LAWS: dict[str, Law] = {
+    'bouc_wen_exact': 'exact',
+    'bouc_wen': 'euler',
+    'prandtl_ishlinskii': 'plays',
+    'gain': 'gain',
+}
+_EASY = ('transport_delay', 'offset')
+_STRUCTURES = ('mode', 'mass_spring')
+_FRICTION = ('backlash', 'stiction')
+
+
+def inverse_for(
+    model: Model,
+    values: Mapping[str, float],
+    dt: float,
+    *,
+    limits: Limits | None = None,
+    start: float = 0.5,
+    transition: float = 0.2,
+    scale: float = 1.0,
+) -> InverseLink:
+    """Return the best inverse that there is for `model`.
+
+    The extended model gets 000 (16), (17); one hysteresis with or without a mode the physical
+    inverse; an oscillator its own; every other chain the numeric one. Added tones are ignored.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units; missing ones take their default.
+    dt : float
+        Sampling interval [s].
+    limits, start, transition
+        As in `InverseLink`.
+    scale : float
+        Typical voltage [V], for the numeric inverse.
+
+    Raises
+    ------
+    CompensationError
+        If the model has no inverse.
+    """
+    named = model.unpack(model.pack(values))
+    blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
+    core = [name for name in blocks if name not in _EASY]
+    delayed = 'transport_delay' in blocks
+    simple = blocks.count('offset') <= 1 and (not blocks.count('offset') or blocks[-1] == 'offset')
+    if simple and core == ['bouc_wen', 'autoregressive'] and not delayed:
+        return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
+    if simple and core == ['bouc_wen_oscillator'] and not delayed:
+        return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
+    structured = len(core) == 1 or (len(core) == 2 and core[1] in _STRUCTURES)
+    if simple and structured and core[0] in _LAWS:
+        law = _LAWS[core[0]]
+        return PhysicalInverse(
+            named, dt, law=law, limits=limits, start=start, transition=transition
+        )
+    if 'bouc_wen_oscillator' in blocks:
+        raise CompensationError(
+            f'model {model.name} has an oscillator with further blocks, which has no inverse '
+            'here; use a model whose hysteresis stands before the structure'
+        )
+    return ChainInverse(
+        model, named, dt, scale=scale, limits=limits, start=start, transition=transition
+    )
+
+
+class ModelGain:
+    """Complex gain [m/V] of a model for a small tone on top of a large drive.
+
+    The hysteresis counts by its mean local slope along a full loop; the rest of the chain by the
+    response to a small pulse. Added tones, friction, drift and offset have no part in it.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units.
+    dt : float
+        Sampling interval [s].
+    amplitude : float
+        Amplitude of the drive [V].
+    seconds : float
+        Length of the pulse response [s]; several time constants of the mode.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        values: Mapping[str, float],
+        dt: float,
+        *,
+        amplitude: float = 1.0,
+        seconds: float = 3.0,
+    ) -> None:
+        packed = model.pack(values)
+        slope, pulse = 1.0, np.zeros(round(seconds / dt))
+        pulse[0] = 1e-3 * amplitude
+        response, rest = pulse, np.zeros_like(pulse)
+        first = 0
+        for block in model.blocks:
+            own = packed[first : first + len(block.parameters)]
+            first += len(block.parameters)
+            if block.slot is Slot.ADDED or block.name in _FRICTION:
+                continue
+            if block.slot is Slot.HYSTERESIS:
+                single = Model(block.name, (block,))
+                slope *= _mean_slope(single, own, amplitude, dt)
+                response, rest = slope * response, slope * rest
+                slope = 1.0
+                continue
+            response = block.respond(response, own, dt, state=block.initial_state(dt))
+            rest = block.respond(rest, own, dt, state=block.initial_state(dt))
+        self._dt = dt
+        self._pulse: FloatArray = (response - rest) / pulse[0]
+        self._at = functools.lru_cache(maxsize=512)(self._transform)
+
+    def __call__(self, frequency: float) -> complex:
+        """Answer the gain [m/V] at `frequency` [Hz]."""
+        return self._at(float(frequency))
+
+    def _transform(self, frequency: float) -> complex:
+        turns = np.exp(-2j * np.pi * frequency * self._dt * np.arange(self._pulse.size))
+        return complex(self._pulse @ turns)
+
+
+def _mean_slope(model: Model, packed: FloatArray, amplitude: float, dt: float) -> float:
+    """Return the response of a hysteresis to a small third harmonic on a large drive."""
+    phase = 2.0 * np.pi * np.arange(4000) / 1000.0
+    drive, probe = amplitude * np.sin(phase), 0.01 * amplitude * np.sin(3.0 * phase + 0.7)
+    frequency = 1.0 / (1000.0 * dt)
+    with_probe = model.respond(drive + probe, packed, dt, frequency=frequency)
+    against_probe = model.respond(drive - probe, packed, dt, frequency=frequency)
+    difference = 0.5 * (with_probe - against_probe)[2000:]
+    small = probe[2000:]
+    return float(difference @ small / (small @ small))
+
+
+def model_gain(
+    model: Model, values: Mapping[str, float], dt: float, amplitude: float = 1.0
+) -> LinearGain:
+    """Return the plant gain that a model predicts; see `ModelGain`."""
+    return ModelGain(model, values, dt, amplitude=amplitude)

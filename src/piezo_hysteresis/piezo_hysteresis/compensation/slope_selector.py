@@ -1,0 +1,180 @@
+"""003's inverse Bouc-Wen model whose parameters follow the slope of the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
+from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.inverse import InverseLink
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
+
+_CLAMPED, _STROKE, _D, _U, _H, _OWN = range(6)
+
+
+@dataclass(frozen=True)
+class InverseBoucWen:
+    """``u = c r - h, dh = a dr - b |dr| h - g dr |h|`` with displacement in and voltage out.
+
+    Attributes
+    ----------
+    slope : float
+        Slope of the reference at which it was fitted [m/s].
+    c, a : float
+        [V/m].
+    b, g : float
+        [1/m].
+    """
+
+    slope: float
+    c: float
+    a: float
+    b: float
+    g: float
+
+
+@jit
+def _select(
+    reference: FloatArray,
+    voltage: FloatArray,
+    memory: FloatArray,
+    table: FloatArray,
+    dt: float,
+    low: float,
+    high: float,
+) -> None:
+    """Add up 003's line segments; rows of `table` are slope, c, a, b, g, slopes ascending."""
+    last, u, h = memory[_D], memory[_U], memory[_H]
+    rows = table.shape[0]
+    for k in range(voltage.size):
+        step = reference[0, k] - last
+        slope = max(abs(reference[1, k]), abs(step) / dt)
+        row = 0
+        while row < rows - 2 and slope > table[row + 1, 0]:
+            row += 1
+        share = (slope - table[row, 0]) / (table[row + 1, 0] - table[row, 0])
+        share = min(max(share, 0.0), 1.0)
+        c, a, b, g = (
+            table[row, 1] + share * (table[row + 1, 1] - table[row, 1]),
+            table[row, 2] + share * (table[row + 1, 2] - table[row, 2]),
+            table[row, 3] + share * (table[row + 1, 3] - table[row, 3]),
+            table[row, 4] + share * (table[row + 1, 4] - table[row, 4]),
+        )
+        moved = exact_step(h, step, a, 0.0, b, g)
+        rise = c * step - (moved - h)
+        if rise * step < 0.0:
+            rise = 0.0
+            memory[_CLAMPED] += 1.0
+        u += rise
+        h = moved
+        last = reference[0, k]
+        safe = min(max(u, low), high)
+        if safe != u:
+            memory[_STROKE] += 1.0
+        voltage[k] = safe
+    memory[_D], memory[_U], memory[_H] = last, u, h
+
+
+class SlopeSelectedInverse(InverseLink):
+    """003 figure 11: line segments of the reference, each inverted by the row of its slope.
+
+    Parameters
+    ----------
+    table : sequence of InverseBoucWen
+        At least two rows of different slopes; between them parameters are interpolated, outside
+        the nearest row holds.
+    dt : float
+        Sampling interval [s].
+    offset : float
+        Reading at 0 V [m].
+    limits, start, transition
+        As in `InverseLink`.
+
+    Raises
+    ------
+    CompensationError
+        If there are fewer than two rows, or two of one slope.
+    """
+
+    memory_size = _OWN
+
+    def __init__(
+        self,
+        table: Sequence[InverseBoucWen],
+        dt: float,
+        *,
+        offset: float = 0.0,
+        limits: Limits | None = None,
+        start: float = 0.5,
+        transition: float = 0.2,
+    ) -> None:
+        rows = sorted((row.slope, row.c, row.a, row.b, row.g) for row in table)
+        self._table: FloatArray = np.array(rows, dtype=np.float64).reshape(-1, 5)
+        if len(rows) < 2 or np.any(np.diff(self._table[:, 0]) <= 0):
+            raise CompensationError(
+                'the slope selector needs fits at two or more different slopes; record triangles '
+                'of several frequencies'
+            )
+        super().__init__({'offset': offset}, dt, limits=limits, start=start, transition=transition)
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        return np.array([parameters.get('offset', 0.0)])
+
+    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
+        _select(reference, voltage, memory, self._table, self.dt, self._low, self._high)
+
+
+def fit_inverse(
+    displacement: FloatArray, voltage: FloatArray, slope: float, warm_up: int = 0
+) -> InverseBoucWen:
+    """Fit one row of the selector to a record of triangles at one slope.
+
+    Parameters
+    ----------
+    displacement, voltage : ndarray, shape (n,)
+        Measured displacement [m] and the voltage of the same instants [V].
+    slope : float
+        Slope of the displacement between the tips [m/s].
+    warm_up : int
+        Samples at the start that do not count.
+
+    Raises
+    ------
+    CompensationError
+        If the displacement does not move, or the fit fails.
+    """
+    from scipy.optimize import least_squares
+
+    stroke, swing = float(np.ptp(displacement)), float(np.ptp(voltage))
+    if not (stroke > 0 and swing > 0):
+        raise CompensationError('the record does not move; record triangles over the stroke')
+    x = np.ascontiguousarray(displacement / stroke)
+    x = x - x[0]
+    u = voltage / swing
+
+    def model(p: FloatArray) -> FloatArray:
+        answer = np.empty_like(x)
+        bouc_wen(x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], p[3]]), 1.0, 0.0)
+        return answer
+
+    def residual(p: FloatArray) -> FloatArray:
+        return (model(p) + p[4] - u)[warm_up:]
+
+    fits = [
+        least_squares(residual, start, x_scale='jac')
+        for start in (
+            np.array([1.0, -0.2, 2.0, 0.5, u[0]]),
+            np.array([0.8, -0.3, 5.0, -0.5, u[0]]),
+        )
+    ]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    if not np.all(np.isfinite(best.x)):
+        raise CompensationError(f'the inverse at {slope:g} m/s could not be fitted')
+    c, a, b, g = (float(value) for value in best.x[:4])
+    return InverseBoucWen(slope, c * swing / stroke, a * swing / stroke, b / stroke, g / stroke)
