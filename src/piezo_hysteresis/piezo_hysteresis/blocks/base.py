@@ -97,6 +97,9 @@ class Block:
         ``check(values)`` returns '' or the reason why these parameters are impossible together.
     clocked : bool
         Whether ``state[0]`` is the time [s] of the first sample, for blocks that depend on it.
+    beside : bool
+        Whether the block stands beside the hysteresis: it answers the voltage that enters the
+        hysteresis slot, and its answer is added to what the chain has made of it.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Block:
     source: str = ''
     check: Callable[[Mapping[str, float]], str] | None = None
     clocked: bool = False
+    beside: bool = False
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the memory of the block at rest, shape (state_size,).

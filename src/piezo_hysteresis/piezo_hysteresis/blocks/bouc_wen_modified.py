@@ -4,7 +4,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, quickening
+from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, felt, quickening
 from piezo_hysteresis.jit import jit
 
 
@@ -12,21 +12,23 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m]).
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
 
     Exact but for the voltage in the bias term, which is that of the middle of the step.
     """
     a1, a, beta, gamma, epsilon, bias = p[0], p[1], p[2], p[3], p[4], p[5]
-    last, h = state[0], state[1]
+    last, h, rate = state[0], state[1], state[2]
     for k in range(x.size):
         du = x[k] - last
         leaning = epsilon * (last + 0.5 * du - bias)
         last = x[k]
-        eta = quickening(du, dt, p[6], p[7])
+        rate = felt(rate, du, dt, p[8])
+        eta = quickening(rate, p[6], p[7])
         h = exact_step(h, du * eta, a, leaning, beta, gamma)
         y[k] = a1 * last - h
     state[0] = last
     state[1] = h
+    state[2] = rate
 
 
 BLOCK = Block(
@@ -56,7 +58,7 @@ BLOCK = Block(
         *RATE_PARAMETERS,
     ),
     kernel=kernel,
-    state_size=2,
+    state_size=3,
     description=(
         'Bouc-Wen hysteresis with a bias term and a factor eta = (1 + |du/dt|/rate_corner)^'
         'rate_exponent on the whole growth of h.'

@@ -17,10 +17,10 @@ _STRIDE = 0.35  # longest step in units of the fastest time constant
 
 
 def _interpolator() -> FloatArray:
-    """Return least-squares weights, shape (_PHASES + 1, _TAPS), newest sample first.
+    """Return least-squares weights, shape (_TAPS, _PHASES + 1), newest sample first.
 
-    Row i gives the value i/_PHASES of the way from the last sample but one to the last. Only the
-    past is used, so that one sample at a time and a whole record give the same; a band-limited
+    Column i gives the value i/_PHASES of the way from the last sample but one to the last. Only
+    the past is used, so that one sample at a time and a whole record give the same; a band-limited
     input is oversampled enough for that (1e-4 of the output at 0.4 of the Nyquist frequency).
     """
     frequencies = np.linspace(0.0, pi * _BAND, 400)
@@ -31,7 +31,7 @@ def _interpolator() -> FloatArray:
     weights = np.linalg.solve(normal, (basis.conj().T @ wanted).real / frequencies.size).T
     weights[-1] = np.eye(_TAPS)[0]
     weights[0] = np.eye(_TAPS)[1]
-    return np.ascontiguousarray(weights / weights.sum(axis=1, keepdims=True))
+    return np.ascontiguousarray((weights / weights.sum(axis=1, keepdims=True)).T)
 
 
 WEIGHTS = _interpolator()
@@ -40,29 +40,30 @@ WEIGHTS = _interpolator()
 @jit
 def interpolate(past: FloatArray, order: float, forces: FloatArray) -> None:
     """Fill `forces` (_PHASES + 1,) with the input between the last two samples of `past`."""
-    for i in range(_PHASES + 1):
-        if order == 0.0:
-            forces[i] = past[1]
-        elif order == 1.0:
+    if order == 0.0:
+        forces[:] = past[1]
+    elif order == 1.0:
+        for i in range(_PHASES + 1):
             forces[i] = past[1] + (past[0] - past[1]) * i / _PHASES
-        else:
-            total = 0.0
-            for j in range(_TAPS):
-                total += WEIGHTS[i, j] * past[j]
-            forces[i] = total
+    else:
+        forces[:] = 0.0
+        for j in range(_TAPS):
+            weight = WEIGHTS[j]
+            for i in range(_PHASES + 1):
+                forces[i] += weight[i] * past[j]
 
 
 @jit
 def rates(
     x: float, v: float, z: float, force: float, p: FloatArray, height: float
 ) -> tuple[float, float]:
-    """Return (v', z') of ``m x'' + c x' + k x + z = F``."""
+    """Return (v', z') of ``m x'' + c x' + k x + z = F``; p[0] is 1/m here."""
     size = abs(z)
     if p[6] != 1.0 and height > 0.0:
         size *= max(size / height, 1e-9) ** (p[6] - 1.0)
-    side = 1.0 if z > 0.0 else -1.0
-    dz = p[3] * v - p[4] * abs(v) * size * side - p[5] * v * size
-    return (force - p[1] * v - p[2] * x - z) / p[0], dz
+    signed = size if z > 0.0 else -size
+    dz = p[3] * v - p[4] * abs(v) * signed - p[5] * v * size
+    return (force - p[1] * v - p[2] * x - z) * p[0], dz
 
 
 @jit
@@ -101,6 +102,9 @@ def kernel(
     # as many steps between two interpolated forces as the structure needs
     finer = max(1, ceil(min(fastest * dt / (_PHASES // 2 * _STRIDE), 1000.0)))
     h = dt / (_PHASES // 2 * finer)
+    share = 1.0 / finer
+    q = p.copy()
+    q[0] = 1.0 / p[0]
     forces = np.empty(_PHASES + 1)
     position, velocity, z, past = state[0], state[1], state[2], state[3:]
     for k in range(x.size):
@@ -112,14 +116,15 @@ def kernel(
             f0, f1, f2 = forces[i], forces[i + 1], forces[i + 2]
             # parabola through the three, so that finer steps see no corners
             slope, bend = f2 - f0, 2.0 * (f2 - 2.0 * f1 + f0)
-            for q in range(finer):
-                t0, t1, t2 = q / finer, (q + 0.5) / finer, (q + 1.0) / finer
+            for part in range(finer):
+                t0 = part * share
+                t1, t2 = t0 + 0.5 * share, t0 + share
                 between = (
                     f0 + t0 * (slope - bend * (1.0 - t0)),
                     f0 + t1 * (slope - bend * (1.0 - t1)),
                     f0 + t2 * (slope - bend * (1.0 - t2)),
                 )
-                position, velocity, z = advance(position, velocity, z, between, h, p, height)
+                position, velocity, z = advance(position, velocity, z, between, h, q, height)
         y[k] = position
     state[0] = position
     state[1] = velocity

@@ -1,5 +1,7 @@
 """Bouc-Wen hysteresis whose memory depends on how fast the voltage moves."""
 
+from math import expm1
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
@@ -9,46 +11,55 @@ from piezo_hysteresis.jit import jit
 
 
 @jit
-def quickening(du: float, dt: float, corner: float, exponent: float) -> float:
-    """Return ``(1 + |du/dt| / corner)^exponent``: 1 when slow, a power law when fast."""
-    if exponent == 0.0:
-        return 1.0
-    return float((1.0 + abs(du) / (dt * corner)) ** exponent)
+def felt(rate: float, du: float, dt: float, memory: float) -> float:
+    """Return the rate of the voltage [V/s] as domains feel it: a low pass of |du/dt|."""
+    now = abs(du) / dt
+    return now if memory == 0.0 else rate - (now - rate) * expm1(-dt / memory)
+
+
+@jit
+def quickening(rate: float, corner: float, exponent: float) -> float:
+    """Return ``(1 + rate/corner)^exponent``: 1 when slow, a power law when fast."""
+    return 1.0 if exponent == 0.0 else float((1.0 + rate / corner) ** exponent)
 
 
 @jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m])."""
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s])."""
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h = state[0], state[1]
+    last, h, rate = state[0], state[1], state[2]
     for k in range(x.size):
         du = x[k] - last
         last = x[k]
-        factor = quickening(du, dt, p[5], p[6])
+        rate = felt(rate, du, dt, p[7])
+        factor = quickening(rate, p[5], p[6])
         h = exact_step(h, du, a, a0, beta * factor, gamma * factor)
         y[k] = a1 * last - h
     state[0] = last
     state[1] = h
+    state[2] = rate
 
 
 @jit
 def euler_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h`` by the Euler step; state is (last voltage [V], h [m])."""
+    """Answer ``A1 u - h`` by the Euler step; state as in the exact kernel."""
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h = state[0], state[1]
+    last, h, rate = state[0], state[1], state[2]
     for k in range(x.size):
         du = x[k] - last
         last = x[k]
         rise = abs(du)
-        factor = quickening(du, dt, p[5], p[6])
+        rate = felt(rate, du, dt, p[7])
+        factor = quickening(rate, p[5], p[6])
         h += a * du + a0 * rise - factor * gamma * abs(h) * du - factor * beta * rise * h
         y[k] = a1 * last - h
     state[0] = last
     state[1] = h
+    state[2] = rate
 
 
 RATE_PARAMETERS = (
@@ -70,10 +81,19 @@ RATE_PARAMETERS = (
         'Power of the rate by which the decay of h grows far above the corner.',
         0.3,
     ),
+    Parameter(
+        'rate_memory',
+        's',
+        0.0,
+        0.0,
+        10.0,
+        'Time over which the rate is felt, so that it does not vanish at every reversal.',
+        5e-3,
+    ),
 )
 _DESCRIPTION = (
     'Bouc-Wen hysteresis; beta and gamma are multiplied by '
-    '(1 + |du/dt|/rate_corner)^rate_exponent.'
+    '(1 + |du/dt|/rate_corner)^rate_exponent, the rate smoothed over rate_memory.'
 )
 
 BLOCKS = (
@@ -82,7 +102,7 @@ BLOCKS = (
         slot=Slot.HYSTERESIS,
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
         kernel=kernel,
-        state_size=2,
+        state_size=3,
         description=_DESCRIPTION,
         source='our reading of 004: constant below a corner, dependent on the rate above it',
         check=check,
@@ -92,7 +112,7 @@ BLOCKS = (
         slot=Slot.HYSTERESIS,
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
         kernel=euler_kernel,
-        state_size=2,
+        state_size=3,
         description=f'{_DESCRIPTION} Forward Euler step.',
         source='as bouc_wen_rate, with the step of 000 (3)',
         check=check,
@@ -106,7 +126,7 @@ EFFECTS = tuple(
         block=block,
         replaces=(replaced,),
         neutral={'rate_exponent': 0.0},
-        start={'rate_corner': 10.0, 'rate_exponent': 0.3},
+        start={'rate_corner': 10.0, 'rate_exponent': 0.3, 'rate_memory': 2e-3},
         alternatives=(
             {'rate_exponent': -0.3},
             {'rate_corner': 100.0, 'rate_exponent': 1.0},

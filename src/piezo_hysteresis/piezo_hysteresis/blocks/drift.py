@@ -1,5 +1,7 @@
 """A displacement that runs away."""
 
+from math import expm1
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
@@ -18,36 +20,63 @@ def kernel(
     state[0] = count
 
 
-BLOCK = Block(
-    name='drift',
-    slot=Slot.SLOW,
-    parameters=(
-        Parameter(
-            'drift_rate',
-            'm/s',
-            0.0,
-            -1e-2,
-            1e-2,
-            'Slope of the displacement since the start of the record.',
-            1e-7,
+@jit
+def warming_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v + shift (1 - exp(-t/tau))``; state is the number of samples so far."""
+    count = state[0]
+    for k in range(x.size):
+        y[k] = x[k] - p[0] * expm1(-count * dt / p[1])
+        count += 1.0
+    state[0] = count
+
+
+BLOCKS = (
+    Block(
+        name='drift',
+        slot=Slot.SLOW,
+        parameters=(
+            Parameter(
+                'drift_rate',
+                'm/s',
+                0.0,
+                -1e-2,
+                1e-2,
+                'Slope of the displacement since the start of the record.',
+                1e-7,
+            ),
         ),
+        kernel=kernel,
+        state_size=1,
+        description='Constant drift, independent of the drive.',
+        source='EQUATIONS F, drift',
     ),
-    kernel=kernel,
-    state_size=1,
-    description='Constant drift, independent of the drive.',
-    source='EQUATIONS F, drift',
+    Block(
+        name='warming',
+        slot=Slot.SLOW,
+        parameters=(
+            Parameter('warming_shift', 'm', 0.0, -1.0, 1.0, 'Shift in the end.', 1e-6),
+            Parameter('warming_time', 's', 30.0, 1e-2, 1e7, 'Time constant of the shift.', 30.0),
+        ),
+        kernel=warming_kernel,
+        state_size=1,
+        description='Drift that settles, independent of the drive.',
+        source='thermal expansion of the mount',
+    ),
 )
 
-EFFECTS = (
+EFFECTS = tuple(
     Effect(
         name='drift',
-        variant='drift',
-        block=BLOCK,
-        neutral={'drift_rate': 0.0},
-        start={'drift_rate': 1e-7},
-        alternatives=({'drift_rate': -1e-7},),
+        variant=block.name,
+        block=block,
+        neutral={parameter: 0.0},
+        start={parameter: 1e-6},
+        alternatives=({parameter: -1e-6},),
         physics='Temperature moves the mount or the sensor electronics, whatever the drive does.',
         experiment='A record at 0 V: drift goes on without drive, creep and asymmetry do not.',
         mistaken_for=('creep', 'asymmetry', 'offset', 'gain_decay'),
-    ),
+    )
+    for block, parameter in zip(BLOCKS, ('drift_rate', 'warming_shift'), strict=True)
 )

@@ -10,44 +10,75 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
+    """Answer ``e u^2`` [m]; no state."""
+    for k in range(x.size):
+        y[k] = p[0] * x[k] * x[k]
+
+
+@jit
+def input_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
     """Answer ``u + q u^2`` [V]; no state."""
     for k in range(x.size):
         y[k] = x[k] + p[0] * x[k] * x[k]
 
 
-BLOCK = Block(
-    name='electrostriction',
-    slot=Slot.INPUT,
-    parameters=(
-        Parameter(
-            'square_law',
-            '1/V',
-            0.0,
-            -1e3,
-            1e3,
-            'Quadratic over linear strain at 1 V.',
-            0.02,
+BLOCKS = (
+    Block(
+        name='electrostriction',
+        slot=Slot.HYSTERESIS,
+        parameters=(
+            Parameter(
+                'electrostriction',
+                'm/V^2',
+                0.0,
+                -1e-2,
+                1e-2,
+                'Strain of the square of the voltage.',
+                2e-6,
+            ),
         ),
+        kernel=kernel,
+        state_size=0,
+        description='Square law of the voltage beside the piezo effect and its hysteresis.',
+        source='EQUATIONS F, quadratic',
+        beside=True,
     ),
-    kernel=kernel,
-    state_size=0,
-    description='Square law of the input: electrostriction beside the piezo effect.',
-    source='EQUATIONS F, quadratic',
+    Block(
+        name='square_law',
+        slot=Slot.INPUT,
+        parameters=(
+            Parameter(
+                'square_law', '1/V', 0.0, -1e3, 1e3, 'Quadratic over linear input at 1 V.', 0.02
+            ),
+        ),
+        kernel=input_kernel,
+        state_size=0,
+        description='Square law of the amplifier, before the hysteresis.',
+        source='EQUATIONS F, quadratic',
+    ),
 )
 
-EFFECTS = (
+_PHYSICS = (
+    'Electrostriction adds a strain that has the same sign for either voltage.',
+    'The amplifier is not linear: its gain grows with the voltage.',
+)
+
+EFFECTS = tuple(
     Effect(
         name='electrostriction',
-        variant='electrostriction',
-        block=BLOCK,
-        neutral={'square_law': 0.0},
-        start={'square_law': 0.02},
-        alternatives=({'square_law': -0.02},),
-        physics='Electrostriction adds a strain that has the same sign for either voltage.',
+        variant=block.name,
+        block=block,
+        neutral={block.parameters[0].name: 0.0},
+        start={block.parameters[0].name: block.parameters[0].scale},
+        alternatives=({block.parameters[0].name: -block.parameters[0].scale},),
+        physics=physics,
         experiment=(
             'Two amplitudes: mean and second harmonic fall to a quarter at half the amplitude '
             'and do not depend on the frequency.'
         ),
         mistaken_for=('asymmetry', 'sensor_nonlinearity', 'offset'),
-    ),
+    )
+    for block, physics in zip(BLOCKS, _PHYSICS, strict=True)
 )

@@ -83,6 +83,7 @@ EFFECTS = tuple(
         name='friction',
         variant=block.name,
         block=block,
+        first=True,
         neutral={block.name: 0.0},
         start={block.name: 1e-6},
         alternatives=({block.name: 5e-6},),

@@ -1,6 +1,6 @@
 """A stroke that shrinks with time."""
 
-from math import exp
+from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
@@ -12,10 +12,10 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v exp(-rate t)``; state is the number of samples so far."""
+    """Answer ``v (1 - loss (1 - exp(-t/tau)))``; state is the number of samples so far."""
     count = state[0]
     for k in range(x.size):
-        y[k] = x[k] * exp(-p[0] * (count * dt))
+        y[k] = x[k] * (1.0 + p[0] * expm1(-count * dt / p[1]))
         count += 1.0
     state[0] = count
 
@@ -24,19 +24,20 @@ BLOCK = Block(
     name='gain_decay',
     slot=Slot.SLOW,
     parameters=(
+        Parameter('gain_loss', '1', 0.0, -1.0, 1.0, 'Share of the stroke lost in the end.', 0.05),
         Parameter(
-            'gain_decay_rate',
-            '1/s',
-            0.0,
-            -0.1,
-            100.0,
-            'Share of the stroke lost per second.',
-            1e-3,
+            'gain_loss_time',
+            's',
+            10.0,
+            1e-2,
+            1e7,
+            'Time constant of the loss; with a loss of 1 the stroke decays exponentially.',
+            10.0,
         ),
     ),
     kernel=kernel,
     state_size=1,
-    description='Stroke that decays exponentially since the start of the record.',
+    description='Stroke that shrinks since the start of the record.',
     source='fatigue, depolarisation, self-heating',
 )
 
@@ -45,9 +46,13 @@ EFFECTS = (
         name='gain_decay',
         variant='gain_decay',
         block=BLOCK,
-        neutral={'gain_decay_rate': 0.0},
-        start={'gain_decay_rate': 1e-3},
-        alternatives=({'gain_decay_rate': -1e-3},),
+        neutral={'gain_loss': 0.0},
+        start={'gain_loss': 0.02},
+        alternatives=(
+            {'gain_loss': -0.02},
+            {'gain_loss_time': 1.0},
+            {'gain_loss_time': 1e3, 'gain_loss': 0.5},
+        ),
         physics=(
             'The ceramic depolarises, heats up or tires, so that the same voltage moves it less '
             'and less.'

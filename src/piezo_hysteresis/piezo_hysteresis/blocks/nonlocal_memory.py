@@ -1,66 +1,72 @@
-"""A bank of plays before the hysteresis: memory of more than the last reversal."""
+"""A bank of plays beside the hysteresis: memory of more than the last reversal."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._plays import COUNT, play
+from piezo_hysteresis.blocks._plays import bank
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
+
+_COARSE, _FINE = 9, 39
 
 
 @jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``u + sum m_j (play_j(u) - u)``; state is the outputs of the plays [V]."""
-    spacing = p[0] / (COUNT + 1)
+    """Answer ``sum m_j play_j(u)``; state is the outputs of the plays [V]."""
+    spacing = p[0] / p.size
+    weights = p[1:]
     for k in range(x.size):
-        total = x[k]
-        for j in range(COUNT):
-            state[j] = play(x[k], state[j], (j + 1) * spacing)
-            total += p[j + 1] * (state[j] - x[k])
-        y[k] = total
+        y[k] = bank(x[k], state, weights, spacing)
 
 
-BLOCK = Block(
-    name='nonlocal_memory',
-    slot=Slot.HYSTERESIS,
-    parameters=(
-        Parameter(
-            'memory_range',
-            'V',
-            1.0,
-            1e-9,
-            1e5,
-            'Input amplitude to which the thresholds 0.1 .. 0.9 refer.',
-            1.0,
-            follows_range=True,
-        ),
-        *(
+def _block(name: str, prefix: str, count: int) -> Block:
+    return Block(
+        name=name,
+        slot=Slot.HYSTERESIS,
+        parameters=(
             Parameter(
-                f'memory{j}',
-                '1',
-                0.0,
-                -2.0,
-                2.0,
-                f'Share of the voltage behind a play of half width {j / (COUNT + 1):g} '
-                'memory_range.',
-                0.05,
-            )
-            for j in range(1, COUNT + 1)
+                f'{prefix}_range',
+                'V',
+                1.0,
+                1e-9,
+                1e5,
+                f'Input amplitude of which the thresholds are 1/{count + 1} to '
+                f'{count}/{count + 1}.',
+                1.0,
+                follows_range=True,
+            ),
+            *(
+                Parameter(
+                    f'{prefix}{j}',
+                    'm/V',
+                    0.0,
+                    -1e-2,
+                    1e-2,
+                    f'Weight of the play of half width {j / (count + 1):g} {prefix}_range.',
+                    5e-6,
+                )
+                for j in range(1, count + 1)
+            ),
         ),
-    ),
-    kernel=kernel,
-    state_size=COUNT,
-    description='Bank of play operators in series before the hysteresis of the model.',
-    source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen; EQUATIONS F',
+        kernel=kernel,
+        state_size=count,
+        description=f'Bank of {count} play operators beside the hysteresis of the model.',
+        source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen; EQUATIONS F',
+        beside=True,
+    )
+
+
+BLOCKS = (
+    _block('nonlocal_memory', 'memory', _COARSE),
+    _block('nonlocal_memory_fine', 'fine_memory', _FINE),
 )
 
-EFFECTS = (
+EFFECTS = tuple(
     Effect(
         name='nonlocal_memory',
-        variant='nonlocal_memory',
-        block=BLOCK,
-        first=True,
+        variant=block.name,
+        block=block,
         requires=(
             'bouc_wen',
             'bouc_wen_exact',
@@ -70,9 +76,9 @@ EFFECTS = (
             'bouc_wen_rate_euler',
             'bouc_wen_modified',
         ),
-        holds={'memory_range': 1.0},
-        neutral={f'memory{j}': 0.0 for j in range(1, COUNT + 1)},
-        start={f'memory{j}': 0.01 for j in range(1, COUNT + 1)},
+        holds={block.parameters[0].name: 1.0},
+        neutral={each.name: 0.0 for each in block.parameters[1:]},
+        start={each.name: 1e-5 / len(block.parameters) for each in block.parameters[1:]},
         physics=(
             'The ceramic remembers every reversal that a larger one has not wiped out; Bouc-Wen '
             'remembers one number. Inner loops therefore close in the actuator and not in the '
@@ -82,5 +88,6 @@ EFFECTS = (
             'First-order reversal curves: triangles with decreasing amplitude and nested loops.'
         ),
         mistaken_for=('hysteresis_exponent', 'friction', 'stiffness'),
-    ),
+    )
+    for block in BLOCKS
 )

@@ -194,12 +194,20 @@ class Model:
         """
         state = self.initial_state(dt) if state is None else state
         signal = np.ascontiguousarray(voltage, dtype=np.float64)
+        drive = signal
         first = 0
         for block, memory in zip(self.blocks, state, strict=True):
             last = first + len(block.parameters)
-            signal = block.respond(
-                signal, packed[first:last], dt, state=memory, frequency=frequency
+            answer = block.respond(
+                drive if block.beside else signal,
+                packed[first:last],
+                dt,
+                state=memory,
+                frequency=frequency,
             )
+            signal = signal + answer if block.beside else answer
+            if block.slot is Slot.INPUT:
+                drive = signal
             first = last
         return signal
 
