@@ -11,6 +11,7 @@ import pkgutil
 
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.parallel import SEPARATOR, side_by_side
 from piezo_hysteresis.errors import ModelError
 
 __all__ = ['BLOCKS', 'EFFECTS', 'Block', 'Effect', 'Parameter', 'Slot', 'named_block']
@@ -36,13 +37,15 @@ BLOCKS, EFFECTS = _register()
 
 
 def named_block(name: str) -> Block:
-    """Return the registered block called `name`.
+    """Return the registered block called `name`, or several side by side, ``first|second``.
 
     Raises
     ------
     ModelError
         If there is none.
     """
+    if SEPARATOR in name:
+        return side_by_side(*(named_block(each) for each in name.split(SEPARATOR)))
     if name not in BLOCKS:
         raise ModelError(f'there is no block {name}; choose one of {", ".join(BLOCKS)}')
     return BLOCKS[name]

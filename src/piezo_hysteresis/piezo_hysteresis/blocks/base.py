@@ -98,8 +98,10 @@ class Block:
     clocked : bool
         Whether ``state[0]`` is the time [s] of the first sample, for blocks that depend on it.
     beside : bool
-        Whether the block stands beside the hysteresis: it answers the voltage that enters the
-        hysteresis slot, and its answer is added to what the chain has made of it.
+        Whether the block belongs beside the hysteresis of a model and not behind it: it answers
+        the same voltage, and its answer is added.
+    parts : tuple of Block
+        The blocks that stand side by side in this one; empty for a single block.
     """
 
     name: str
@@ -112,6 +114,7 @@ class Block:
     check: Callable[[Mapping[str, float]], str] | None = None
     clocked: bool = False
     beside: bool = False
+    parts: tuple[Block, ...] = ()
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the memory of the block at rest, shape (state_size,).

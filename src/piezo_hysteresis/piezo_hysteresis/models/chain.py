@@ -10,6 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
 from piezo_hysteresis.errors import ModelError
 
 State = list[FloatArray]
@@ -134,7 +135,7 @@ class Model:
         return np.concatenate(packed) if packed else np.empty(0)
 
     def block_values(self, values: Mapping[str, float], block_name: str) -> dict[str, float]:
-        """Return the values of the first block called `block_name` under the block's own names.
+        """Return the values of the last block called `block_name` under the block's own names.
 
         Raises
         ------
@@ -142,9 +143,10 @@ class Model:
             If the model has no such block.
         """
         every = {**self.defaults(), **values}
-        for block, row in zip(self.blocks, self._names, strict=True):
-            if block.name == block_name:
-                return {q.name: every[name] for q, name in zip(block.parameters, row, strict=True)}
+        for block in self.blocks:
+            for part in parts_of(block):
+                if part.name == block_name:
+                    return {own: every[name] for own, name in self.names_of(part).items()}
         raise ModelError(f'model {self.name} has no block {block_name}')
 
     def unpack(self, packed: FloatArray) -> dict[str, float]:
@@ -160,8 +162,9 @@ class Model:
             If the model has no such block.
         """
         for each, row in zip(reversed(self.blocks), reversed(self._names), strict=True):
-            if each.name == block.name:
-                return {q.name: name for q, name in zip(block.parameters, row, strict=True)}
+            names = {q.name: name for q, name in zip(each.parameters, row, strict=True)}
+            if block.name in (part.name for part in parts_of(each)):
+                return {q.name: names[q.name] for q in block.parameters}
         raise ModelError(f'model {self.name} has no block {block.name}')
 
     def initial_state(self, dt: float, start: float = 0.0) -> State:
@@ -194,20 +197,12 @@ class Model:
         """
         state = self.initial_state(dt) if state is None else state
         signal = np.ascontiguousarray(voltage, dtype=np.float64)
-        drive = signal
         first = 0
         for block, memory in zip(self.blocks, state, strict=True):
             last = first + len(block.parameters)
-            answer = block.respond(
-                drive if block.beside else signal,
-                packed[first:last],
-                dt,
-                state=memory,
-                frequency=frequency,
+            signal = block.respond(
+                signal, packed[first:last], dt, state=memory, frequency=frequency
             )
-            signal = signal + answer if block.beside else answer
-            if block.slot is Slot.INPUT:
-                drive = signal
             first = last
         return signal
 
@@ -219,11 +214,32 @@ class Model:
         """Return the model with these parameters no longer held."""
         return replace(self, held={k: v for k, v in self.held.items() if k not in names})
 
+    @property
+    def block_names(self) -> tuple[str, ...]:
+        """Names of all blocks, those that stand side by side one by one."""
+        return tuple(part.name for block in self.blocks for part in parts_of(block))
+
     def with_block(self, block: Block, name: str = '', *, first: bool = False) -> Model:
-        """Return the chain with `block` added behind (or before) the others of its slot."""
-        chain = [block, *self.blocks] if first else [*self.blocks, block]
-        blocks = sorted(chain, key=lambda each: _ORDER[each.slot])
-        return Model(name or f'{self.name}+{block.name}', tuple(blocks), self.held)
+        """Return the chain with `block` added behind (or before) the others of its slot.
+
+        A block that belongs beside the hysteresis joins the last block of its slot.
+
+        Raises
+        ------
+        ModelError
+            If the model has nothing that the block could stand beside.
+        """
+        name = name or f'{self.name}+{block.name}'
+        if block.beside:
+            places = [i for i, each in enumerate(self.blocks) if each.slot is block.slot]
+            if not places:
+                raise ModelError(f'model {self.name} has no {block.slot} for {block.name} to join')
+            chain = list(self.blocks)
+            chain[places[-1]] = side_by_side(chain[places[-1]], block)
+        else:
+            chain = [block, *self.blocks] if first else [*self.blocks, block]
+            chain.sort(key=lambda each: _ORDER[each.slot])
+        return Model(name, tuple(chain), self.held)
 
     def with_replaced(self, block_name: str, block: Block, name: str = '') -> Model:
         """Return the chain with `block` in the place of the first one called `block_name`.
@@ -233,13 +249,16 @@ class Model:
         ModelError
             If the model has no such block.
         """
-        names = [each.name for each in self.blocks]
-        if block_name not in names:
-            raise ModelError(f'model {self.name} has no block {block_name}')
-        place = names.index(block_name)
-        rest = (*self.blocks[:place], *self.blocks[place + 1 :])
-        blocks = sorted([*rest[:place], block, *rest[place:]], key=lambda each: _ORDER[each.slot])
-        return Model(name or self.name, tuple(blocks))._holding(self.held)
+        for place, each in enumerate(self.blocks):
+            parts = list(parts_of(each))
+            names = [part.name for part in parts]
+            if block_name in names:
+                parts[names.index(block_name)] = block
+                chain = list(self.blocks)
+                chain[place] = side_by_side(*parts)
+                chain.sort(key=lambda one: _ORDER[one.slot])
+                return Model(name or self.name, tuple(chain))._holding(self.held)
+        raise ModelError(f'model {self.name} has no block {block_name}')
 
     def without_block(self, block_name: str) -> Model:
         """Return the chain without the last block called `block_name`.
@@ -249,11 +268,14 @@ class Model:
         ModelError
             If the model has no such block.
         """
-        kept = list(self.blocks)
-        for place in reversed(range(len(kept))):
-            if kept[place].name == block_name:
-                del kept[place]
-                return Model(self.name, tuple(kept))._holding(self.held)
+        for place in reversed(range(len(self.blocks))):
+            parts = list(parts_of(self.blocks[place]))
+            names = [part.name for part in parts]
+            if block_name in names:
+                del parts[names.index(block_name)]
+                kept = [side_by_side(*parts)] if parts else []
+                chain = (*self.blocks[:place], *kept, *self.blocks[place + 1 :])
+                return Model(self.name, chain)._holding(self.held)
         raise ModelError(f'model {self.name} has no block {block_name}')
 
     def _holding(self, held: Mapping[str, float]) -> Model:

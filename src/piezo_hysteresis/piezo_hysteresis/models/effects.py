@@ -92,13 +92,17 @@ def described(name: str) -> tuple[Effect, ...]:
 
 def applicable(model: Model, effect: Effect) -> bool:
     """Return whether `effect` can be added to `model`."""
-    present = {block.name for block in model.blocks}
+    present = set(model.block_names)
     if effect.requires and not present & set(effect.requires):
         return False
     if effect.replaces and not present & set(effect.replaces):
         return False
-    if not set(effect.absorbs) <= present or not set(effect.frees) <= set(model.held):
+    alone = {block.name for block in model.blocks}
+    if not set(effect.absorbs) <= alone or not set(effect.frees) <= set(model.held):
         return False
+    if effect.block is not None and effect.block.beside:
+        joins = any(block.slot is effect.block.slot for block in model.blocks)
+        return joins and effect.block.name not in present
     return effect.block is None or effect.repeatable or effect.block.name not in present
 
 
@@ -158,8 +162,7 @@ def _with_block(
     assert effect.block is not None
     block = suited(effect.block, ratios)
     if effect.replaces:
-        present = [each.name for each in model.blocks]
-        replaced = next(each for each in effect.replaces if each in present)
+        replaced = next(each for each in effect.replaces if each in model.block_names)
         larger = model.with_replaced(replaced, block, name)
         for each in effect.absorbs:
             larger = larger.without_block(each)

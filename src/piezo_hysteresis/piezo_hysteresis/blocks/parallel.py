@@ -1,0 +1,88 @@
+"""Blocks side by side: each answers the same signal, the answers are added.
+
+In a chain they are one block whose name joins theirs with ``|``:
+``bouc_wen_exact|electrostriction``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.errors import ModelError
+
+SEPARATOR = '|'
+
+
+def parts_of(block: Block) -> tuple[Block, ...]:
+    """Return the blocks that stand side by side in `block`, itself where it is a single one."""
+    if not block.parts:
+        return (block,)
+    single = []
+    first = 0
+    for part in block.parts:
+        last = first + len(part.parameters)
+        single.append(replace(part, parameters=block.parameters[first:last]))
+        first = last
+    return tuple(single)
+
+
+def side_by_side(*blocks: Block) -> Block:
+    """Return one block that adds the answers of `blocks` to its input, in this order.
+
+    Slot and source are those of the first.
+
+    Raises
+    ------
+    ModelError
+        If two of them have a parameter of the same name.
+    """
+    parts = tuple(part for block in blocks for part in parts_of(block))
+    if len(parts) == 1:
+        return parts[0]
+    names = [parameter.name for part in parts for parameter in part.parameters]
+    if len(set(names)) < len(names):
+        raise ModelError(
+            f'{" and ".join(part.name for part in parts)} share parameters and cannot stand side '
+            'by side; leave one out'
+        )
+    counts = np.cumsum([0, *(len(part.parameters) for part in parts)])
+
+    def sizes(dt: float) -> list[int]:
+        return [part.initial_state(dt).size for part in parts]
+
+    def kernel(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        y[:] = 0.0
+        answer = np.empty_like(y)
+        begin = 0
+        for i, (part, size) in enumerate(zip(parts, sizes(dt), strict=True)):
+            memory = state[begin : begin + size]
+            part.kernel(x, answer, memory, p[counts[i] : counts[i + 1]], dt, frequency)
+            y += answer
+            begin += size
+
+    def check(values: Mapping[str, float]) -> str:
+        for part in parts:
+            own = {q.name: values[q.name] for q in part.parameters}
+            reason = part.check(own) if part.check is not None else ''
+            if reason:
+                return reason
+        return ''
+
+    return Block(
+        name=SEPARATOR.join(part.name for part in parts),
+        slot=parts[0].slot,
+        parameters=tuple(parameter for part in parts for parameter in part.parameters),
+        kernel=kernel,
+        state_size=lambda dt: sum(sizes(dt)),
+        description='The sum of: ' + ' '.join(part.description for part in parts),
+        source=parts[0].source,
+        check=check,
+        parts=parts,
+    )
