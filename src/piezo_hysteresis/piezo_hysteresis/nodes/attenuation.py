@@ -9,6 +9,7 @@ from typing import Any
 from std_msgs.msg import Header
 
 from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
+from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.link_node import LinkNode
@@ -33,7 +34,7 @@ class Attenuation(LinkNode):
 
     def __init__(self) -> None:
         super().__init__('attenuation', ATTENUATION, topics.VOLTAGE_COMMAND)
-        self._law = HarmonicAttenuation(self._settings({}), self._plant_gain(), self.dt)
+        self._law = self._new_law()
         self._book: TickBook[Header] = TickBook()
         self._harmonics = HarmonicState()
         self._harmonics_publisher = self.create_publisher(
@@ -60,7 +61,17 @@ class Attenuation(LinkNode):
         if any(name.startswith('plant.') for name in changes):
             self._law.set_gain(self._plant_gain())
         if not changes.keys().isdisjoint(_LAW):
-            self._law = HarmonicAttenuation(self._settings({}), self._plant_gain(), self.dt)
+            self._law = self._new_law()
+
+    def _new_law(self) -> HarmonicAttenuation:
+        """Return a fresh law whose kernels are compiled before it gets its first tick."""
+        law = HarmonicAttenuation(self._settings({}), self._plant_gain(), self.dt)
+        for k in range(3):
+            law.step(
+                ReferencePoint(k, 0.0, 0.0, 0.0, 1.0, 0.0), 0.0, Measured(k - 1, 0.0, 1e-9 * k)
+            )
+        law.reset()
+        return law
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the law."""

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import sys
 import time
+from typing import Any
 
+import yaml
 from rclpy.node import Node
 from rclpy.task import Future
 
+from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation_plan import Experiment
 from piezo_hysteresis.nodes.messages import point_into
+from piezo_hysteresis.nodes.sweep_plan import waveform_of
 from piezo_hysteresis.nodes.sweep_server import SweepServer
 from piezo_hysteresis.nodes.tables import EXCITATION
-from piezo_hysteresis.waveforms import Sine
+from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
@@ -37,7 +41,7 @@ class Excitation(Node):
         self._newest_state = -1
         self._ready = False
         self._heard = time.monotonic()
-        self._params = NodeParameters(self, EXCITATION, self._apply)
+        self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
         self._rate = self._params.number('rate')
         self._reference = Reference()
         self._voltage = VoltageCommand()
@@ -125,11 +129,30 @@ class Excitation(Node):
     # --- parameters ----------------------------------------------------------------------------
 
     def _new_experiment(self, sample: int) -> Experiment:
-        value = self._params.number
-        amplitude, offset = self._size()
-        duration = value('duration')
-        sine = Sine(amplitude, value('frequency'), duration, offset, ramp=value('ramp'))
-        return Experiment(sine, sample, self._rate, round(duration * self._rate))
+        duration = self._params.number('duration')
+        return Experiment(self._waveform({}), sample, self._rate, round(duration * self._rate))
+
+    def _waveform(self, changes: dict[str, Value]) -> Waveform:
+        values: dict[str, Any] = {**self._params.values, **changes}
+        kind = 'voltage' if values['mode'] == 'voltage' else 'reference'
+        wanted = {
+            'frequency': values['frequency'],
+            'amplitude': values[f'{kind}.amplitude'],
+            'offset': values[f'{kind}.offset'],
+            'ramp': values['ramp'],
+        }
+        if values['duration'] > 0:
+            wanted['duration'] = values['duration']
+        options = yaml.safe_load(values['waveform_options']) or {}
+        return waveform_of(values['waveform'], wanted, options)
+
+    def _refuse(self, changes: dict[str, Value]) -> str:
+        try:
+            if hasattr(self, '_params'):
+                self._waveform(changes)
+        except (PiezoError, yaml.YAMLError, TypeError) as error:
+            return f'waveform: {error}'
+        return ''
 
     def _size(self) -> tuple[float, float]:
         kind = self._params.text('mode')
@@ -137,7 +160,7 @@ class Excitation(Node):
         return value(f'{kind}.amplitude'), value(f'{kind}.offset')
 
     def _apply(self, changes: dict[str, Value]) -> None:
-        if 'mode' in changes:
+        if not changes.keys().isdisjoint(('mode', 'waveform', 'waveform_options')):
             self._experiment = None
             self._begin()
         elif self._experiment is not None and self._params.text('mode') != 'idle':

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import numpy as np
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.compensation.feedforward import ExtendedInverse
@@ -101,6 +102,7 @@ class Feedforward(LinkNode):
             transition=value('transition'),
         )
         self._chain = chain
+        self._inverse.respond(np.zeros(3))  # compiles the kernel before the first tick
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {", ".join(chain)}')
 
     def _on_load_model(

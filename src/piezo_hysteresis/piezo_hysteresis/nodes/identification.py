@@ -30,10 +30,17 @@ class Identification(Node):
         self._last_sample = -1
         self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
         self._rls = OnlineRls(self._settings({}))
+        self._warm_up()
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, FOLLOWER)
         self.create_service(Trigger, '~/reset', self._on_reset)
+
+    def _warm_up(self) -> None:
+        """Compile the recursion before the first sample comes."""
+        spare = OnlineRls(self._rls.settings)
+        spare.update(0.0, 0.0)
+        spare.estimate()
 
     def _on_state(self, message: ActuatorState) -> None:
         if message.sample <= self._last_sample:

@@ -11,7 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import RecordInfo
-from piezo_hysteresis.waveforms import Sine, Waveform
+from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
 
 # After a record the voltage goes back to rest over this time [s].
 RETURN = 0.1
@@ -91,13 +91,8 @@ class Sweep:
         first = 0
         for amplitude in amplitudes:
             for frequency in frequencies:
-                spec = {
-                    'kind': waveform,
-                    'frequency': frequency,
-                    'amplitude': amplitude,
-                    'duration': seconds,
-                    **(options or {}),
-                }
+                wanted = {'frequency': frequency, 'amplitude': amplitude, 'duration': seconds}
+                shape = waveform_of(waveform, wanted, options or {})
                 info = RecordInfo(
                     excitation=waveform, frequency=frequency, amplitude=amplitude, warm_up=warm_up
                 )
@@ -106,7 +101,7 @@ class Sweep:
                     name,
                     info,
                     first,
-                    _voltages(Sine(amplitude, frequency, seconds), seconds, rate),
+                    _voltages(shape, seconds, rate),
                 )
                 self.records.append(record)
                 first = record.last + gap
@@ -169,9 +164,21 @@ class Sweep:
         return sample - (self._start or 0)
 
 
+def waveform_of(kind: str, wanted: Mapping[str, float], options: Mapping[str, object]) -> Waveform:
+    """Return the waveform called `kind` with those of the `wanted` settings that it has.
+
+    Raises
+    ------
+    WaveformError
+        If there is no such kind or an option is impossible.
+    """
+    known = {name: value for name, value in wanted.items() if has_setting(kind, name)}
+    return from_spec({'kind': kind, **known, **options})
+
+
 def _voltages(waveform: Waveform, seconds: float, rate: float) -> FloatArray:
-    time = np.arange(round(seconds * rate)) * (1.0 / rate)
-    return waveform.sample(time).value
+    time = np.arange(round(seconds * rate), dtype=np.float64) * (1.0 / rate)
+    return np.asarray(waveform.sample(time).value, dtype=np.float64)
 
 
 def _check(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from piezo_hysteresis.waveforms import KINDS
 from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
 
 RATE = ParameterSpec(
@@ -47,7 +48,11 @@ EXCITATION = ParameterTable(
             choices=('idle', 'reference', 'voltage'),
         ),
         ParameterSpec('actuator', '', 'Name written into the markers of recorded sweeps.'),
-        ParameterSpec('frequency', 1.0, 'Frequency of the sinusoid.', 'Hz', 0.0, 1e4),
+        ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS)),
+        ParameterSpec(
+            'waveform_options', '', 'Further settings of the waveform, as YAML: {seed: 3}.'
+        ),
+        ParameterSpec('frequency', 1.0, 'Fundamental frequency.', 'Hz', 0.0, 1e4),
         ParameterSpec('reference.amplitude', 5e-5, 'Amplitude of the reference.', 'm', 0.0, 0.01),
         ParameterSpec('reference.offset', 0.0, 'Mean of the reference.', 'm', -0.01, 0.01),
         ParameterSpec('voltage.amplitude', 1.0, 'Amplitude of the voltage.', 'V', 0.0, 500.0),

@@ -43,6 +43,8 @@ class Simulator(Node):
         self._plant = self._make_plant(value.text('preset'))
         self._params.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
         self._rate = value.number('rate')
+        self._plant.exchange(0.0)  # compiles the plant before the first tick
+        self._plant.reset()
         limits = command_range(self._plant)
         self._book = CommandBook(
             limits[0], limits[1], value.number('safe_voltage'), value.number('ramp')
