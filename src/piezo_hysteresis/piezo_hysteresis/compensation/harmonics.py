@@ -46,13 +46,13 @@ def folded(frequency: float, dt: float) -> float:
 
 
 def resonant_orders(
-    frequency: float, natural_frequency: float, dt: float, highest: int = 75
+    frequency: float, natural_frequency: float, dt: float, highest: int = 75, most: int = 6
 ) -> tuple[int, ...]:
-    """Return the orders of `frequency` that land on a resonance, nearest first.
+    """Return the orders of `frequency` that a resonance amplifies, most amplified first.
 
-    Odd orders only, which is what a symmetric hysteresis makes, besides ``round(fn / f)`` itself;
-    orders whose sampled image folds back onto the resonance count too (19 x 49 Hz at 1 kHz is
-    heard at 69 Hz).
+    ``round(fn / f)`` and its neighbours, odd ones first, which is what a symmetric hysteresis
+    makes. Orders whose sampled image folds back onto the resonance count too: 19 x 49 Hz at 1 kHz
+    is heard at 69 Hz.
 
     Parameters
     ----------
@@ -64,17 +64,18 @@ def resonant_orders(
         Sampling interval [s].
     highest : int
         Highest order considered.
+    most : int
+        Largest number of orders returned.
     """
     if frequency <= 0 or natural_frequency <= 0:
         return ()
-    nearest = round(natural_frequency / frequency)
-    found = {nearest: abs(nearest * frequency - natural_frequency)} if nearest > 1 else {}
-    for order in range(3, highest + 1, 2):
+    found = {}
+    for order in range(2, highest + 1):
         distance = abs(abs(folded(order * frequency, dt)) - natural_frequency)
-        if distance < max(0.06 * natural_frequency, min(frequency, 0.15 * natural_frequency)):
+        distance *= 1.0 if order % 2 else 1.25
+        if distance < 0.3 * natural_frequency:
             found[order] = distance
-    ordered = sorted(found, key=lambda order: (found[order], order))
-    return tuple(ordered[:4])
+    return tuple(sorted(found, key=lambda order: (found[order], order))[:most])
 
 
 def separable_orders(

@@ -159,12 +159,13 @@ def fit_inverse(
     u = voltage / swing
 
     def model(p: FloatArray) -> FloatArray:
-        answer = np.empty_like(x)
+        answer = np.empty(x.size)
         bouc_wen(x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], p[3]]), 1.0, 0.0)
         return answer
 
     def residual(p: FloatArray) -> FloatArray:
-        return (model(p) + p[4] - u)[warm_up:]
+        missed: FloatArray = (model(p) + p[4] - u)[warm_up:]
+        return missed
 
     fits = [
         least_squares(residual, start, x_scale='jac')
