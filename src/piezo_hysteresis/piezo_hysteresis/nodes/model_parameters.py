@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from piezo_hysteresis.blocks import BLOCKS
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_ros_common.parameters import NodeParameters
@@ -88,13 +88,10 @@ class ModelParameters:
     def _refuse_head(self, changes: dict[str, Value]) -> str:
         names = changes.get('model.chain', [])
         assert isinstance(names, list)
-        stray = [str(name) for name in names if name and name not in BLOCKS]
-        if stray:
-            return f'model.chain: there is no block {", ".join(stray)}; see docs/models.md'
         try:
-            Model('', tuple(BLOCKS[str(name)] for name in names if name))
+            Model('', tuple(named_block(str(name)) for name in names if name))
         except PiezoError as error:
-            return str(error)
+            return f'model.chain: {error}; see docs/models.md'
         return ''
 
     def _head_changed(self, changes: dict[str, Value]) -> None:
@@ -112,7 +109,7 @@ class ModelParameters:
             self._table = None
         self._chain = chain
         if chain:
-            model = Model('', tuple(BLOCKS[name] for name in chain))
+            model = Model('', tuple(named_block(name) for name in chain))
             self._table = model_table(model, model.defaults())
             self._parameters.extend(self._table, self._value_changed)
         self._changed = True
