@@ -89,7 +89,17 @@ _PREISACH_TYPE = np.dtype(
 
 _SCALARS = (
     *('command', 'voltage', 'voltage_before', 'strain_voltage', 'rate', 'widening', 'loss'),
-    *('residue', 'free', 'slope', 'eta', 'lost_motion', 'drive', 'drive_middle', 'drive_mean', 'bristle'),
+    *(
+        'residue',
+        'free',
+        'slope',
+        'eta',
+        'lost_motion',
+        'drive',
+        'drive_middle',
+        'drive_mean',
+        'bristle',
+    ),
     *('yielding', 'slow', 'drift', 'warmth', 'jump', 'filtered', 'seen_before', 'reading'),
 )
 

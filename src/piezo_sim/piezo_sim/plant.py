@@ -81,7 +81,7 @@ class Plant:
         self._state = np.zeros(1, STATE_TYPE)
         self._history = np.zeros(int(_LONGEST_DELAY * rate) + 3)
         self._one_command, self._one_reading = np.zeros(1), np.zeros(1)
-        values, switches = self._merged(parameters or {})
+        values, switches = self._merged({**self.preset.parameters, **(parameters or {})})
         self._install(values, switches)
         self.reset()
 

@@ -129,23 +129,27 @@ def _from_content(file: Path, content: dict[str, Any]) -> Preset:
         raise PresetError(f'preset {file.name}: effects is a list, parameters is a mapping')
     _check_names(file, 'effect', effects, {effect.name for effect in EFFECTS})
     _check_names(file, 'parameter', list(parameters), {row.name for row in PARAMETERS})
-    numbers = {**parameters, **{key: content[key] for key in _NUMBERS if key in content}}
-    for key, value in numbers.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise PresetError(
-                f'preset {file.name}: {key} is not a number: {value!r} (write 1.0e-6, not 1e-6)'
-            )
+    parameters = {key: _number(file, key, value) for key, value in parameters.items()}
     return Preset(
         name=file.stem,
         description=str(content.get('description', '')).strip(),
         source=str(content.get('source', '')).strip(),
-        parameters={key: float(value) for key, value in parameters.items()},
+        parameters=parameters,
         effects=tuple(effects),
-        **{key: float(content[key]) for key in _NUMBERS if key in content},
+        **{key: _number(file, key, content[key]) for key in _NUMBERS if key in content},
     )
 
 
 _NUMBERS = ('voltage', 'displacement', 'bias', 'rate')
+
+
+def _number(file: Path, key: str, value: object) -> float:
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        try:  # YAML 1.1 takes 1e-6 for a word
+            return float(value)
+        except ValueError:
+            pass
+    raise PresetError(f'preset {file.name}: {key} is not a number: {value!r}')
 
 
 def _check_names(file: Path, kind: str, names: list[Any], known: set[str]) -> None:

@@ -88,15 +88,15 @@ def _to_zero(
 def move(eta: float, start: float, end: float, widening: float, p: Any) -> float:
     """Return eta [V] after the voltage went straight from `start` to `end` [V].
 
-    `widening` multiplies the dissipation (rate dependence).
+    `widening` stretches the law along the voltage (rate dependence): the loop becomes wider and
+    lower, its slope after a reversal stays.
     """
     if end == start or p.alpha == 0.0:
         return eta
     sign = 1.0 if end > start else -1.0
-    beta, gamma = p.beta * widening, p.gamma * widening
+    beta, gamma = p.beta / widening, p.gamma / widening
     scale = max((beta + abs(gamma)) * p.exponent, _TINY)
-    # Without rate dependence, so that the loop widens and does not just rescale.
-    saturation = max(p.alpha + abs(p.asymmetry), _TINY) / max(p.beta + p.gamma, _TINY)
+    saturation = max(p.alpha + abs(p.asymmetry), _TINY) / max(beta + gamma, _TINY)
     length = abs(end - start)
     strides = math.ceil(length * scale / _STRIDE)
     step = length / max(strides, 1)

@@ -54,7 +54,7 @@ def _branch(s: Any, voltage: float, p: Any) -> float:
 
 @leaf
 def kink(s: Any, start: float, end: float) -> float:
-    """Return the first voltage between `start` and `end` [V] at which the slope jumps, or `end`."""
+    """Return the first voltage between `start` and `end` [V] where the slope jumps, or `end`."""
     if s.depth >= 2:
         point = s.turn[s.depth - 2]
     elif s.depth == 1:

@@ -1,0 +1,213 @@
+"""``python -m piezo_sim``: sweeps faster than real time; presets and their numbers."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
+from piezo_sim.errors import SimulationError, SweepError
+from piezo_sim.output import check_target, labels, write_labels, write_records
+from piezo_sim.plant import Plant
+from piezo_sim.presets import load_preset, preset_names
+from piezo_sim.sweep import grid, simulate
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns 0, 2 for what the user can mend, 130 if interrupted."""
+    parser = argparse.ArgumentParser(prog='piezo_sim', description=__doc__)
+    verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
+    _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
+    verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
+    describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
+    describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
+    describe.set_defaults(run=_describe)
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except (SimulationError, PiezoError) as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # the reader (head, less) has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print('interrupted', file=sys.stderr)
+        return 130
+
+
+def _configure_sweep(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
+    add('--out', type=Path, required=True, help='a bag, or a file .npz or .csv (one record)')
+    add('--waveform', default='sine', help=f'one of {", ".join(KINDS)}')
+    add('--frequencies', type=_numbers, help='in Hz: 1,5,23 or 1:50 or 1:50:0.5')
+    add('--amplitudes', type=_numbers, help='in V; by default what the preset is driven with')
+    add('--seconds', type=float, help='length of each record (default 10)')
+    add('--warm-up', type=float, help='seconds that errors leave out (default: a tenth)')
+    add('--options', type=_mapping, default={}, help='settings of the waveform, as a=1,b=odd')
+    add('--plan', type=Path, help='YAML file with a list of waveforms, instead of the above')
+    add('--rate', type=float, help='sampling rate in Hz (default: of the preset)')
+    add('--noise', type=float, help='rms of the sensor noise in m; 0 switches noise off')
+    add('--seed', type=int, default=0, help='seed of all noise')
+    add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
+        help='parameter, or effects.NAME=true|false')  # fmt: skip
+    add('--actuator', help='name of the actuator in the records (default: the preset)')
+    add('--reveal', type=Path, help='write what was simulated to this .json or .yaml')
+    parser.set_defaults(run=_sweep)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    overrides = _overrides(options)
+    specs = _plan(options.plan) if options.plan else _grid(options)
+    plant = Plant.from_preset(options.preset, options.rate, options.seed, overrides)
+    check_target(options.out, len(specs))
+    if options.reveal is not None:
+        if options.reveal.suffix not in ('.json', '.yaml', '.yml'):
+            raise SweepError(f'{options.reveal}: the labels are written as .json or .yaml')
+        check_target(options.reveal, 1)
+    for spec in specs:
+        if options.warm_up is not None:
+            spec.setdefault('warm_up', options.warm_up)
+    started = time.perf_counter()
+    records = simulate(
+        options.preset, specs, overrides, options.seed, options.rate,
+        actuator=options.actuator, progress=_progress if sys.stderr.isatty() else None,
+    )  # fmt: skip
+    simulated = time.perf_counter()
+    write_records(options.out, records)
+    if options.reveal is not None:
+        write_labels(options.reveal, labels(plant, options.preset, overrides, options.seed))
+    samples = sum(len(record) for record in records)
+    print(
+        f'{options.out}: {len(records)} records, {samples} samples, '
+        f'{samples / plant.rate:g} s at {plant.rate:g} Hz; '
+        f'simulated in {simulated - started:.2f} s, '
+        f'written in {time.perf_counter() - simulated:.2f} s'
+    )
+    return 0
+
+
+def _overrides(options: argparse.Namespace) -> dict[str, float | bool]:
+    overrides: dict[str, float | bool] = dict(options.set)
+    if options.noise is not None:
+        overrides['effects.noise'] = options.noise > 0.0
+        if options.noise > 0.0:
+            overrides['sensor.noise_rms'] = options.noise
+    return overrides
+
+
+def _grid(options: argparse.Namespace) -> list[dict[str, Any]]:
+    preset, kind = load_preset(options.preset), options.waveform
+    settings = dict(options.options)
+    if options.seconds is not None:
+        if not has_setting(kind, 'duration'):
+            raise SweepError(
+                f'the length of a {kind} follows from its settings: leave out --seconds'
+            )
+        settings['duration'] = options.seconds
+    if preset.bias and has_setting(kind, 'offset'):
+        settings.setdefault('offset', preset.bias)
+    amplitudes = options.amplitudes
+    if amplitudes is None:
+        amplitudes = [] if 'amplitude' in settings else [preset.voltage]
+    return grid(kind, options.frequencies or [], amplitudes, settings)
+
+
+def _plan(path: Path) -> list[dict[str, Any]]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
+        raise SweepError(f'the plan {path} cannot be read: {reason}') from error
+    if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
+        raise SweepError(f'the plan {path} must be a list of waveforms, each a mapping')
+    return content
+
+
+def _presets(_: argparse.Namespace) -> int:
+    for name in preset_names():
+        preset = load_preset(name)
+        print(f'{name:20} {preset.description}')
+        print(f'{"":20}   {preset.source}; {preset.rate:g} Hz; {", ".join(preset.effects)}')
+    return 0
+
+
+def _describe(options: argparse.Namespace) -> int:
+    if options.name == 'waveforms':
+        _describe_waveforms()
+        return 0
+    plant = Plant.from_preset(options.name) if options.name else Plant()
+    print(f'{plant.preset.name}: {plant.preset.description}\n')
+    for effect in plant.effect_table:
+        mark = 'on ' if plant.effects[effect.name] else 'off'
+        print(f'effects.{effect.name:24} {mark}  {effect.description}')
+    print()
+    for row in plant.parameter_table:
+        bounds = f'{row.low:g} .. {row.high:g}'
+        print(f'{row.name:32} {row.default:12.6g} {row.unit:6} {bounds:18} {row.description}')
+    return 0
+
+
+def _describe_waveforms() -> None:
+    for kind in KINDS.values():
+        print(f'{kind.name:20} {kind.description}')
+        for row in kind.settings:
+            words = f' ({", ".join(row.choices)})' if row.choices else ''
+            default = '' if row.name == 'parts' else row.default
+            print(f'  {row.name:18} {default!s:>10} {row.unit:8} {row.description}{words}')
+
+
+def _progress(fraction: float) -> None:
+    print(f'\r{100.0 * fraction:3.0f} %', end='\n' if fraction >= 1.0 else '', file=sys.stderr)
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers of ``1,5,23``, ``1:50`` (step 1) or ``1:50:0.5``."""
+    numbers: list[float] = []
+    for word in text.split(','):
+        try:
+            ends = [float(end) for end in word.split(':')]
+        except ValueError:
+            raise argparse.ArgumentTypeError(f'{word!r} is not a number or a range') from None
+        if len(ends) == 1:
+            numbers += ends
+            continue
+        first, last, step = (*ends, 1.0)[:3]
+        if len(ends) > 3 or step <= 0.0 or not 0.0 <= (last - first) / step < 1e5:
+            raise argparse.ArgumentTypeError(f'{word!r} is not a range like 1:50 or 1:50:0.5')
+        numbers += [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
+    return numbers
+
+
+def _assignment(text: str) -> tuple[str, float | bool]:
+    name, equals, value = text.partition('=')
+    words = {'true': True, 'on': True, 'false': False, 'off': False}
+    if value.lower() in words:
+        return name, words[value.lower()]
+    try:
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not NAME=number or NAME=true|false' if equals else f'{text!r} has no ='
+        ) from None
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for word in filter(None, text.split(',')):
+        name, equals, value = word.partition('=')
+        if not equals:
+            raise argparse.ArgumentTypeError(f'{word!r} has no =; write a=1,b=odd')
+        try:
+            result[name] = float(value)
+        except ValueError:
+            result[name] = value
+    return result

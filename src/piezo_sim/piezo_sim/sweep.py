@@ -1,0 +1,162 @@
+"""Sweeps: many records of one actuator, simulated much faster than real time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from piezo_hysteresis.records import Record, RecordInfo
+from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
+from piezo_sim.errors import SweepError
+from piezo_sim.plant import Plant
+
+FloatArray = npt.NDArray[np.float64]
+
+LEAD_IN = 1.0  # time in which the actuator is brought to the first voltage of a record [s]
+_OWN_KEYS = ('name', 'warm_up')
+
+
+def simulate(
+    preset: str,
+    waveform_specs: Iterable[Mapping[str, Any]],
+    overrides: Mapping[str, float | bool] | None = None,
+    seed: int = 0,
+    rate: float | None = None,
+    *,
+    actuator: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[Record]:
+    """Run an actuator through waveforms, one record each, every one from rest.
+
+    Where a waveform does not begin at 0 V the actuator is first brought there smoothly within a
+    second, which is not recorded.
+
+    Parameters
+    ----------
+    preset : str
+        Name of the actuator.
+    waveform_specs : iterable of mapping
+        As for `piezo_hysteresis.waveforms.from_spec`, in volts; two more keys are understood:
+        ``name`` of the record, and ``warm_up``, the seconds at its start that errors leave out
+        (by default a tenth of the record).
+    overrides : mapping, optional
+        Parameters and ``effects.*`` switches that differ from the preset.
+    seed : int
+        Seed of all noise; every record draws its own.
+    rate : float, optional
+        Sampling rate [Hz]; that of the preset where not given.
+    actuator : str, optional
+        Name of the actuator in the records; that of the preset where not given. Nothing else
+        about the simulation is written into them.
+    progress : callable, optional
+        Called with the fraction that is done.
+
+    Returns
+    -------
+    list of Record
+
+    Raises
+    ------
+    PresetError, PlantError, SweepError
+        If the preset, an override or the sweep cannot be used.
+    WaveformError
+        If a waveform cannot be built.
+    """
+    plant = Plant.from_preset(preset, rate, seed, overrides)
+    specs = list(waveform_specs)
+    if not specs:
+        raise SweepError('the sweep has no records; give at least one frequency and amplitude')
+    waveforms = [
+        from_spec({key: spec[key] for key in spec if key not in _OWN_KEYS}) for spec in specs
+    ]
+    names = record_names(specs)
+    voltages = [commands(waveform, plant.rate) for waveform in waveforms]
+    _check_range(plant, voltages, names)
+    records = []
+    for k, (spec, waveform) in enumerate(zip(specs, waveforms, strict=True)):
+        plant.reset(seed=record_seed(seed, k))
+        info = RecordInfo(
+            actuator=actuator if actuator is not None else preset,
+            excitation=str(spec['kind']),
+            frequency=_frequency(waveform),
+            amplitude=abs(float(spec.get('amplitude', 0.0))),
+            warm_up=float(spec.get('warm_up', 0.1 * waveform.duration)),
+        )
+        voltage = np.clip(voltages[k], *plant.command_range)
+        lead_in(plant, float(voltage[0]))
+        displacement = plant.run(voltage)
+        records.append(Record(names[k], 1.0 / plant.rate, voltage, displacement, info=info))
+        if progress is not None:
+            progress((k + 1) / len(specs))
+    return records
+
+
+def record_seed(seed: int, index: int) -> int:
+    """Return the seed of record `index`, independent of the other records."""
+    return int(np.random.SeedSequence([seed, index]).generate_state(1, np.uint64)[0])
+
+
+def commands(waveform: Waveform, rate: float) -> FloatArray:
+    """Return the commands [V] of a waveform at every tick of its duration."""
+    count = round(waveform.duration * rate)
+    if count < 2:
+        raise SweepError(f'{waveform.duration:g} s at {rate:g} Hz is less than two samples')
+    return waveform.sample(np.arange(count) / rate).value
+
+
+def lead_in(plant: Plant, voltage: float) -> None:
+    """Bring the actuator smoothly from 0 V to `voltage` [V], before a record begins."""
+    if voltage != 0.0:
+        s = np.linspace(0.0, 1.0, max(2, round(LEAD_IN * plant.rate)))
+        plant.run(voltage * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+
+
+def record_names(specs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a name for every record: what was asked for, or kind, frequency and amplitude."""
+    names: list[str] = []
+    for spec in specs:
+        words = [str(spec.get('kind', 'unknown'))]
+        words += [f'{spec["frequency"]:g}Hz'] if 'frequency' in spec else []
+        words += [f'{spec["amplitude"]:g}V'] if 'amplitude' in spec else []
+        name = wanted = str(spec.get('name') or '_'.join(words))
+        again = 2
+        while name in names:
+            name, again = f'{wanted}_{again}', again + 1
+        names.append(name)
+    return names
+
+
+def grid(
+    kind: str,
+    frequencies: Sequence[float],
+    amplitudes: Sequence[float],
+    settings: Mapping[str, Any],
+) -> list[dict[str, Any]]:
+    """Return one specification per frequency and amplitude; kinds without them run once each."""
+    axes = {'amplitude': amplitudes, 'frequency': frequencies}
+    given = {name: values for name, values in axes.items() if values and has_setting(kind, name)}
+    return [
+        {'kind': kind, **settings, **dict(zip(given, values, strict=True))}
+        for values in product(*given.values())
+    ]
+
+
+def _frequency(waveform: Waveform) -> float:
+    """Return the fundamental [Hz], 0 where it changes or where there is none."""
+    frequency = waveform.sample(np.linspace(0.0, waveform.duration, 9)).frequency
+    return float(frequency[0]) if np.all(frequency == frequency[0]) else 0.0
+
+
+def _check_range(plant: Plant, voltages: Sequence[FloatArray], names: Sequence[str]) -> None:
+    low, high = plant.command_range
+    for values, name in zip(voltages, names, strict=True):
+        if values.min() < low - 1e-9 or values.max() > high + 1e-9:
+            raise SweepError(
+                f'record {name} needs {values.min():g} .. {values.max():g} V, but the amplifier '
+                f'takes {low:g} .. {high:g} V; lower the amplitude or set amplifier.range_low and '
+                'amplifier.range_high'
+            )
