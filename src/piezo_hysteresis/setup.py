@@ -5,7 +5,7 @@ from setuptools import find_packages, setup
 package = 'piezo_hysteresis'
 
 # Every node and every verb of the command line is an executable of its own for `ros2 run`.
-nodes = ['attenuation', 'excitation', 'feedforward', 'identification']
+nodes = ['attenuation', 'excitation', 'feedforward', 'identification', 'player', 'recorder']
 verbs = [
     'compensate',
     'demo',

@@ -11,7 +11,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.nodes.messages import estimate_into
 from piezo_hysteresis.nodes.tables import IDENTIFICATION
-from piezo_interfaces.msg import ActuatorState, ModelEstimate
+from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import FOLLOWER, LATCHED
@@ -22,17 +22,26 @@ from piezo_ros_common.table import Value
 _SETTINGS = ('variant', 'offset', 'harmonic', 'frequency', 'forgetting', 'unit')
 
 
+# Samples between two messages that tell a player how far the node is.
+CONFIRM_EVERY = 64
+
+
 class Identification(Node):
     """Takes every state of the actuator in and publishes what it knows of the model."""
 
     def __init__(self) -> None:
         super().__init__('identification')
         self._last_sample = -1
+        self._taken = 0
         self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
         self._rls = OnlineRls(self._settings({}))
         self._warm_up()
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
+        self._status = LoopStatus(names='taken', counts=[0])
+        self._status_publisher = self.create_publisher(LoopStatus, '~/status', FOLLOWER)
+        # Before the states: a marker that waits beside them is taken first.
+        self.create_subscription(RecordMarker, topics.MARKER, self._on_marker, FOLLOWER)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, FOLLOWER)
         self.create_service(Trigger, '~/reset', self._on_reset)
 
@@ -43,12 +52,23 @@ class Identification(Node):
         spare.estimate()
 
     def _on_state(self, message: ActuatorState) -> None:
+        self._taken += 1
+        if self._taken % CONFIRM_EVERY == 0:
+            self._confirm()
         if message.sample <= self._last_sample:
             return
         self._last_sample = message.sample
         self._rls.update(message.voltage, message.displacement)
         if (message.sample + 1) % self._params.integer('publish_every') == 0:
             self._publish(message)
+
+    def _on_marker(self, message: RecordMarker) -> None:
+        self._last_sample = -1  # the next record may count its samples anew
+        self._confirm()
+
+    def _confirm(self) -> None:
+        self._status.counts = [self._taken]
+        self._status_publisher.publish(self._status)
 
     def _publish(self, state: ActuatorState) -> None:
         message = self._message

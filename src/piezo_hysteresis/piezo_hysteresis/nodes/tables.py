@@ -147,3 +147,38 @@ IDENTIFICATION = ParameterTable(
         ),
     )
 )
+
+RECORDER = ParameterTable(
+    (
+        ParameterSpec('out', '', 'Bag folder to create.', read_only=True),
+        ParameterSpec(
+            'topics',
+            [''],
+            'Topics to record; state, reference and markers where none are given.',
+            read_only=True,
+        ),
+    )
+)
+
+PLAYER = ParameterTable(
+    (
+        ParameterSpec('bag', '', 'Bag folder, .mcap or .db3 file to play.', read_only=True),
+        ParameterSpec('topics', [''], 'Topics to play; all where none are given.', read_only=True),
+        ParameterSpec(
+            'rate_factor',
+            1.0,
+            'Speed against the recording.',
+            '1',
+            above=0.0,
+            high=1e6,
+            read_only=True,
+        ),
+        ParameterSpec('loop', False, 'Begin again at the end.', read_only=True),
+        ParameterSpec(
+            'lock_step', False, 'Go as fast as the listeners take the samples.', read_only=True
+        ),
+        ParameterSpec('salvage', False, 'Play what is readable of a damaged bag.', read_only=True),
+        ParameterSpec('publish_clock', False, 'Publish log times on /clock.', read_only=True),
+        ParameterSpec('wait', 10.0, 'Longest wait for a listener.', 's', above=0.0, high=3600.0),
+    )
+)

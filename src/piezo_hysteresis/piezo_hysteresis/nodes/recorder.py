@@ -1,0 +1,122 @@
+"""Records topics into a bag, byte for byte; what was flushed survives whatever happens."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosidl_runtime_py.utilities import get_message
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.offered_qos import matching, offered_as_yaml
+from piezo_hysteresis.nodes.tables import RECORDER
+from piezo_hysteresis.records.definitions import definition_of
+from piezo_hysteresis.records.recorder import Recorder
+from piezo_interfaces.msg import LoopStatus
+from piezo_ros_common import topics
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LATCHED
+from piezo_ros_common.running import run_node
+
+# What is recorded where nothing is asked for.
+DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)
+
+
+class RecorderNode(Node):
+    """Subscribes to what it is told as soon as it appears, and writes what comes."""
+
+    def __init__(self) -> None:
+        super().__init__('recorder')
+        self._params = NodeParameters(self, RECORDER, lambda _: None)
+        out = self._params.text('out')
+        if not out:
+            self._give_up('give the bag to create: -p out:=FOLDER')
+        try:
+            self._recorder = Recorder(out)
+        except PiezoError as error:
+            self._give_up(str(error))
+        wanted = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
+        self._missing = {self.resolve_topic_name(name) for name in wanted or DEFAULT_TOPICS}
+        self._problem = ''
+        self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
+        self._look()
+        self.create_timer(0.1, self._look)
+        self.create_timer(1.0, self._report)
+
+    def _give_up(self, reason: str) -> None:
+        self.get_logger().fatal(reason)
+        raise SystemExit(2)
+
+    def _look(self) -> None:
+        """Subscribe to wanted topics that have appeared."""
+        if not self._missing:
+            return
+        present = dict(self.get_topic_names_and_types())
+        for name in sorted(self._missing & present.keys()):
+            publishers = self.get_publishers_info_by_topic(name)
+            if publishers:
+                self._missing.discard(name)
+                self._record(name, present[name][0], matching(publishers))
+
+    def _record(self, name: str, kind: str, qos: QoSProfile) -> None:
+        try:
+            definition, type_hash = definition_of(kind)
+        except PiezoError as error:
+            self.get_logger().warning(f'{name} is recorded without its definition: {error}')
+            definition = type_hash = ''
+        number = self._recorder.add_topic(
+            name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
+        )
+        self.create_subscription(get_message(kind), name, self._writer(number), qos, raw=True)
+        self.get_logger().info(f'recording {name}')
+
+    def _writer(self, number: int) -> Callable[[bytes], None]:
+        write, now = self._recorder.write, time.time_ns
+
+        def on_message(payload: bytes) -> None:
+            write(number, payload, now())
+
+        return on_message
+
+    def _report(self) -> None:
+        status = self._recorder.status
+        message = LoopStatus(sample=status.written, missed=status.dropped)
+        message.names = 'received,written,dropped'
+        message.counts = [status.received, status.written, status.dropped]
+        self._status_publisher.publish(message)
+        if status.problem != self._problem:
+            self._problem = status.problem
+            if status.problem:
+                self.get_logger().error(f'nothing can be written: {status.problem}')
+        for name in self._missing:
+            self.get_logger().warning(f'nobody publishes {name} yet', throttle_duration_sec=10.0)
+
+    def close(self) -> None:
+        """Write what is queued and finish the bag."""
+        status = self._recorder.close()
+        self.get_logger().info(
+            f'{self._recorder.path}: {status.written} messages, {status.dropped} dropped'
+        )
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the recorder for the verb ``record``."""
+    parser = argparse.ArgumentParser(prog='record')
+    parser.add_argument('topics', nargs='*')
+    parser.add_argument('--out', required=True)
+    parser.add_argument('--namespace', default='')
+    words = parser.parse_args(list(arguments))
+    names = ', '.join(words.topics)
+    ros = ['--ros-args', '-p', f'out:={words.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
+    if words.namespace:
+        ros += ['-r', f'__ns:=/{words.namespace.strip("/")}']
+    return run_node(RecorderNode, ros)
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(RecorderNode))
