@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.blocks.nonlinear_mode import rubbed
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverse import InverseLink
 from piezo_hysteresis.compensation.physical import structure_coefficients
@@ -23,7 +24,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
 # Blocks that move the structure: inverted on the derivatives of the reference.
-_DYNAMIC = ('mode', 'mass_spring', 'resonance')
+_DYNAMIC = ('mode', 'mass_spring', 'resonance', 'nonlinear_mode')
 _DELAY = 'transport_delay'
 # The share of the first slope below which a slope counts as none.
 _LEAST_SLOPE = 0.1
@@ -132,6 +133,10 @@ class _Stages:
         Structure [s], [s^2] and lead [s].
     rest : float
         Reading at rest [m].
+    spring : tuple of float
+        Cubic stiffness [1/m^2], friction [m] and presliding distance [m] of a nonlinear mode.
+    bristle, moved : float
+        Memory of its friction, and the displacement it belongs to [m].
     """
 
     front: list[BlockInverse] = field(default_factory=list)
@@ -140,6 +145,20 @@ class _Stages:
     k2: float = 0.0
     lead: float = 0.0
     rest: float = 0.0
+    spring: tuple[float, float, float] = (0.0, 0.0, 1e-6)
+    bristle: float = 0.0
+    moved: float = 0.0
+
+    def restoring_force(self, x: float) -> float:
+        """Answer what a nonlinear spring and friction add to the target at `x` [m]."""
+        cubic, friction, presliding = self.spring
+        stretch = cubic * x * x
+        if stretch < 0.0:
+            stretch = 0.8 * stretch / (0.8 - stretch)
+        if friction > 0.0 and x != self.moved:
+            self.bristle = rubbed(self.bristle, x - self.moved, presliding)
+        self.moved = x
+        return stretch * x + friction * self.bristle
 
     @property
     def solvers(self) -> list[BlockInverse]:
@@ -162,6 +181,8 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
             stages.k1 += share * k1
             stages.k2 += share * k2
             stages.lead += share * 0.5 * dt
+            if block.name == 'nonlinear_mode':
+                stages.spring = (float(own[2]), float(own[3]), float(own[4]))
         else:
             solver = BlockInverse(block, own, dt, 1e-4 * scale)
             if not (math.isfinite(solver.first_slope) and solver.first_slope > 0.0):
@@ -184,11 +205,11 @@ def _structure(block: Block, own: FloatArray) -> tuple[float, float, float]:
     for one, right to second order in frequency over natural frequency for more.
     """
     values = [float(value) for value in own]
-    if block.name == 'resonance':
+    if block.name in ('resonance', 'nonlinear_mode'):
         k1, k2 = structure_coefficients(
             {'natural_frequency': values[0], 'damping_ratio': values[1]}
         )
-        return values[2], k1, k2
+        return (values[2] if block.name == 'resonance' else 1.0), k1, k2
     names = (parameter.name for parameter in block.parameters)
     return 1.0, *structure_coefficients(dict(zip(names, values, strict=True)))
 
@@ -269,6 +290,7 @@ class ChainInverse(InverseLink):
         return packed
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        self._fresh.bristle, self._fresh.moved = self._stages.bristle, self._stages.moved
         for before, after in zip(self._stages.solvers, self._fresh.solvers, strict=True):
             after.take_over(before)
         self._stages = self._fresh
@@ -287,7 +309,7 @@ class ChainInverse(InverseLink):
                 a = (a - bend * v * v) / (slope or solver.first_slope)
             point[0, 0], point[1, 0], point[2, 0] = d, v, a
             invert_structure(point, target, memory[2:], stages.k1, stages.k2, stages.lead, self.dt)
-            u = float(target[0])
+            u = float(target[0]) + stages.restoring_force(d + stages.lead * v)
             for solver in reversed(stages.front):
                 u = solver.solve(u)
             if u > self._high or u < self._low:

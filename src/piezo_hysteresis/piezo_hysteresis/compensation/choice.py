@@ -16,6 +16,7 @@ from piezo_hysteresis.compensation.inverse import InverseLink
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.physical import Law, PhysicalInverse
+from piezo_hysteresis.compensation.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
@@ -43,7 +44,8 @@ def inverse_for(
     """Return the best inverse that there is for `model`.
 
     The extended model gets 000 (16), (17); one hysteresis with or without a mode the physical
-    inverse; an oscillator its own; every other chain the numeric one. Added tones are ignored.
+    inverse; an oscillator and 003's law their own; every other chain the numeric one. Added tones
+    are ignored.
 
     Parameters
     ----------
@@ -72,6 +74,8 @@ def inverse_for(
         return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
     if simple and core == ['bouc_wen_oscillator'] and not delayed:
         return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
+    if simple and core in (['inverse_selector'], ['inverse_bouc_wen']) and not delayed:
+        return SlopeSelectedInverse(named, dt, limits=limits, start=start, transition=transition)
     structured = len(core) == 1 or (len(core) == 2 and core[1] in _STRUCTURES)
     if simple and structured and core[0] in _LAWS:
         law = _LAWS[core[0]]

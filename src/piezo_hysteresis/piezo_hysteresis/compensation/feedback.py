@@ -7,15 +7,23 @@ import math
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.polarity import PolarityWatch
 from piezo_hysteresis.compensation.sensor import SensorWatch
+from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.errors import CompensationError
+
+# A loop that is cut off for this share of a window, while what it receives is within the range,
+# does not control any more but swings between its limits.
+_SWINGING = 0.25
+_WINDOW = 0.5
+_FADE = 0.2
 
 
 class FeedbackLink:
     """Base of the feedback links: adds ``law(error)`` to the voltage that it receives.
 
     The measurement is compared with the reference of its own tick. While there is none that may
-    be believed the law is asked for what it holds; when the plant is found to answer with the
-    opposite sign the law is switched off for good, which `counters` says.
+    be believed the law is asked for what it holds. When the plant is found to answer with the
+    opposite sign, or the loop to swing between the limits, the law fades out and stays off until
+    `reset`; `counters` say so.
 
     Parameters
     ----------
@@ -35,32 +43,57 @@ class FeedbackLink:
         self._high = math.inf if limits is None else limits.high
         self._sensor = SensorWatch(dt)
         self._polarity = PolarityWatch(dt, resonance)
+        self._fade = Transition(dt, _FADE, math.inf if limits is None else limits.slew)
+        self._window = max(1, round(_WINDOW / dt))
+        self._start()
+
+    def _start(self) -> None:
+        self._off = ''
         self._saturated = 0
+        self._ticks = 0
+        self._cut_ticks = 0
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
         """Answer `received` plus the share of the law [V]."""
         pair = self._sensor.pair(point, measured)
-        if self._polarity.inverted:
-            return received
-        if pair is None or measured is None:
-            return received + self._hold()
-        partner, displacement = pair
-        self._polarity.see(measured.voltage, displacement, partner.frequency)
-        share = self._law(partner.displacement - displacement)
+        if self._off:
+            share = 0.0
+        elif pair is None or measured is None:
+            share = self._hold()
+        else:
+            partner, displacement = pair
+            self._polarity.see(measured.voltage, displacement, partner.frequency)
+            share = self._law(partner.displacement - displacement)
         wanted = received + share
         safe = min(max(wanted, self._low), self._high)
-        if safe != wanted:
+        if not self._off and pair is not None:
+            self._cut(safe - wanted)
+            self._judge(safe != wanted and self._low <= received <= self._high)
+        return received + self._fade.apply(safe - received)
+
+    def _judge(self, cut: bool) -> None:
+        """Switch the law off where it does harm."""
+        self._ticks += 1
+        if cut:
             self._saturated += 1
-        self._cut(safe - wanted)
-        return safe
+            self._cut_ticks += 1
+        if self._polarity.inverted:
+            self._off = 'inverted_plant'
+        elif self._ticks >= self._window:
+            if self._cut_ticks > _SWINGING * self._ticks:
+                self._off = 'diverged'
+            self._ticks = self._cut_ticks = 0
+        if self._off:
+            self._fade.start()
 
     def counters(self) -> dict[str, int]:
         """Return what went wrong so far, by name."""
         return {
             'saturated': self._saturated,
-            'inverted_plant': int(self._polarity.inverted),
+            'inverted_plant': int(self._off == 'inverted_plant'),
+            'diverged': int(self._off == 'diverged'),
             **self._sensor.counters(),
         }
 
@@ -68,7 +101,8 @@ class FeedbackLink:
         """Forget everything but the parameters."""
         self._sensor.reset()
         self._polarity.reset()
-        self._saturated = 0
+        self._fade.reset()
+        self._start()
 
     def _law(self, error: float) -> float:
         """Answer the share of the voltage [V] for the error d - y [m]."""

@@ -10,12 +10,13 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.inverse import InverseLink
+from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS
+from piezo_hysteresis.compensation.inverse import InverseLink, take
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
 
 _CLAMPED, _STROKE, _D, _U, _H, _OWN = range(6)
+_NAMES = ('inverse_gain', 'inverse_A', 'inverse_beta', 'inverse_gamma')
 
 
 @dataclass(frozen=True)
@@ -86,48 +87,65 @@ class SlopeSelectedInverse(InverseLink):
 
     Parameters
     ----------
-    table : sequence of InverseBoucWen
-        At least two rows of different slopes; between them parameters are interpolated, outside
-        the nearest row holds.
-    dt : float
-        Sampling interval [s].
-    offset : float
-        Reading at 0 V [m].
-    limits, start, transition
+    parameters : mapping of str to float
+        Those of the blocks ``inverse_selector`` or ``inverse_bouc_wen`` (see `selector_table` to
+        write rows so) and, where it is not 0, ``offset`` [m].
+    dt, limits, start, transition
         As in `InverseLink`.
+
+    Raises
+    ------
+    CompensationError
+        If a parameter is missing or not finite.
+    """
+
+    memory_size = _OWN
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        what = 'the inverse Bouc-Wen law'
+        if 'selector_slope' not in parameters:
+            row = take(parameters, _NAMES, what)
+            return np.array([[0.0, *row], [1.0, *row]])
+        (span,) = take(parameters, ('selector_slope',), what)
+        rows = []
+        for i in range(1, KNOTS + 1):
+            row = take(parameters, tuple(f'{name}_at{i}' for name in _NAMES), what)
+            rows.append([span * i / KNOTS, *row])
+        return np.array(rows)
+
+    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
+        _select(reference, voltage, memory, self._packed, self.dt, self._low, self._high)
+
+
+def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
+    """Return the parameters of the block ``inverse_selector`` that rows of any slopes describe.
+
+    Its knots are equally spaced up to the steepest row; between rows they are interpolated.
+
+    Parameters
+    ----------
+    rows : sequence of InverseBoucWen
+        At least two, of different slopes.
 
     Raises
     ------
     CompensationError
         If there are fewer than two rows, or two of one slope.
     """
-
-    memory_size = _OWN
-
-    def __init__(
-        self,
-        table: Sequence[InverseBoucWen],
-        dt: float,
-        *,
-        offset: float = 0.0,
-        limits: Limits | None = None,
-        start: float = 0.5,
-        transition: float = 0.2,
-    ) -> None:
-        rows = sorted((row.slope, row.c, row.a, row.b, row.g) for row in table)
-        self._table: FloatArray = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        if len(rows) < 2 or np.any(np.diff(self._table[:, 0]) <= 0):
-            raise CompensationError(
-                'the slope selector needs fits at two or more different slopes; record triangles '
-                'of several frequencies'
-            )
-        super().__init__({'offset': offset}, dt, limits=limits, start=start, transition=transition)
-
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
-        return np.array([parameters.get('offset', 0.0)])
-
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        _select(reference, voltage, memory, self._table, self.dt, self._low, self._high)
+    ordered = sorted(rows, key=lambda row: row.slope)
+    slopes = np.array([row.slope for row in ordered])
+    if len(ordered) < 2 or np.any(np.diff(slopes) <= 0):
+        raise CompensationError(
+            'the slope selector needs fits at two or more different slopes; record triangles of '
+            'several frequencies'
+        )
+    span = float(slopes[-1])
+    knots = span * np.arange(1, KNOTS + 1) / KNOTS
+    table = {'selector_slope': span}
+    for name, key in zip(_NAMES, ('c', 'a', 'b', 'g'), strict=True):
+        column = np.interp(knots, slopes, [getattr(row, key) for row in ordered])
+        table.update({f'{name}_at{i}': float(v) for i, v in enumerate(column, start=1)})
+    return table
 
 
 def fit_inverse(

@@ -1,0 +1,99 @@
+"""Study in closed loop, without hardware, how well a model compensates a plant.
+
+The plant is a model too, usually another one or one with other numbers. The reference is a
+waveform, KIND:setting=value,... (amplitude in m), e.g. sine:frequency=23,amplitude=120e-6.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, run_study
+from piezo_hysteresis.cli.compensate_study import write_results as write
+from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.pid import PidGains
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+
+HELP = 'offline closed-loop study: how well a model compensates a plant'
+
+_ATTENUATION = ('afc', 'rls', 'filtered_rls', 'none')
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('--model', required=True, metavar='YAML', help='model that is inverted')
+    add('--plant', required=True, metavar='YAML', help='model in the place of the actuator')
+    add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
+    add('--out', required=True, metavar='DIR', help='folder of summary.json and figures')
+    add('--rate', type=float, help='sampling rate [Hz]; that of the model data, or 1000')
+    add('--attenuation', choices=_ATTENUATION, default='afc', help='of harmonics')
+    add('--orders', type=int, nargs='+', default=[0, 1, 3, 5], help='harmonics to attenuate')
+    add('--resonance', type=float, default=0.0, help='add the orders that it amplifies [Hz]')
+    add(
+        '--pid',
+        type=float,
+        nargs=3,
+        metavar=('KP', 'KI', 'KD'),
+        help='feedback gains [V/m], [V/(m s)], [V s/m]',
+    )
+    add('--low', type=float, default=-1.2, help='lowest voltage [V]')
+    add('--high', type=float, default=1.2, help='highest voltage [V]')
+    add('--slew', type=float, default=1000.0, help='largest change of the voltage [V/s]')
+    add('--noise', type=float, default=0.0, help='rms of the measurement noise [m]')
+    add('--seed', type=int, default=0, help='seed of the noise')
+    add('--from-seconds', type=float, help='errors count from here [s]; half of the reference')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the study and write its results."""
+    begun = time.perf_counter()
+    model = ModelFile.load(arguments.model)
+    plant = ModelFile.load(arguments.plant)
+    waveform = parse_reference(arguments.reference)
+    rate = arguments.rate or model.provenance.rate or 1000.0
+    if not (math.isfinite(rate) and rate > 0):
+        raise CompensationError(f'the rate must be positive, got {rate:g} Hz')
+    if not math.isfinite(waveform.duration) or waveform.duration * rate > 5e7:
+        raise CompensationError('the reference is too long; give it a duration')
+    attenuation = None
+    if arguments.attenuation != 'none':
+        orders = tuple(arguments.orders)
+        attenuation = AttenuationSettings(
+            method=arguments.attenuation, orders=orders, resonance=arguments.resonance
+        )
+    from_seconds = arguments.from_seconds
+    study = Study(
+        model=model,
+        plant=plant,
+        waveform=waveform,
+        dt=1.0 / rate,
+        limits=Limits(arguments.low, arguments.high, arguments.slew),
+        attenuation=attenuation,
+        gains=None if arguments.pid is None else PidGains(*arguments.pid),
+        noise=arguments.noise,
+        seed=arguments.seed,
+        from_seconds=0.5 * waveform.duration if from_seconds is None else from_seconds,
+    )
+    runs = run_study(study)
+    out = Path(arguments.out)
+    write(out, study, runs, arguments.reference, time.perf_counter() - begun)
+    for line in _table(runs):
+        print(line)
+    print(f'written to {out}')
+    return 0
+
+
+def _table(runs: list[Run]) -> list[str]:
+    lines = [f'{"run":<24}{"rms [um]":>12}{"largest [um]":>14}{"mean [um]":>12}']
+    for each in runs:
+        m = each.metrics
+        lines.append(
+            f'{each.name:<24}{m.rms * 1e6:>12.4f}{m.largest * 1e6:>14.4f}{m.mean * 1e6:>12.4f}'
+        )
+    return lines

@@ -1,0 +1,199 @@
+"""The runs behind ``compensate``: from no compensation to everything that was asked for."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.base import Limits, Link
+from piezo_hysteresis.compensation.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.loop import (
+    LoopResult,
+    TrackingMetrics,
+    closed_loop,
+    tracking_metrics,
+)
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.physical import PhysicalInverse
+from piezo_hysteresis.compensation.pid import Pid, PidGains
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.waveforms import Waveform, from_spec
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that a study is made of; times in s, voltages in V, displacements in m."""
+
+    model: ModelFile
+    plant: ModelFile
+    waveform: Waveform
+    dt: float
+    limits: Limits
+    attenuation: AttenuationSettings | None
+    gains: PidGains | None
+    noise: float
+    seed: int
+    from_seconds: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a study."""
+
+    name: str
+    result: LoopResult
+    metrics: TrackingMetrics
+
+
+def parse_reference(text: str) -> Waveform:
+    """Return the waveform that ``KIND:setting=value,...`` describes.
+
+    Raises
+    ------
+    PiezoError
+        If it is malformed, or the kind or a setting is unknown.
+    """
+    kind, _, rest = text.partition(':')
+    spec: dict[str, Any] = {'kind': kind}
+    for word in filter(None, rest.split(',')):
+        key, equals, value = word.partition('=')
+        if not equals:
+            raise CompensationError(
+                f'the reference says {word!r}; write KIND:setting=value,..., e.g. '
+                'sine:frequency=23,amplitude=120e-6'
+            )
+        spec[key.strip()] = _value(value)
+    return from_spec(spec)
+
+
+def _value(text: str) -> Any:
+    try:
+        return float(text) if any(c in text for c in '.eE') else int(text)
+    except ValueError:
+        return yaml.safe_load(text.replace(' ', ', ')) if text.startswith('[') else text
+
+
+def run_study(study: Study) -> list[Run]:
+    """Run the reference without compensation, with the inverse, and with each further link."""
+    ticks = max(2, round(study.waveform.duration / study.dt))
+    time = np.arange(ticks, dtype=np.float64) * study.dt
+    samples = study.waveform.sample(time)
+    runs = []
+    for name, links in _chains(study):
+        plant = ModelPlant(
+            study.plant.model, study.plant.values, study.dt, noise=study.noise, seed=study.seed
+        )
+        result = closed_loop(samples, links, plant, study.limits, study.dt)
+        runs.append(Run(name, result, tracking_metrics(result, study.from_seconds)))
+    return runs
+
+
+def _chains(study: Study) -> list[tuple[str, list[Link]]]:
+    model, values, dt, limits = study.model.model, study.model.values, study.dt, study.limits
+    amplitude = 0.5 * (limits.high - limits.low)
+    gain = model_gain(model, values, dt, amplitude)
+
+    def linear() -> Link:
+        numbers = {'A1': abs(gain(0.0)), 'offset': float(values.get('offset', 0.0))}
+        return PhysicalInverse(numbers, dt, law='gain', limits=limits)
+
+    def inverse() -> Link:
+        return inverse_for(model, values, dt, limits=limits, scale=amplitude)
+
+    chains: list[tuple[str, list[Link]]] = [
+        ('no compensation', [linear()]),
+        ('feedforward', [inverse()]),
+    ]
+    if study.attenuation is not None:
+        attenuation = HarmonicAttenuation(study.attenuation, gain, dt)
+        chains.append(('with attenuation', [inverse(), attenuation]))
+    if study.gains is not None:
+        chains.append(('with PID', [inverse(), Pid(study.gains, dt, limits=limits)]))
+    return chains
+
+
+def write_results(
+    out: Path, study: Study, runs: list[Run], reference: str, seconds: float
+) -> None:
+    """Write ``summary.json`` and ``tracking.png``, whole or not at all.
+
+    Raises
+    ------
+    CompensationError
+        If the folder cannot be written.
+    """
+    summary = {
+        'model': study.model.model.name,
+        'plant': study.plant.model.name,
+        'reference': reference,
+        'rate_hz': 1.0 / study.dt,
+        'from_seconds': study.from_seconds,
+        'noise_rms_m': study.noise,
+        'seed': study.seed,
+        'runs': [_row(each) for each in runs],
+        'seconds': seconds,
+    }
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        _replace(out / 'summary.json', (json.dumps(summary, indent=2) + '\n').encode())
+        _replace(out / 'tracking.png', _figure(runs))
+    except OSError as error:
+        raise CompensationError(f'{out} cannot be written: {error.strerror}') from error
+
+
+def _row(run: Run) -> dict[str, Any]:
+    m = run.metrics
+    return {
+        'run': run.name,
+        'rms_m': m.rms,
+        'rms_without_mean_m': m.rms_without_mean,
+        'largest_m': m.largest,
+        'mean_m': m.mean,
+        'harmonics_m': {str(order): amplitude for order, amplitude in m.harmonics.items()},
+        'counters': run.result.counters,
+    }
+
+
+def _replace(path: Path, content: bytes) -> None:
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+    try:
+        with os.fdopen(handle, 'wb') as file:
+            file.write(content)
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _figure(runs: list[Run]) -> bytes:
+    import io
+
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 7), layout='constrained')
+    whole, last = figure.subplots(2, 1)
+    for each in runs:
+        result = each.result
+        part = slice(-min(result.time.size, max(200, result.time.size // 50)), None)
+        label = f'{each.name}: rms {each.metrics.rms * 1e6:.3g} µm'
+        whole.plot(result.time, result.error * 1e6, lw=0.7, label=label)
+        last.plot(result.time[part], result.error[part] * 1e6, lw=1.0)
+    whole.set(title='Tracking error', ylabel='error [µm]')
+    whole.legend(loc='upper right')
+    last.set(xlabel='time [s]', ylabel='error [µm]', title='The end of it')
+    for axis in (whole, last):
+        axis.grid(alpha=0.3)
+    picture = io.BytesIO()
+    figure.savefig(picture, format='png', dpi=110)
+    return picture.getvalue()
