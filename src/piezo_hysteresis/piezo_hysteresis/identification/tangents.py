@@ -84,35 +84,31 @@ def _decay(h: float, c: float, kp: float, z: float) -> tuple[float, float, float
 
 
 @jit
-def _exact(h: float, z: float, c: float, toward: float, away: float, g: FloatArray) -> float:
-    """Move h over the travel z; g: derivatives by h, c, toward, away (the two rates) and z.
+def exact_step(
+    h: float, z: float, c: float, toward: float, away: float
+) -> tuple[float, float, float, float, float, float]:
+    """Move h over the travel z and differentiate it.
 
-    `toward` is the rate while h runs against c, `away` after it has passed zero.
+    `c` is the drive, `toward` the rate while h runs against it, `away` the rate after h has
+    passed zero. Returns h and its derivatives by h, c, toward, away and z.
     """
-    for i in range(5):
-        g[i] = 0.0
-    if h * c < 0.0:
-        ratio = toward * h / c
-        flat = abs(ratio) < 1e-9
-        needed = np.inf
-        if ratio < 1.0:
-            needed = -h / c if flat else log1p(-ratio) / toward
-        if needed >= z:
-            new, g[0], g[1], g[2] = _decay(h, c, toward, z)
-            g[4] = c - toward * new
-            return new
-        new, _, by_c, g[3] = _decay(0.0, c, away, z - needed)
-        g[4] = c - away * new
-        # the crossing itself moves with h, c and the first rate
-        room = c - toward * h
-        g[0] = g[4] / room
-        g[1] = by_c - g[4] * h / (c * room)
-        bend = 0.5 * h * h / (c * c) if flat else h / (toward * room) + needed / toward
-        g[2] = g[4] * bend
-        return new
-    new, g[0], g[1], g[3] = _decay(h, c, away, z)
-    g[4] = c - away * new
-    return new
+    if h * c >= 0.0:
+        new, by_h, by_c, by_away = _decay(h, c, away, z)
+        return new, by_h, by_c, 0.0, by_away, c - away * new
+    ratio = toward * h / c
+    flat = abs(ratio) < 1e-9
+    needed = np.inf
+    if ratio < 1.0:
+        needed = -h / c if flat else log1p(-ratio) / toward
+    if needed >= z:
+        new, by_h, by_c, by_toward = _decay(h, c, toward, z)
+        return new, by_h, by_c, by_toward, 0.0, c - toward * new
+    new, _, by_c, by_away = _decay(0.0, c, away, z - needed)
+    slope = c - away * new
+    # the crossing itself moves with h, c and the first rate
+    room = c - toward * h
+    bend = 0.5 * h * h / (c * c) if flat else h / (toward * room) + needed / toward
+    return new, slope / room, by_c - slope * h / (c * room), slope * bend, by_away, slope
 
 
 @jit
@@ -124,7 +120,6 @@ def bouc_wen_exact(
     m = dx.shape[0]
     factor = np.empty(x.size)
     slope = np.empty(x.size)
-    g = np.zeros(5)
     last = h = 0.0
     for k in range(x.size):
         du = x[k] - last
@@ -132,13 +127,15 @@ def bouc_wen_exact(
         side = 1.0 if du > 0.0 else -1.0
         c = side * a + a0
         sign = side if c > 0.0 else -side
-        h = _exact(h, abs(du), c, beta - sign * gamma, beta + sign * gamma, g)
-        factor[k] = g[0]
-        slope[k] = side * g[4]
-        dy[m + 1, k] = side * g[1]
-        dy[m + 2, k] = g[1]
-        dy[m + 3, k] = g[2] + g[3]
-        dy[m + 4, k] = sign * (g[3] - g[2])
+        h, by_h, by_c, by_toward, by_away, by_travel = exact_step(
+            h, abs(du), c, beta - sign * gamma, beta + sign * gamma
+        )
+        factor[k] = by_h
+        slope[k] = side * by_travel
+        dy[m + 1, k] = side * by_c
+        dy[m + 2, k] = by_c
+        dy[m + 3, k] = by_toward + by_away
+        dy[m + 4, k] = sign * (by_away - by_toward)
         y[k] = a1 * last - h
     _hysteresis_rows(a1, factor, slope, dx, dy, x)
 

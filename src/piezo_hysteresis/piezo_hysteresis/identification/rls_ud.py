@@ -1,0 +1,283 @@
+"""Well-posed online identification: Bierman's UD filter on the error of the free run.
+
+Unlike the papers' RLS (`rls`), which regresses on measured displacements, these predict by
+simulation: what they call the one-step error is the free-run error, offset included. The mode is
+frozen (from `output_error`, or left out where drives stay far below it).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import pi, sqrt
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.blocks._plays import COUNT
+from piezo_hysteresis.blocks._second_order import hold
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification import ud_kernels as ud
+from piezo_hysteresis.identification.estimate import Estimate, scaled_condition
+from piezo_hysteresis.models import Model, named
+
+_TRUST = 1e6  # start variance of a parameter over that of the noise, in units of the ranges
+_PLAY_TRUST = 1e2  # the same for the weight of a play: of many alike only the sum shows
+_WINDOW = 0.1  # time over which the voltage must move to count as moving [s]
+
+
+@dataclass(frozen=True)
+class UdSettings:
+    """How a well-posed recursion is to run.
+
+    Attributes
+    ----------
+    kind : str
+        ``bouc_wen``: A1, A, beta, gamma and the offset (`rls_ud`). ``play_bank``: the weights of
+        ten plays and the offset (`pi_bank`); linear, so it has one answer only.
+    voltage_range : float
+        Largest absolute voltage [V].
+    displacement_range : float
+        Displacement that belongs to it, to an order of magnitude [m].
+    natural_frequency, damping_ratio : float
+        The frozen mode [Hz], [1]; a frequency of 0 leaves it out.
+    forgetting : float
+        Forgetting factor in (0, 1]; its memory ``1/(1 - forgetting)`` should hold two periods.
+    quiet : float
+        Speed of the voltage below which nothing is learnt, in ranges per second.
+    dt : float
+        Sampling interval [s].
+    """
+
+    kind: str = 'bouc_wen'
+    voltage_range: float = 1.0
+    displacement_range: float = 1e-4
+    natural_frequency: float = 0.0
+    damping_ratio: float = 0.02
+    forgetting: float = 0.9999
+    quiet: float = 1e-2
+    dt: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.kind not in ('bouc_wen', 'play_bank'):
+            raise IdentificationError(f'kind {self.kind!r} is unknown; use bouc_wen or play_bank')
+        for name in ('voltage_range', 'displacement_range', 'dt', 'damping_ratio'):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise IdentificationError(f'{name} must be positive, got {value:g}')
+        if not 0.0 < self.forgetting <= 1.0:
+            raise IdentificationError(
+                f'forgetting must be above 0 and at most 1, got {self.forgetting}'
+            )
+        if not 0.0 <= self.natural_frequency < 0.5 / self.dt:
+            raise IdentificationError(
+                f'a mode of {self.natural_frequency:g} Hz cannot be seen at {1 / self.dt:g} '
+                'samples/s; give 0 to leave it out'
+            )
+
+
+class OnlineUd:
+    """Bouc-Wen or play-bank parameters, one sample at a time, finite for ever.
+
+    Parked actuators teach nothing and forget nothing (excitation test), the covariance never
+    exceeds its start, and every estimate is a model with a bounded, invertible hysteresis.
+
+    Parameters
+    ----------
+    settings : UdSettings
+        Kind, ranges, mode and forgetting.
+    """
+
+    def __init__(self, settings: UdSettings | None = None) -> None:
+        self._settings = settings or UdSettings()
+        self.reset()
+
+    @property
+    def settings(self) -> UdSettings:
+        """The settings in force."""
+        return self._settings
+
+    @property
+    def forgetting(self) -> float:
+        """Forgetting factor; may be set while running."""
+        return self._settings.forgetting
+
+    @forgetting.setter
+    def forgetting(self, value: float) -> None:
+        self._settings = replace(self._settings, forgetting=value)
+        self._c[ud.FORGETTING] = value
+
+    def reset(self) -> None:
+        """Forget everything: a linear gain with a mild hysteresis."""
+        s = self._settings
+        bank = s.kind == 'play_bank'
+        n = COUNT + 2 if bank else 5
+        transition = (0.0,) * 4
+        if s.natural_frequency > 0:
+            transition = hold(2 * pi * s.natural_frequency, s.damping_ratio, s.dt)
+        smooth = min(s.dt / _WINDOW, 1.0)
+        self._c = np.array(
+            [
+                ud.PLAY_BANK if bank else ud.BOUC_WEN,
+                float(s.natural_frequency > 0),
+                *transition,
+                s.forgetting,
+                s.quiet * s.dt,
+                smooth,
+            ]
+        )
+        self._theta = np.zeros(n)
+        if bank:
+            self._theta[0] = 1.0
+        else:
+            self._theta[:3] = 1.0, 0.3, 1.0
+        self._factor = np.eye(n)
+        self._d = np.full(n, _TRUST)
+        if bank:
+            self._d[1:-1] = _PLAY_TRUST
+        self._d_max = self._d.copy()
+        self._w = np.zeros((4, n))
+        self._q = np.zeros((n - 1, 2))
+        self._m = np.zeros(ud.PLAYS + COUNT)
+
+    def update(self, voltage: float, displacement: float) -> float:
+        """Take one sample in: voltage [V], displacement [m]; return the prediction error [m].
+
+        A displacement that is not finite teaches nothing and is answered by NaN.
+        """
+        s = self._settings
+        error: float = ud.update(
+            voltage / s.voltage_range,
+            displacement / s.displacement_range,
+            self._theta,
+            self._factor,
+            self._d,
+            self._d_max,
+            self._w,
+            self._q,
+            self._m,
+            self._c,
+        )
+        return error * s.displacement_range
+
+    def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Take samples in, shapes (n,); return the prediction errors [m], the bits of `update`.
+
+        Raises
+        ------
+        IdentificationError
+            If the two arrays differ in length.
+        """
+        s = self._settings
+        u = np.asarray(voltage, dtype=np.float64) / s.voltage_range
+        y = np.asarray(displacement, dtype=np.float64) / s.displacement_range
+        if u.shape != y.shape or u.ndim != 1:
+            raise IdentificationError(
+                f'voltage has shape {u.shape}, displacement {y.shape}; give two columns of one '
+                'length'
+            )
+        errors = np.empty_like(u)
+        ud.update_many(
+            u,
+            y,
+            errors,
+            self._theta,
+            self._factor,
+            self._d,
+            self._d_max,
+            self._w,
+            self._q,
+            self._m,
+            self._c,
+        )
+        return errors * s.displacement_range
+
+    def model(self) -> Model:
+        """Return the chain whose parameters `estimate` gives."""
+        bank = self._settings.kind == 'play_bank'
+        name = 'prandtl_ishlinskii' if bank else 'classical'
+        if self._settings.natural_frequency == 0:
+            model = named(name)
+        elif bank:
+            model = named(name).with_block(named_block('mode'), 'prandtl_ishlinskii_mode')
+        else:
+            model = named('bouc_wen_mode')
+        return model.hold(pi_range=self._settings.voltage_range) if bank else model
+
+    def free_run(self, voltage: FloatArray) -> FloatArray:
+        """Simulate the present estimate from rest, with `voltage` [V]; return displacement [m]."""
+        model = self.model()
+        return model.respond(
+            np.ascontiguousarray(voltage, dtype=np.float64),
+            model.pack(self.estimate().parameters()),
+            self._settings.dt,
+        )
+
+    def estimate(self) -> Estimate:
+        """Return the present parameters in SI units."""
+        s = self._settings
+        names, units, factors = self._layout()
+        covariance = (self._factor * self._d) @ self._factor.T
+        weight = self._m[ud.WEIGHT_SUM]
+        sigma = sqrt(self._m[ud.ERROR_SUM] / weight) if weight > 0 else 0.0
+        theta = self._theta if s.kind == 'bouc_wen' else invertible_bank(self._theta)
+        values = theta * factors
+        spread = sigma * np.sqrt(np.diag(covariance)) * factors
+        if s.kind == 'bouc_wen' and values[1] < 0:
+            values[3] = -values[3]  # h of a negative A decays the other way round
+        if s.natural_frequency > 0:
+            names += ('natural_frequency', 'damping_ratio')
+            units += ('Hz', '1')
+            values = np.append(values, [s.natural_frequency, s.damping_ratio])
+            spread = np.append(spread, [0.0, 0.0])
+        chain = self.model()
+        return Estimate(
+            names=names,
+            units=units,
+            values=values,
+            standard_deviations=spread,
+            one_step_rms=sigma * s.displacement_range,
+            samples=int(self._m[ud.SAMPLES]),
+            condition_number=scaled_condition(covariance),
+            notes=self._notes(),
+            model=chain.name if chain.name != 'prandtl_ishlinskii_mode' else '',
+        )
+
+    def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
+        s = self._settings
+        gain = s.displacement_range / s.voltage_range
+        if s.kind == 'play_bank':
+            names = tuple(f'w{j}' for j in range(COUNT + 1))
+            factors = [gain] * (COUNT + 1)
+            units = ('m/V',) * (COUNT + 1)
+        else:
+            names = ('A1', 'A', 'beta', 'gamma')
+            factors = [gain, gain, 1 / s.voltage_range, 1 / s.voltage_range]
+            units = ('m/V', 'm/V', '1/V', '1/V')
+        return (*names, 'offset'), (*units, 'm'), np.array([*factors, s.displacement_range])
+
+    def _notes(self) -> tuple[str, ...]:
+        m, notes = self._m, []
+        if m[ud.SAMPLES] and m[ud.ACTIVITY] < self._c[ud.QUIET]:
+            notes.append('The voltage rests: the estimate is held.')
+        if m[ud.SAMPLES] and m[ud.TRAVEL] < 4:
+            notes.append('Less than one full cycle seen: the shape of the loop is not learnt yet.')
+        if self._settings.kind == 'play_bank':
+            if np.any(invertible_bank(self._theta) != self._theta):
+                notes.append('Weights were changed to the nearest model that can be inverted.')
+        elif m[ud.PROJECTED]:
+            notes.append(f'{int(m[ud.PROJECTED])} updates were projected to an invertible model.')
+        return tuple(notes)
+
+
+def invertible_bank(theta: FloatArray) -> FloatArray:
+    """Return weights and offset, shape (p,), with every slope of the sign of the whole gain.
+
+    The slope after a reversal is the sum of the first weights; where it would be less than a
+    twentieth of the gain, the weight that lowers it is raised.
+    """
+    weights = theta[:-1]
+    gain = float(weights.sum())
+    slopes = np.cumsum(weights)
+    least = np.maximum(np.sign(gain) * slopes, ud.MARGIN * abs(gain)) * np.sign(gain)
+    return np.append(np.diff(least, prepend=0.0), theta[-1])

@@ -1,0 +1,215 @@
+"""Compiled kernels of the well-posed recursions: Bierman's UD filter and two regressors.
+
+Everything runs in units of the ranges that the settings name, so that one start suits every
+actuator. `m` is the memory, `c` the settings (places below); `q`, shape (d, 2), holds the mode
+that each of the d dynamic columns runs through.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, nan
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._plays import play
+from piezo_hysteresis.identification.tangents import exact_step
+from piezo_hysteresis.jit import jit
+
+SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)
+ERROR_SUM, WEIGHT_SUM, LEARNT, PROJECTED, PLAYS = 8, 9, 10, 11, 12
+KIND, MODE, A11, A12, A21, A22, FORGETTING, QUIET, SMOOTH = range(9)
+BOUC_WEN, PLAY_BANK = 0.0, 1.0
+
+MARGIN = 0.05  # smallest slope of the model after a reversal, over its gain
+_BOX = 50.0  # bound of gain and shape in units of the ranges
+_STEP = 0.02  # largest relative change of the shape in one update
+_SHORT, _GROWTH = 8.0, 0.25  # memory at the start [ranges travelled], and its growth
+_SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is learnt
+
+
+@jit
+def bierman(
+    theta: FloatArray,
+    u: FloatArray,
+    d: FloatArray,
+    x: FloatArray,
+    w: FloatArray,
+    forgetting: float,
+) -> float:
+    """Update P = U diag(d) U' for the column x; leave the gain in w[1] and return its divisor.
+
+    The noise of one sample has variance one. Square roots and differences of P are avoided, so P
+    stays positive definite whatever the rounding (Bierman 1977).
+    """
+    n = x.size
+    f, b = w[0], w[1]
+    for i in range(n):
+        total = x[i]
+        for j in range(i):
+            total += u[j, i] * x[j]
+        f[i] = total
+    a: float = forgetting
+    for j in range(n):
+        g = d[j] * f[j]
+        before = a
+        a += f[j] * g
+        d[j] *= before / a
+        b[j] = g
+        share = -f[j] / before
+        for i in range(j):
+            old = u[i, j]
+            u[i, j] = old + b[i] * share
+            b[i] += old * g
+    return a
+
+
+@jit
+def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray) -> None:
+    """Fill v with u, -h and the derivatives by beta and gamma, for h of unit A."""
+    du = u - m[LAST]
+    if du != 0.0:
+        side = 1.0 if du > 0.0 else -1.0
+        beta, gamma = theta[2], theta[3]
+        h, by_h, _, by_toward, by_away, _ = exact_step(
+            m[H], abs(du), side, beta - gamma, beta + gamma
+        )
+        m[H] = h
+        m[H_BETA] = by_h * m[H_BETA] + by_toward + by_away
+        m[H_GAMMA] = by_h * m[H_GAMMA] + by_away - by_toward
+        m[H_MAX] = max(m[H_MAX], abs(h))
+    v[0] = u
+    v[1] = -m[H]
+    v[2] = -theta[1] * m[H_BETA]
+    v[3] = -theta[1] * m[H_GAMMA]
+
+
+@jit
+def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
+    """Fill v with u and the plays at a tenth of the range, two tenths, ..."""
+    v[0] = u
+    for j in range(1, v.size):
+        place = PLAYS + j - 1
+        m[place] = play(u, m[place], 0.1 * j)
+        v[j] = m[place]
+
+
+@jit
+def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) -> None:
+    """Run each column through the frozen mode, sampled before the new hold acts."""
+    if c[MODE] == 0.0:
+        x[: v.size] = v
+        return
+    for i in range(v.size):
+        x[i] = q[i, 0]
+        moved = c[A11] * q[i, 0] + c[A12] * q[i, 1] + (1.0 - c[A11]) * v[i]
+        q[i, 1] = c[A21] * q[i, 0] + c[A22] * q[i, 1] - c[A21] * v[i]
+        q[i, 0] = moved
+
+
+@jit
+def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
+    """Keep a decaying h (beta > |gamma|) and a slope that stays positive after reversals."""
+    theta[0] = min(max(theta[0], -_BOX), _BOX)
+    theta[2] = min(max(theta[2], 1.0 / _BOX), _BOX)
+    theta[3] = min(max(theta[3], -0.95 * theta[2]), 0.95 * theta[2])
+    steepest = 1.0 + (theta[2] - theta[3]) * m[H_MAX]
+    most = (1.0 - MARGIN) * theta[0] / steepest
+    low, high = min(0.0, most), max(0.0, most)
+    if theta[1] < low or theta[1] > high:
+        theta[1] = min(max(theta[1], low), high)
+        m[PROJECTED] += 1.0
+
+
+@jit
+def update(
+    u: float,
+    y: float,
+    theta: FloatArray,
+    factor: FloatArray,
+    d: FloatArray,
+    d_max: FloatArray,
+    w: FloatArray,
+    q: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> float:
+    """Take one sample in, all in units of the ranges, and return the prediction error."""
+    if not isfinite(u):
+        u = m[LAST]
+    n = theta.size
+    x, v = w[2], w[3][: n - 1]
+    moved = abs(u - m[LAST])
+    if c[KIND] == BOUC_WEN:
+        _bouc_wen_columns(u, theta, m, v)
+    else:
+        _play_columns(u, m, v)
+    _through_mode(x, v, q, c)
+    x[n - 1] = 1.0
+    m[LAST] = u
+    m[SAMPLES] += 1.0
+    m[TRAVEL] += moved
+    m[ACTIVITY] += c[SMOOTH] * (moved - m[ACTIVITY])
+    error: float = y - theta[n - 1]
+    linear = 2 if c[KIND] == BOUC_WEN else n - 1
+    for i in range(linear):
+        error -= theta[i] * x[i]
+    if not isfinite(error):
+        return nan
+    m[ERROR_SUM] = c[FORGETTING] * m[ERROR_SUM] + error * error
+    m[WEIGHT_SUM] = c[FORGETTING] * m[WEIGHT_SUM] + 1.0
+    if m[ACTIVITY] < c[QUIET]:
+        return error  # a parked actuator teaches nothing but its noise
+    if c[KIND] == BOUC_WEN and m[TRAVEL] < _SETTLED:
+        x[2] = x[3] = 0.0
+    _learn(error, theta, factor, d, d_max, w, m, c)
+    return error
+
+
+@jit
+def _learn(
+    error: float,
+    theta: FloatArray,
+    factor: FloatArray,
+    d: FloatArray,
+    d_max: FloatArray,
+    w: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> None:
+    n = theta.size
+    gain = w[1]
+    forgetting = c[FORGETTING]
+    if c[KIND] == BOUC_WEN:
+        # what was learnt while the shape was wrong is forgotten faster (Ljung)
+        forgetting *= 1.0 - min(m[ACTIVITY] / (_SHORT + _GROWTH * m[TRAVEL]), 0.1)
+    divisor = bierman(theta, factor, d, w[2], w, forgetting)
+    step = error / divisor
+    if c[KIND] == BOUC_WEN:
+        # the shape enters nonlinearly: a step as far as the linearisation holds, along the gain
+        most = _STEP * theta[2]
+        for i in range(2, 4):
+            if abs(gain[i] * step) > most:
+                step *= most / abs(gain[i] * step)
+    for i in range(n):
+        theta[i] += gain[i] * step
+        d[i] = min(d[i] / forgetting, d_max[i])
+    if c[KIND] == BOUC_WEN:
+        _project_bouc_wen(theta, m)
+
+
+@jit
+def update_many(
+    u: FloatArray,
+    y: FloatArray,
+    errors: FloatArray,
+    theta: FloatArray,
+    factor: FloatArray,
+    d: FloatArray,
+    d_max: FloatArray,
+    w: FloatArray,
+    q: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> None:
+    """Take samples in, in units of the ranges."""
+    for k in range(u.size):
+        errors[k] = update(u[k], y[k], theta, factor, d, d_max, w, q, m, c)
