@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 
-from piezo_ros_common.qos import LATCHED, OBSERVER
+from piezo_ros_common.qos import LATCHED, LOOP
 
 
 class Listener:
@@ -41,7 +41,7 @@ class Listener:
     def listen(self, kind: type, topic: str, *, latched: bool = False) -> None:
         """Collect every message of `topic` in ``heard[topic]``."""
         book = self.heard.setdefault(topic, [])
-        self.node.create_subscription(kind, topic, book.append, LATCHED if latched else OBSERVER)
+        self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
 
     def until(self, condition: Callable[[], bool], timeout: float = 20.0) -> None:
         """Serve until `condition` holds.

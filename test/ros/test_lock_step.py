@@ -70,7 +70,7 @@ def test_processes_give_the_numbers_of_the_offline_loop(
     ModelFile(named('extended'), MODEL).save(model)
     listener.listen(ActuatorState, 'actuator/state')
     listener.listen(ModelEstimate, 'model/estimate', latched=True)
-    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'seed': 7})
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'seed': 7, 'wait_for': 4})
     processes.start('piezo_hysteresis', 'feedforward', {'model_file': str(model)})
     processes.start('piezo_hysteresis', 'attenuation', {'orders': [3]})
     processes.start('piezo_hysteresis', 'identification', {'publish_every': SAMPLES})
@@ -85,6 +85,7 @@ def test_processes_give_the_numbers_of_the_offline_loop(
             'reference.amplitude': AMPLITUDE,
             'duration': SAMPLES / RATE,
             'exit_when_done': True,
+            'wait_for': 2,
         },
     )
     states = listener.heard['actuator/state']

@@ -18,7 +18,7 @@ from piezo_hysteresis.nodes.tables import ATTENUATION
 from piezo_hysteresis.nodes.tick_book import Tick, TickBook
 from piezo_interfaces.msg import ActuatorState, HarmonicState, Reference, VoltageCommand
 from piezo_ros_common import topics
-from piezo_ros_common.qos import LOOP, OBSERVER
+from piezo_ros_common.qos import LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.table import Value
 
@@ -37,9 +37,7 @@ class Attenuation(LinkNode):
         self._law = self._new_law()
         self._book: TickBook[Header] = TickBook()
         self._harmonics = HarmonicState()
-        self._harmonics_publisher = self.create_publisher(
-            HarmonicState, topics.HARMONICS, OBSERVER
-        )
+        self._harmonics_publisher = self.create_publisher(HarmonicState, topics.HARMONICS, LOOP)
         self.create_subscription(Reference, topics.REFERENCE, self._on_reference, LOOP)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_subscription(
@@ -101,8 +99,10 @@ class Attenuation(LinkNode):
         self._advance()
 
     def _on_voltage(self, message: VoltageCommand) -> None:
-        if not self._book.add_voltage(message.sample, message.voltage, message.header):
-            self.count_doubled()
+        if message.sample <= self._book.done:
+            self.pass_on_again(message.sample)
+            return
+        self._book.add_voltage(message.sample, message.voltage, message.header)
         self._advance()
 
     def _advance(self) -> None:

@@ -25,6 +25,9 @@ from piezo_ros_common.running import run_node
 from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
 from piezo_ros_common.table import Value
 
+# The last message is repeated after so much silence [s].
+REPEAT_AFTER = 0.2
+
 
 class Excitation(Node):
     """Answers the state of tick k with the reference (or voltage) of tick k + 1.
@@ -40,6 +43,7 @@ class Excitation(Node):
         self._emitted = -1
         self._newest_state = -1
         self._ready = False
+        self._last: tuple[Any, Any] | None = None
         self._heard = time.monotonic()
         self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
         self._rate = self._params.number('rate')
@@ -55,14 +59,16 @@ class Excitation(Node):
             self, self._rate, lambda: self._params.text('actuator'), self._begin
         )
         self.create_timer(0.5, self._watch)
+        self.create_timer(REPEAT_AFTER, self._repeat)
 
     # --- ticks ---------------------------------------------------------------------------------
 
     def _on_status(self, message: LoopStatus) -> None:
-        # A simulator at tick 0 has no state to answer yet: its status starts the loop.
-        if message.sample == 0 and self._newest_state < 0:
+        # Tells where an actuator waits that has no state to answer yet, or had it before.
+        if message.sample > self._newest_state + 1 or self._newest_state < 0:
+            self._newest_state = message.sample - 1
             self._ready = True
-            self._emit(0)
+            self._emit(message.sample)
 
     def _on_state(self, message: ActuatorState) -> None:
         if message.sample <= self._newest_state:
@@ -82,12 +88,36 @@ class Excitation(Node):
             return
         if self._sweeps.active:
             self._emit_sweep(sample)
-        elif self._params.text('mode') != 'idle':
+        elif self._params.text('mode') != 'idle' and self._listened_to():
             self._emit_experiment(sample)
+
+    def _listened_to(self) -> bool:
+        """Tell whether everybody is there who must not miss the first tick."""
+        if self._emitted >= 0:
+            return True
+        publisher = (
+            self._voltage_publisher
+            if self._params.text('mode') == 'voltage'
+            else self._reference_publisher
+        )
+        return bool(publisher.get_subscription_count() >= self._params.integer('wait_for'))
+
+    def _repeat(self) -> None:
+        """Say the last word again where the loop stands still: somebody may have missed it."""
+        if time.monotonic() - self._heard < REPEAT_AFTER:
+            return
+        if self._last is None:
+            if self._ready or self._newest_state >= 0:
+                self._emit(self._newest_state + 1)
+            return
+        publisher, message = self._last
+        publisher.publish(message)
 
     def _emit_sweep(self, sample: int) -> None:
         voltage = self._sweeps.voltage(sample)
-        if voltage is not None:
+        if voltage is None:
+            self._last = None
+        else:
             self._emitted = sample
             self._publish_voltage(sample, voltage)
 
@@ -109,6 +139,7 @@ class Excitation(Node):
         point_into(experiment.point(sample), message)
         stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
         self._reference_publisher.publish(message)
+        self._last = (self._reference_publisher, message)
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
         message = self._voltage
@@ -116,12 +147,14 @@ class Excitation(Node):
         message.voltage = voltage
         stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
         self._voltage_publisher.publish(message)
+        self._last = (self._voltage_publisher, message)
 
     def _finish(self, sample: int) -> None:
         self.get_logger().info(f'experiment over at tick {sample}')
         self._end()
 
     def _end(self) -> None:
+        self._last = None
         self._params.overwrite({'mode': 'idle'})
         if self._params.flag('exit_when_done') and not self.stop.done():
             self.stop.set_result(True)

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 from std_srvs.srv import Trigger
 
-from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.choice import inverse_for
 from piezo_hysteresis.compensation.inverse import InverseLink
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile, named
@@ -50,7 +50,7 @@ class Feedforward(LinkNode):
 
     def _on_reference(self, message: Reference) -> None:
         if message.sample <= self._last_sample:
-            self.count_doubled()
+            self.pass_on_again(message.sample)
             return
         self._last_sample = message.sample
         self._follow_model()
@@ -94,7 +94,8 @@ class Feedforward(LinkNode):
             self._inverse.set_parameters(loaded.values)
             return
         value = self.parameters.number
-        self._inverse = ExtendedInverse(
+        self._inverse = inverse_for(
+            loaded.model,
             loaded.values,
             self.dt,
             limits=self.limits(),

@@ -14,7 +14,7 @@ from piezo_hysteresis.nodes.tables import IDENTIFICATION
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import FOLLOWER, LATCHED
+from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.table import Value
 
@@ -39,10 +39,10 @@ class Identification(Node):
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
         self._status = LoopStatus(names='taken', counts=[0])
-        self._status_publisher = self.create_publisher(LoopStatus, '~/status', FOLLOWER)
+        self._status_publisher = self.create_publisher(LoopStatus, '~/status', LOOP)
         # Before the states: a marker that waits beside them is taken first.
-        self.create_subscription(RecordMarker, topics.MARKER, self._on_marker, FOLLOWER)
-        self.create_subscription(ActuatorState, topics.STATE, self._on_state, FOLLOWER)
+        self.create_subscription(RecordMarker, topics.MARKER, self._on_marker, LOOP)
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_service(Trigger, '~/reset', self._on_reset)
 
     def _warm_up(self) -> None:

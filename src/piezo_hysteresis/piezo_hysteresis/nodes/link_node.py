@@ -24,6 +24,7 @@ class LinkNode(LifecycleNode):
         self.active = False
         self.exit_code = 0
         self._doubled = 0
+        self._passed = False
         self.parameters = NodeParameters(self, table, self.apply, self.refuse)
         self.dt = 1.0 / self.parameters.number('rate')
         self._limiter = Limiter(self.limits(), self.dt)
@@ -78,6 +79,14 @@ class LinkNode(LifecycleNode):
         output.sample = sample
         output.voltage = self._limiter.apply(voltage)
         self._voltage_publisher.publish(output)
+        self._passed = True
+
+    def pass_on_again(self, sample: int) -> None:
+        """Repeat the last voltage, if it was for tick `sample`, to a link that missed it."""
+        if sample == self._output.sample and self._passed:
+            self._voltage_publisher.publish(self._output)
+        else:
+            self.count_doubled()
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the node's own law."""

@@ -13,15 +13,15 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
-from rosidl_runtime_py.utilities import get_message
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.message_types import message_type
 from piezo_hysteresis.nodes.tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
 from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP, OBSERVER
+from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.stamps import stamp_into
 
@@ -51,12 +51,12 @@ class PlayerNode(Node):
             self.get_logger().fatal(str(error))
             raise SystemExit(2) from None
         self._topics = {
-            name: self.create_publisher(get_message(topic.msgtype), name, LOOP)
+            name: self.create_publisher(message_type(topic.msgtype), name, LOOP)
             for name, topic in self._player.topics.items()
         }
         self._clock_publisher = None
         if self._params.flag('publish_clock'):
-            self._clock_publisher = self.create_publisher(Clock, '/clock', OBSERVER)
+            self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
         self._thread = threading.Thread(target=self._play, name='player', daemon=True)
         self._thread.start()
 

@@ -9,21 +9,25 @@ from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rosidl_runtime_py.utilities import get_message
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.message_types import message_type
 from piezo_hysteresis.nodes.offered_qos import matching, offered_as_yaml
 from piezo_hysteresis.nodes.tables import RECORDER
-from piezo_hysteresis.records.definitions import definition_of
+from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED
+from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 
 # What is recorded where nothing is asked for.
 DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)
+
+
+# Types of the topics whose first message must not be missed.
+KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
 
 
 class RecorderNode(Node):
@@ -43,6 +47,7 @@ class RecorderNode(Node):
         self._missing = {self.resolve_topic_name(name) for name in wanted or DEFAULT_TOPICS}
         self._problem = ''
         self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
+        self._subscribe_ahead()
         self._look()
         self.create_timer(0.1, self._look)
         self.create_timer(1.0, self._report)
@@ -50,6 +55,14 @@ class RecorderNode(Node):
     def _give_up(self, reason: str) -> None:
         self.get_logger().fatal(reason)
         raise SystemExit(2)
+
+    def _subscribe_ahead(self) -> None:
+        """Subscribe to what the suite itself publishes before it appears, to lose nothing."""
+        for short, kind in KNOWN_TYPES.items():
+            name = self.resolve_topic_name(short)
+            if name in self._missing:
+                self._missing.discard(name)
+                self._record(name, kind, LOOP)
 
     def _look(self) -> None:
         """Subscribe to wanted topics that have appeared."""
@@ -71,7 +84,7 @@ class RecorderNode(Node):
         number = self._recorder.add_topic(
             name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
         )
-        self.create_subscription(get_message(kind), name, self._writer(number), qos, raw=True)
+        self.create_subscription(message_type(kind), name, self._writer(number), qos, raw=True)
         self.get_logger().info(f'recording {name}')
 
     def _writer(self, number: int) -> Callable[[bytes], None]:

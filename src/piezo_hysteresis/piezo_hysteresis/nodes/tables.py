@@ -59,6 +59,9 @@ EXCITATION = ParameterTable(
         ParameterSpec('voltage.offset', 0.0, 'Mean of the voltage.', 'V', -500.0, 500.0),
         ParameterSpec('ramp', 1.0, 'Smooth rise of the amplitude at the start.', 's', 0.0, 60.0),
         ParameterSpec('duration', 0.0, 'Length of the experiment; 0 has no end.', 's', 0.0, 1e6),
+        ParameterSpec(
+            'wait_for', 0, 'Subscribers that must be there before the first tick.', low=0, high=99
+        ),
         ParameterSpec('exit_when_done', False, 'End the process when the experiment ends.'),
         ParameterSpec(
             'deadline',

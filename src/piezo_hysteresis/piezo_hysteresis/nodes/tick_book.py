@@ -47,6 +47,12 @@ class TickBook(Generic[Tag]):
         self._measured: dict[int, Measured] = {}
         self._newest_measured: Measured | None = None
         self._done = -1
+        self._impatient = -1
+
+    @property
+    def done(self) -> int:
+        """Number of the newest tick that was taken."""
+        return self._done
 
     def add_reference(self, point: ReferencePoint) -> None:
         """Note the reference of a tick."""
@@ -61,8 +67,15 @@ class TickBook(Generic[Tag]):
             self._measured[measured.sample] = measured
 
     def add_voltage(self, sample: int, voltage: float, tag: Tag) -> bool:
-        """Note the voltage of a tick; return False where it is old or came twice."""
-        if sample <= self._done or sample in self._voltages:
+        """Note the voltage of a tick; return False where it is old or came twice.
+
+        That a voltage comes twice means that the loop waits: its tick is then answered with what
+        there is, so that a link that started later than the others does not hold it up for ever.
+        """
+        if sample in self._voltages:
+            self._impatient = sample
+            return False
+        if sample <= self._done:
             return False
         self._voltages[sample] = (voltage, tag)
         return True
@@ -75,12 +88,12 @@ class TickBook(Generic[Tag]):
         point = self._points.get(sample)
         measured = self._measured.get(sample - 1)
         complete = point is not None and (measured is not None or sample == 0)
-        if not complete and max(self._voltages) - sample < PATIENCE:
+        waiting = max(self._voltages) - sample < PATIENCE and sample != self._impatient
+        if not complete and (waiting or point is None):
             return None
         voltage, tag = self._voltages.pop(sample)
         self._forget(sample)
-        if point is None:  # its reference was lost: the tick cannot be answered
-            return self.take()
+        assert point is not None
         return Tick(point, voltage, measured or self._newest_measured, tag)
 
     def _forget(self, sample: int) -> None:

@@ -13,7 +13,7 @@ from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP, OBSERVER
+from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
 from piezo_ros_common.table import Value
@@ -75,7 +75,7 @@ class Simulator(Node):
         self._status_publisher = self.create_publisher(LoopStatus, topics.LOOP_STATUS, LATCHED)
         self._clock_publisher = None
         if self._params.flag('publish_clock'):
-            self._clock_publisher = self.create_publisher(Clock, '/clock', OBSERVER)
+            self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
         self.create_subscription(VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(LoadPreset, '~/load_preset', self._on_load_preset)
@@ -94,7 +94,7 @@ class Simulator(Node):
     def _on_command(self, message: VoltageCommand) -> None:
         sample = message.sample
         if sample <= self._newest_command:
-            self._book.counts['doubled'] += 1
+            self._answer_again(sample)
             return
         if self._lock_step:
             self._step_with(sample, message.voltage)
@@ -103,6 +103,13 @@ class Simulator(Node):
         self._book.counts['late'] += sample < self._tick
         if self._book.accept(message.voltage):
             self._last_command_tick = self._tick
+
+    def _answer_again(self, sample: int) -> None:
+        """Repeat the state of a command that came again in lock-step: somebody missed it."""
+        if self._lock_step and sample == self._state.sample:
+            self._state_publisher.publish(self._state)
+        else:
+            self._book.counts['doubled'] += 1
 
     def _step_with(self, sample: int, voltage: float) -> None:
         if sample != self._tick:
@@ -114,10 +121,16 @@ class Simulator(Node):
                     throttle_duration_sec=5.0,
                 )
             return
+        if sample == 0 and not self._listened_to():
+            return  # the excitation says it again
         self._newest_command = sample
         self._waiting_since = time.monotonic()
         self._book.accept(voltage)
         self._advance()
+
+    def _listened_to(self) -> bool:
+        wanted = self._params.integer('wait_for')
+        return bool(self._state_publisher.get_subscription_count() >= wanted)
 
     def _run_due(self) -> None:
         due = self._pace.due(time.monotonic())

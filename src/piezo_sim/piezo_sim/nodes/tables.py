@@ -48,6 +48,13 @@ def simulator_table() -> ParameterTable:
                 high=3600.0,
             ),
             ParameterSpec(
+                'wait_for',
+                0,
+                'Subscribers of the state that must be there before the first tick (lock_step).',
+                low=0,
+                high=99,
+            ),
+            ParameterSpec(
                 'safe_voltage', 0.0, 'Where the voltage goes without commands.', 'V', -500.0, 500.0
             ),
             ParameterSpec('ramp', 1.0, 'How fast it goes there.', 'V/s', above=0.0, high=1e6),
