@@ -133,7 +133,9 @@ def derive(
     fastest = _derive_modes(d, v)
     memory = v['friction.coulomb'] > 0.0 or v['restoring.share'] > 0.0
     d['memory'] = memory
-    d['stride'] = (0.05 if memory else 0.1) / 2.0**refine
+    # A restoring force remembers its errors for long.
+    stride = 0.02 if v['restoring.share'] > 0.0 else 0.05 if memory else 0.1
+    d['stride'] = stride / 2.0**refine
     d['creep_gain'][: slow.KELVIN_VOIGT] = [v[f'creep.gain_{j}'] for j in (1, 2, 3)]
     d['creep_gain'][slow.KELVIN_VOIGT :] = v['log_creep.gain'] / 2.0
     times = [v[f'creep.time_{j}'] for j in (1, 2, 3)]

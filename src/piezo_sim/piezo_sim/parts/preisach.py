@@ -6,10 +6,11 @@ branch::
     E(a, b) = 2 G(x) c(m),  x = (a - b) / 2,  m = (a + b) / 2
     G(x) = weight (x - scale (1 - exp(-x / scale))),  c(m) = 1 + asymmetry m - curvature m^2
 
-Its density ``(G'' c + 2 curvature G) / 2`` is positive wherever c is, so the model is a genuine
-Preisach model, and it is none of Prandtl-Ishlinskii as soon as c varies: minor loops at different
-centres are not congruent in height. The memory is a stack of reversal points; a branch that passes
-the last but one wipes both out (Madelung's rules). No grid of relays, so no step error.
+Its density ``(G'' c + 2 curvature G) / 2`` of relays between -1/2 and 1/2 is positive wherever c
+is, so the model is a genuine Preisach model, and none of Prandtl-Ishlinskii where c varies: minor
+loops at different centres are not congruent in height. The memory is a stack of reversal points; a
+branch that passes the last but one wipes both out (Madelung's rules). There is no grid of relays
+and so no step error.
 """
 
 from __future__ import annotations
@@ -67,16 +68,17 @@ def kink(s: Any, start: float, end: float) -> float:
 @leaf
 def move(s: Any, voltage: float, p: Any) -> float:
     """Move the memory to `voltage` [V] along a monotone piece and return the output [V]."""
-    direction = 1 if voltage > s.position else (-1 if voltage < s.position else 0)
-    if direction != 0 and s.direction != 0 and direction != s.direction:
+    if voltage == s.position:
+        return _branch(s, voltage, p)
+    direction = 1 if voltage > s.position else -1
+    if s.direction == -direction:
         level = _branch(s, s.position, p)
         if s.depth == DEPTH:  # forget the innermost, smallest loop
             s.depth -= 2
         s.level[s.depth] = level
         s.turn[s.depth] = s.position
         s.depth += 1
-    if direction != 0:
-        s.direction = direction
+    s.direction = direction
     while s.depth >= 2 and (voltage - s.turn[s.depth - 2]) * direction >= 0.0:
         s.depth -= 2
     if s.depth == 1 and abs(voltage) >= abs(s.turn[0]):
