@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +68,11 @@ def main() -> int:
             for samples in filter(None, (options.samples, options.large)):
                 path = Path(folder) / f'{storage}_{samples}'
                 record = sweep(samples)
-                written, _ = timed(lambda r=record, p=path, s=storage: write(p, r, s))
-                read, (ours,) = timed(lambda p=path: records.read_bag(p))
+                written, _ = timed(partial(records.write_bag, path, [record], storage=storage))
+                read, (ours,) = timed(partial(records.read_bag, path))
                 line = f'{storage:8} {samples:8d} {written:9.2f} {read:8.2f}'
                 if samples == options.samples:
-                    slow, theirs = timed(lambda p=path: plain(p))
+                    slow, theirs = timed(partial(plain, path))
                     same = np.array_equal(ours.voltage, theirs[0]) and np.array_equal(
                         ours.displacement, theirs[1]
                     )
@@ -79,11 +80,6 @@ def main() -> int:
                     line += f' {slow:11.2f} {slow / read:7.1f}   {same}'
                 print(line, flush=True)
     return 0 if equal else 1
-
-
-def write(path: Path, record: records.Record, storage: str) -> None:
-    """Write one record as a bag."""
-    records.write_bag(path, [record], storage=storage)
 
 
 if __name__ == '__main__':

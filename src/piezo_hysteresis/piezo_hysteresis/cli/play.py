@@ -27,7 +27,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Hand over to the player node."""
     words = [arguments.bag, *arguments.topics, '--rate', repr(arguments.rate)]
-    for option in ('loop', 'lock_step', 'salvage'):
-        if getattr(arguments, option):
-            words.append('--' + option.replace('_', '-'))
+    switches = {
+        '--loop': arguments.loop,
+        '--lock-step': arguments.lock_step,
+        '--salvage': arguments.salvage,
+    }
+    words += [switch for switch, given in switches.items() if given]
     return int(node_module('player').run(words))

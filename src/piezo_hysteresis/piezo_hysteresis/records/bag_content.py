@@ -105,6 +105,8 @@ def blocks_of(
 
 def _storages(path: Path, metadata: Metadata | None, log: DamageLog) -> Iterator[Storage]:
     """Yield the storage files of a bag folder, or the file itself."""
+    if not path.exists():
+        raise RecordError(f'{path} does not exist; check the path')
     files = [path] if metadata is None else [path / file.name for file in metadata.files]
     found = 0
     for file in files:

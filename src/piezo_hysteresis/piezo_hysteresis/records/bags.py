@@ -62,10 +62,11 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
         runs = [run for run in runs if actuator in (run.track.info.actuator, run.namespace)]
         if not runs:
             raise RecordError(f'{content.path}: it holds no actuator named {actuator!r}')
-    names = sorted({run.track.info.actuator or run.namespace for run in runs})
-    if len(states) > 1 and len({run.namespace for run in runs}) > 1:
-        names = sorted({run.namespace for run in runs})
-    if len(names) > 1 and len(names) == len(set(names)):
+    spaces = sorted({run.namespace for run in runs})
+    names = sorted({run.track.info.actuator for run in runs} - {''})
+    if len(spaces) > 1:
+        names = spaces
+    if len(names) > 1:
         log.add(
             content.path,
             f'it holds {len(names)} actuators ({", ".join(names)})',
@@ -126,7 +127,7 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
         columns['reference'] = reference
     track = Track(
         content.path.resolve().stem or 'record',
-        np.asarray((stamp - origin) * 1e-9, np.float64),
+        np.asarray((stamp - origin) / 1e9, np.float64),
         columns,
         sample,
     )

@@ -162,7 +162,7 @@ def _values(
     if delimiter != ',' and any(',' in line for line in body[:1]):
         body = [line.replace(',', '.') for line in body]
     options: dict[str, Any] = {'delimiter': delimiter, 'usecols': list(meanings), 'ndmin': 2}
-    if not any(line.strip() for line in body):
+    if all(not line.strip() or line.lstrip().startswith('#') for line in body):
         return np.zeros((0, len(meanings)))
     try:
         return np.asarray(np.loadtxt(body, **options))

@@ -66,6 +66,7 @@ class DamageLog:
         RecordError
             Unless salvaging; the message ends with `remedy` and with the hint to salvage.
         """
+        what = ' '.join(what.split())  # libraries report in several lines
         if not self.salvage:
             advice = f'{remedy}, or {SALVAGE_HINT}' if remedy else SALVAGE_HINT
             raise RecordError(f'{where}: {what}; {advice}')

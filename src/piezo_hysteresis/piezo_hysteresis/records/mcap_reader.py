@@ -142,16 +142,21 @@ class McapFile:
             file.seek(at)
             window = file.read(wanted)
             walk = mcap.walk(np.frombuffer(window, np.uint8))
+            chunks, ended = [], False
+            for opcode, offset, length in walk.others.tolist():
+                ended = opcode in (mcap.DATA_END, mcap.FOOTER)
+                if ended:
+                    break
+                if opcode == mcap.CHUNK:
+                    chunks.append((offset, length))
+                else:
+                    self._take(opcode, window[offset : offset + length])
             if walk.messages.size:
                 yield self._block(window, walk)
-            for opcode, offset, length in walk.others.tolist():
-                content = window[offset : offset + length]
-                if opcode in (mcap.DATA_END, mcap.FOOTER):
-                    return
-                if opcode == mcap.CHUNK:
-                    yield from self._chunk(content, at + offset)
-                else:
-                    self._take(opcode, content)
+            for offset, length in chunks:
+                yield from self._chunk(window[offset : offset + length], at + offset)
+            if ended:
+                return
             wanted = WINDOW
             if walk.stop:
                 at += walk.stop

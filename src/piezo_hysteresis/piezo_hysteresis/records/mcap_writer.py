@@ -167,7 +167,7 @@ class McapWriter:
         self.topics.append(topic)
         self.counts.append(0)
         if topic.msgtype not in self._schemas:
-            self._schemas[topic.msgtype] = len(self._schemas) + 1 if topic.definition else 0
+            self._schemas[topic.msgtype] = len(self._schemas) + 1
         return len(self.topics)
 
     def _definitions(self, topics: Sequence[Topic]) -> bytes:
@@ -175,11 +175,12 @@ class McapWriter:
         parts = []
         for topic in topics:
             schema = self._schemas[topic.msgtype]
-            if schema:
-                texts = (topic.msgtype, topic.encoding, topic.definition)
-                parts.append(
-                    mcap.record(mcap.SCHEMA, struct.pack('<H', schema), *map(mcap.text, texts))
-                )
+            # A type without its definition is still named, as rosbag2 does.
+            encoding = topic.encoding if topic.definition else ''
+            texts = (topic.msgtype, encoding, topic.definition)
+            parts.append(
+                mcap.record(mcap.SCHEMA, struct.pack('<H', schema), *map(mcap.text, texts))
+            )
             extra = b''.join(
                 mcap.text(value)
                 for value in (
@@ -289,13 +290,12 @@ class McapWriter:
         self._file.finish(data + summary + mcap.tail(summary_start, 0, crc32(summary + ending)))
 
     def _statistics(self) -> bytes:
-        schemas = len({number for number in self._schemas.values() if number})
         counts = b''.join(
             struct.pack('<HQ', number + 1, count) for number, count in enumerate(self.counts)
         )
         first = self.first if sum(self.counts) else 0
         return (
-            struct.pack('<QHI', sum(self.counts), schemas, len(self.topics))
+            struct.pack('<QHI', sum(self.counts), len(self._schemas), len(self.topics))
             + struct.pack('<IIIQQ', 0, 1, len(self._chunks), first, self.last)
             + struct.pack('<I', len(counts))
             + counts

@@ -12,9 +12,11 @@ from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
 
 SHORTEST = 16  # a shorter piece is of no use to anyone [samples]
+SAME_TIME = 1e-12  # stamps closer than this are one [s]
 GAP = 1.5  # a longer step, in median steps, is a gap
 UNEVEN = 0.2  # steps may differ from their median by this part
 STRAY = 0.01  # part of the steps that may, where samples are numbered
+LARGEST_NUMBER = 1e15  # nothing here is larger in any unit; float64 still adds it safely
 LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
 SMALLEST_STROKE = 1e-11  # an excited actuator moves more [m]
 LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
@@ -103,9 +105,9 @@ def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
 
 
 def _finite(track: Track, place: str, log: DamageLog) -> Track:
-    good = np.isfinite(track.time)
+    good = np.abs(track.time) < LARGEST_NUMBER  # false for what is not a number
     for column in track.columns.values():
-        good &= np.isfinite(column)
+        good &= np.abs(column) < LARGEST_NUMBER
     bad = int(good.size - good.sum())
     if bad:
         first = int(np.argmin(good))
@@ -126,8 +128,11 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
     if back:
         log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time')
         track = track.take(np.argsort(track.time, kind='stable'))
-    key = track.time if track.sample is None else track.sample.astype(np.float64)
-    again = np.concatenate([[False], np.diff(key) == 0]) if key.size else np.zeros(0, np.bool_)
+    again = np.zeros(track.time.size, np.bool_)
+    if track.sample is None:
+        again[1:] = np.diff(track.time) < SAME_TIME
+    else:
+        again[1:] = np.diff(track.sample) == 0
     doubled = int(again.sum())
     if doubled:
         what = f'{doubled} samples come twice'
@@ -183,7 +188,8 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     if track.time.size < 3:
         return [track]
     steps = _steps(track)
-    odd = np.abs(steps / np.median(steps) - 1) > UNEVEN
+    median = np.median(steps)
+    odd = np.abs(steps - median) > UNEVEN * median
     mean = (track.time[-1] - track.time[0]) / (track.time.size - 1)
     wander = np.abs(track.time - track.time[0] - mean * np.arange(track.time.size)).max()
     if not odd.any() and wander < 0.5 * mean:
@@ -192,7 +198,7 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
         number = int(odd.sum())
         log.note(place, f'{number} stamps are off their tick; their numbers hold', count=number)
         return [track]
-    changes = np.flatnonzero(np.abs(steps[1:] / steps[:-1] - 1) > UNEVEN) + 1
+    changes = np.flatnonzero(np.abs(np.diff(steps)) > UNEVEN * steps[:-1]) + 1
     edges = [0, *changes.tolist(), steps.size]
     runs = [(a, b) for a, b in pairwise(edges) if b - a >= SHORTEST]
     if len(runs) < 2 or sum(b - a for a, b in runs) < 0.9 * steps.size:

@@ -80,7 +80,8 @@ class SqliteFile:
         # A whole-file check costs as much as reading; the quick one finds broken pages.
         findings = [row[0] for row in base.execute('PRAGMA quick_check(3)')]
         if findings != ['ok']:
-            self.log.add(self.path, f'the database is damaged ({str(findings[0])[:80]})')
+            finding = str(findings[0]).removeprefix('*** in database main ***')
+            self.log.add(self.path, f'the database is damaged ({finding.strip()[:80]})')
 
     def _cut_off(self) -> None:
         """Compare the size of the file with what its first page says."""

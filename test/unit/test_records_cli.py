@@ -1,0 +1,121 @@
+"""The verbs import, export, info, record and play."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from piezo_hysteresis.cli import need_ros
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.records import Record, RecordInfo, read_bag, read_csv, write_bag
+
+ROWS = [f'{k / 1000},{k % 11},{0.25 * (k % 7)}' for k in range(60)]
+CSV = '\n'.join(['time_s,voltage_V,displacement_um', *ROWS]) + '\n'
+
+
+def test_csv_to_bag_and_back(tmp_path, capsys):
+    for name in ('one', 'two'):
+        (tmp_path / f'{name}.csv').write_text(CSV)
+    bag, out = tmp_path / 'bag', tmp_path / 'out'
+    files = [str(tmp_path / 'one.csv'), str(tmp_path / 'two.csv')]
+    assert main(['import', *files, '--out', str(bag), '--actuator', 'bimorph']) == 0
+    assert '2 records' in capsys.readouterr().out
+    assert [(r.name, r.info.actuator) for r in read_bag(bag)] == [
+        ('one', 'bimorph'), ('two', 'bimorph')]  # fmt: skip
+    assert main(['export', str(bag), '--out', str(out)]) == 0
+    assert '2 files' in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {'one.csv', 'two.csv', 'records.yaml'}
+    for name in ('one', 'two'):
+        first, again = read_csv(tmp_path / f'{name}.csv'), read_csv(out / f'{name}.csv')
+        np.testing.assert_array_equal(again.voltage, first.voltage)
+        np.testing.assert_allclose(again.displacement, first.displacement, rtol=1e-15)
+        assert again.info.actuator == 'bimorph'
+        assert again.dt == first.dt
+
+
+def test_export_makes_file_names_of_any_record_names(tmp_path):
+    info = RecordInfo('x', 'sine', 5.0, 10.0, 0.01, 'V')
+    signal = np.linspace(0, 1, 50)
+    names = ['sine 5 Hz', 'sine/5/Hz', '../up', '...', 'Sine_5_Hz']
+    records = [Record(name, 1e-3, signal, 1e-6 * signal, info=info) for name in names]
+    write_bag(tmp_path / 'bag', records)
+    out = tmp_path / 'out'
+    assert main(['export', str(tmp_path / 'bag'), '--out', str(out), '--unit', 'm']) == 0
+    files = yaml.safe_load((out / 'records.yaml').read_text())
+    assert [entry['record'] for entry in files.values()] == names
+    assert all((out / file).is_file() for file in files)
+    assert {path.name for path in tmp_path.iterdir()} == {'bag', 'out'}
+    again = read_csv(out / next(iter(files)))
+    assert (again.name, again.info) == ('sine 5 Hz', info)
+    np.testing.assert_array_equal(again.displacement, 1e-6 * signal)
+
+
+def test_info_lists_records_topics_and_damage(tmp_path, capsys):
+    signal = np.arange(4000.0)
+    info = RecordInfo('bimorph', 'sine', 23.0)
+    write_bag(tmp_path / 'bag', [Record('a', 1e-3, signal, 1e-9 * signal, info=info)])
+    assert main(['info', str(tmp_path / 'bag')]) == 0
+    text = capsys.readouterr().out
+    for part in ('/piezo/actuator/state', 'piezo_interfaces/msg/ActuatorState', '4000', '1000',
+                 'sine 23 Hz', 'bimorph', 'storage mcap: bag_0.mcap', '3.999'):  # fmt: skip
+        assert part in text
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    file.write_bytes(file.read_bytes()[:200_000])
+    assert main(['info', str(tmp_path / 'bag')]) == 2
+    told = capsys.readouterr()
+    assert 'damage: ' in told.out
+    assert 'ends early' in told.out
+    assert 'need --salvage' in told.err
+
+
+def test_damage_is_refused_or_salvaged(tmp_path, capsys):
+    lines = CSV.split('\n')
+    del lines[21]
+    file = tmp_path / 'a.csv'
+    file.write_text('\n'.join(lines))
+    words = ['import', str(file), '--out', str(tmp_path / 'bag')]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith('error: ')
+    assert told.count('\n') == 1
+    assert '1 samples are missing in 1 gaps' in told
+    assert not (tmp_path / 'bag').exists()
+    assert main([*words, '--salvage']) == 0
+    told = capsys.readouterr()
+    assert 'salvaged: ' in told.err
+    assert [(r.name, len(r)) for r in read_bag(tmp_path / 'bag')] == [('a.1', 20), ('a.2', 39)]
+
+
+def test_a_bag_without_records_still_shows_its_topics(tmp_path, capsys):
+    from piezo_hysteresis.records.recorder import Recorder
+
+    with Recorder(tmp_path / 'bag') as recorder:
+        topic = recorder.add_topic('/chatter', 'std_msgs/msg/String')
+        recorder.write(topic, b'\0\1\0\0\2\0\0\0x\0', 5)
+    assert main(['info', str(tmp_path / 'bag')]) == 2
+    told = capsys.readouterr()
+    assert '/chatter' in told.out
+    assert 'record the topic actuator/state' in told.err
+
+
+@pytest.mark.parametrize('verb', ['export', 'import'])
+def test_existing_output_is_left_alone(tmp_path, capsys, verb):
+    (tmp_path / 'a.csv').write_text(CSV)
+    (tmp_path / 'out').mkdir()
+    assert main([verb, str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'out')]) == 2
+    assert 'exists already' in capsys.readouterr().err
+    assert not list((tmp_path / 'out').iterdir())
+
+
+@pytest.mark.parametrize(
+    ('words', 'node'), [(['record', '--out', 'x'], 'recorder'), (['play', 'x'], 'player')]
+)
+def test_without_ros_record_and_play_say_what_to_do(capsys, monkeypatch, words, node):
+    def absent(module):
+        assert module == f'piezo_hysteresis.nodes.{node}'
+        raise ModuleNotFoundError(f'No module named {module}', name='rclpy')
+
+    monkeypatch.setattr(need_ros, 'importlib', SimpleNamespace(import_module=absent))
+    assert main(words) == 2
+    assert 'run `source setup.bash`' in capsys.readouterr().err

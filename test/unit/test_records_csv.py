@@ -1,0 +1,161 @@
+"""CSV files: units in the column names, helpful refusals, and back again."""
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import Record, RecordInfo, load, read_csv, survey, write_csv
+
+
+def write(path, text):
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def rows(n=40, dt=1e-3, head='time_s,voltage_V,displacement_um', join=','):
+    body = [join.join(map(repr, (k * dt, 10.0 * (k % 7), 0.5 * (k % 5)))) for k in range(n)]
+    return '\n'.join([head, *body]) + '\n'
+
+
+@pytest.mark.parametrize(
+    ('column', 'scale'),
+    [('displacement_m', 1), ('displacement_mm', 1e3), ('displacement_um', 1e6),
+     ('displacement_nm', 1e9), ('Displacement_UM', 1e6), ('displacement_µm', 1e6)],
+)  # fmt: skip
+def test_lengths_come_in_metres(tmp_path, column, scale):
+    text = rows(head=f'time_s,voltage_V,{column}').split('\n')
+    text = [text[0], *(f'{a},{b},{float(c) * scale * 1e-6!r}' for a, b, c in
+                       (line.split(',') for line in text[1:-1]))]  # fmt: skip
+    record = read_csv(write(tmp_path / 'a.csv', '\n'.join(text)))
+    np.testing.assert_allclose(record.displacement[:5], 0.5e-6 * np.arange(5), rtol=1e-15)
+    assert record.dt == 1e-3
+    assert record.name == 'a'
+    assert record.info.input_unit == 'V'
+
+
+def test_times_voltages_forces_references_and_further_columns(tmp_path):
+    head = 'comment,reference_nm,time_ms,force_kN,displacement_um'
+    text = '\n'.join([head, *(f'x{k},{k % 3},{k * 2},{0.5 * (k % 4)},{k % 5}' for k in range(40))])
+    record = read_csv(write(tmp_path / 'a.csv', text))
+    assert record.dt == pytest.approx(2e-3, rel=1e-15)
+    assert record.info.input_unit == 'N'
+    np.testing.assert_array_equal(record.voltage[:4], [0, 500, 1000, 1500])
+    np.testing.assert_array_equal(record.reference[:3], [0, 1e-9, 2e-9])
+
+
+@pytest.mark.parametrize('join', [',', ';', '\t'])
+def test_delimiters_comments_and_byte_order_marks(tmp_path, join):
+    head = join.join(['time_s', '"voltage_V"', ' displacement_um '])
+    text = '\ufeff# from the oscilloscope\n\n' + rows(head=head, join=join)
+    if join == ';':
+        text = text.replace('.', ',')
+    record = read_csv(write(tmp_path / 'a.csv', text))
+    np.testing.assert_array_equal(record.voltage[:3], [0, 10, 20])
+    np.testing.assert_allclose(record.displacement[:3], [0, 5e-7, 1e-6])
+
+
+def test_rounded_stamps_of_a_real_instrument(tmp_path):
+    """Steps of 0.200010001 and 0.19998 ms are 5 kHz."""
+    stamps = np.round(np.arange(1000) * 2e-4, 5) + 1e-8 * (np.arange(1000) % 2)
+    lines = [f'{t:.9f},{k % 9},{k % 5}' for k, t in enumerate(stamps)]
+    record = read_csv(write(tmp_path / 'a.csv', 'time_s,voltage_V,displacement_um\n' +
+                            '\n'.join(lines)))  # fmt: skip
+    assert record.dt == 2e-4
+
+
+@pytest.mark.parametrize('unit', ['m', 'mm', 'um', 'nm'])
+@pytest.mark.parametrize('drive', ['V', 'N'])
+def test_written_and_read_back(tmp_path, unit, drive):
+    rng = np.random.default_rng(3)
+    record = Record(
+        'a', 1 / 3000, rng.standard_normal(500), 1e-5 * rng.standard_normal(500), start=2.0,
+        reference=1e-5 * rng.standard_normal(500), info=RecordInfo(input_unit=drive),
+    )  # fmt: skip
+    write_csv(tmp_path / 'a.csv', record, unit=unit)
+    found = read_csv(tmp_path / 'a.csv')
+    tolerance = 0 if unit == 'm' else 1e-15
+    np.testing.assert_array_equal(found.voltage, record.voltage)
+    np.testing.assert_allclose(found.displacement, record.displacement, rtol=tolerance)
+    np.testing.assert_allclose(found.reference, record.reference, rtol=tolerance)
+    assert (found.dt, found.start, found.info) == (record.dt, 2.0, record.info)
+    with pytest.raises(RecordError, match='exists already'):
+        write_csv(tmp_path / 'a.csv', record)
+
+
+@pytest.mark.parametrize(
+    ('head', 'message'),
+    [
+        ('time_s,voltage_V,displacement', "rename 'displacement' to displacement_um"),
+        ('t,u,y', "rename 't' to time_s"),
+        ('time_s,voltage_V,position_um', "rename 'position_um' to displacement_um"),
+        ('time_s,voltage,displacement_um', "rename 'voltage' to voltage_V"),
+        ('time_s,voltage_V,displacement_inch', "rename 'displacement_inch'"),
+        ('a,b,c', 'columns are named like time_s,voltage_V,displacement_um'),
+        ('0.0,1.0,2.0', 'columns are named like'),
+        ('time_s,voltage_V,displacement_um,displacement_m', 'stands twice'),
+        ('time_s,voltage_V,force_N,displacement_um', 'both a voltage and a force'),
+    ],
+)
+def test_other_spellings_get_help(tmp_path, head, message):
+    width = head.count(',') + 1
+    body = '\n'.join(','.join(str(k * (c + 1)) for c in range(width)) for k in range(30))
+    with pytest.raises(RecordError, match=message):
+        read_csv(write(tmp_path / 'a.csv', f'{head}\n{body}\n'))
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'the file is empty'),
+        ('time_s,voltage_V,displacement_um\n', 'no samples'),
+        ('time_s,voltage_V,displacement_um\n0,0,0\n', '1 samples, too few'),
+        (rows().replace('\n0.005,', '\n0.005,nan'), 'not numbers'),
+        (rows().replace('0.005,', '0.005,oops'), "line 7 has 'oops50.0' in column voltage_V"),
+        (rows() + '0.040,1', "line 42 has '' in column displacement_um"),
+        ('\x00\x01\x02', 'no column for time'),
+    ],
+)
+def test_bad_files_are_refused_in_one_sentence(tmp_path, text, message):
+    with pytest.raises(RecordError, match=message) as caught:
+        read_csv(write(tmp_path / 'a.csv', text))
+    assert str(tmp_path / 'a.csv') in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_missing_files_binary_files_and_unknown_kinds(tmp_path):
+    with pytest.raises(RecordError, match='does not exist'):
+        load([tmp_path / 'none.csv'])
+    (tmp_path / 'bin.csv').write_bytes(b'\xff\xfe\x00\x01')
+    with pytest.raises(RecordError, match='no text'):
+        load([tmp_path / 'bin.csv'])
+    (tmp_path / 'a.xlsx').write_bytes(b'PK')
+    with pytest.raises(RecordError, match='not known'):
+        load([tmp_path / 'a.xlsx'])
+    with pytest.raises(RecordError, match='no data were given'):
+        load([])
+
+
+def test_lines_that_are_no_numbers_are_salvaged_and_counted(tmp_path):
+    lines = rows(100).split('\n')
+    lines[51] = '0.05,oops,1'
+    path = write(tmp_path / 'a.csv', '\n'.join(lines))
+    found = survey([path], salvage=True)
+    assert [len(record) for record in found.records] == [50, 49]
+    assert any('1 lines are not numbers' in str(damage) for damage in found.damage)
+
+
+def test_notes_beside_the_file_are_taken_over(tmp_path):
+    path = write(tmp_path / 'a.csv', rows())
+    notes = write(
+        tmp_path / 'records.yaml',
+        'a.csv: {record: sine 5 Hz, actuator: bimorph, frequency: 5, warm_up: 0.01}\n',
+    )
+    record = read_csv(path)
+    assert record.name == 'sine 5 Hz'
+    assert record.info == RecordInfo('bimorph', frequency=5.0, warm_up=0.01)
+    notes.write_text('a.csv: {frequency: fast}\n')
+    with pytest.raises(RecordError, match='wrong kind'):
+        read_csv(path)
+    notes.write_text('{')
+    with pytest.raises(RecordError, match='mend or remove'):
+        read_csv(path)

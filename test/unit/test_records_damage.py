@@ -1,0 +1,434 @@
+"""Damage: each kind has a clear one-line refusal, and what is readable is salvaged and counted."""
+
+import sqlite3
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import (
+    DamageWarning,
+    Record,
+    RecordInfo,
+    bag_writer,
+    cdr,
+    load,
+    mcap_format,
+    read_bag,
+    survey,
+    write_bag,
+)
+from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
+from piezo_hysteresis.records.recorder import Recorder
+
+FIELDS = bag_writer.fixed_fields(STATE)
+NAME = '/piezo/actuator/state'
+
+
+def make(n=1000, name='a', **info):
+    ticks = np.arange(n)
+    return Record(name, 1e-3, 1.0 * ticks, 1e-9 * ticks, info=RecordInfo(**info))
+
+
+def raw_bag(path, parts, topic=NAME):
+    """Write states of (sample numbers, stamps [s], displacements) as a driver would send them."""
+    with Recorder(path) as recorder:
+        for part, (sample, stamp, displacement) in enumerate(parts):
+            name = topic if len(parts) == 1 else f'/{"abc"[part]}/actuator/state'
+            number = recorder.add_topic(name, STATE, definition=definition_of(STATE)[0])
+            stamps = np.round(np.asarray(stamp) * 1e9).astype(np.int64)
+            columns = {'sample': sample, 'voltage': np.asarray(sample) * 1.0,
+                       'displacement': displacement}  # fmt: skip
+            rows = cdr.encode(FIELDS, stamps, columns)
+            for row, time in zip(rows, stamps.tolist(), strict=True):
+                recorder.write(number, row.tobytes(), time)
+    return path
+
+
+def refused(path, message):
+    """Check that reading refuses in one sentence, and that salvaging counts something."""
+    with pytest.raises(RecordError, match=message) as caught:
+        load([path])
+    assert '\n' not in str(caught.value)
+    assert '--salvage' in str(caught.value)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter('always')
+        load([path], salvage=True)
+    assert any(issubclass(item.category, DamageWarning) for item in told)
+    found = survey([path], salvage=True)
+    assert found.damage
+    return found
+
+
+TICKS = np.arange(300)
+STROKE = 1e-9 * TICKS
+
+
+def test_gaps(tmp_path):
+    keep = np.delete(TICKS, [100, 101, 150])
+    path = raw_bag(tmp_path / 'bag', [(keep, keep * 1e-3, 1e-9 * keep)])
+    found = refused(path, '3 samples are missing in 2 gaps, the first after 0.099 s')
+    assert [len(record) for record in found.records] == [100, 48, 149]
+    assert [record.name for record in found.records] == ['bag.1', 'bag.2', 'bag.3']
+    assert [record.start for record in found.records] == [0, 0.102, 0.151]
+    assert found.damage[0].count == 2
+
+
+def test_doubled_samples(tmp_path):
+    order = np.sort(np.concatenate([TICKS, [7, 8, 250]]))
+    path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
+    found = refused(path, '3 samples come twice')
+    (record,) = found.records
+    np.testing.assert_array_equal(record.voltage, TICKS)
+    assert found.damage[0].lost == 3
+
+
+def test_unsorted_samples(tmp_path):
+    order = TICKS.copy()
+    order[[20, 21]] = order[[21, 20]]
+    path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
+    (record,) = refused(path, '1 samples are out of order').records
+    np.testing.assert_array_equal(record.voltage, TICKS)
+
+
+def test_numbers_that_start_again(tmp_path):
+    sample = np.concatenate([TICKS, TICKS])
+    stamp = np.concatenate([TICKS * 1e-3, 1.0 + TICKS * 1e-3])
+    path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-9 * sample)])
+    found = refused(path, 'the numbers of the samples start again 1 times')
+    assert [len(record) for record in found.records] == [300, 300]
+
+
+@pytest.mark.parametrize('numbered', [True, False])
+def test_mixed_rates(tmp_path, numbered):
+    stamp = np.concatenate([TICKS * 1e-3, 0.3 + 2e-3 * np.arange(200)])
+    sample = np.arange(500) if numbered else np.zeros(500, int)
+    path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-9 * np.arange(500))])
+    found = refused(path, r'the rate changes within the record \(1000, 500 Hz\)')
+    assert [record.rate for record in found.records] == pytest.approx([1000, 500])
+    assert sum(map(len, found.records)) == 500
+
+
+@pytest.mark.parametrize('numbered', [True, False])
+def test_uneven_rate(tmp_path, numbered):
+    rng = np.random.default_rng(0)
+    stamp = np.cumsum(rng.uniform(0.5e-3, 1.4e-3, 300))
+    sample = TICKS if numbered else np.zeros(300, int)
+    path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-6 * np.sin(20 * stamp))])
+    found = refused(path, 'the rate is uneven, steps are')
+    (record,) = found.records
+    truth = 1e-6 * np.sin(20 * record.time)
+    assert np.abs(record.displacement - truth).max() < 1e-9  # interpolated, and said so
+    assert 'interpolated' in found.damage[0].what
+
+
+def test_a_few_late_stamps_of_numbered_samples_are_only_noted(tmp_path):
+    stamp = TICKS * 1e-3
+    stamp[120] += 0.6e-3
+    path = raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)])
+    found = survey([path])
+    (record,) = found.records
+    assert record.dt == 1e-3
+    assert any('off their tick' in str(note) for note in found.notes)
+
+
+def test_values_that_are_not_numbers(tmp_path):
+    value = STROKE.copy()
+    value[[40, 41]] = np.nan
+    path = raw_bag(tmp_path / 'bag', [(TICKS, TICKS * 1e-3, value)])
+    found = refused(path, '2 of 300 samples are not numbers, the first is number 40')
+    assert [len(record) for record in found.records] == [40, 258]
+
+
+@pytest.mark.parametrize(
+    ('voltage', 'displacement', 'message'),
+    [
+        (100.0, 30.0, 'the stroke is 30 m'),
+        (100.0, 30e-12 * 0.1, 'moves it by only'),
+        (1.5e5, 30e-6, 'the voltage reaches 1.5e'),
+    ],
+)
+def test_wrong_units(tmp_path, voltage, displacement, message):
+    shape = np.linspace(0, 1, 100)
+    write_bag(tmp_path / 'bag', [Record('a', 1e-3, voltage * shape, displacement * shape)])
+    (record,) = refused(tmp_path / 'bag', message).records
+    np.testing.assert_array_equal(record.displacement, displacement * shape)
+
+
+def test_two_actuators_by_topic(tmp_path):
+    part = (TICKS, TICKS * 1e-3, STROKE)
+    path = raw_bag(tmp_path / 'bag', [part, (TICKS, TICKS * 1e-3, 2 * STROKE)])
+    found = refused(path, r'it holds 2 actuators \(a, b\).*--actuator NAME')
+    assert len(found.records) == 2
+    (record,) = read_bag(path, actuator='b')
+    np.testing.assert_array_equal(record.displacement, 2 * STROKE)
+    with pytest.raises(RecordError, match="no actuator named 'z'"):
+        read_bag(path, actuator='z')
+
+
+def test_two_actuators_by_marker(tmp_path):
+    records = [make(100, 'p', actuator='one'), make(100, 'q', actuator='two'), make(100, 'r')]
+    write_bag(tmp_path / 'bag', records)
+    refused(tmp_path / 'bag', r'it holds 2 actuators \(one, two\)')
+    assert [record.name for record in read_bag(tmp_path / 'bag', actuator='two')] == ['q']
+
+
+def test_no_states_and_no_messages(tmp_path):
+    with Recorder(tmp_path / 'bag') as recorder:
+        topic = recorder.add_topic('/chatter', 'std_msgs/msg/String')
+        recorder.write(topic, b'\0\1\0\0\2\0\0\0x\0', 0)
+    with pytest.raises(RecordError, match=r'but /chatter \(std_msgs/msg/String\)'):
+        read_bag(tmp_path / 'bag')
+    with Recorder(tmp_path / 'none'):
+        pass
+    with pytest.raises(RecordError, match='holds no messages'):
+        read_bag(tmp_path / 'none', salvage=True)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('part', [0.0, 0.3, 0.9, 0.999])
+def test_truncated_file(tmp_path, storage, part):
+    write_bag(tmp_path / 'bag', [make(100_000)], storage=storage)
+    (file,) = (path for path in (tmp_path / 'bag').iterdir() if path.suffix != '.yaml')
+    data = file.read_bytes()
+    file.write_bytes(data[: int(part * len(data))])
+    message = 'is empty' if part == 0 else 'ends early|cut off'
+    if storage == 'sqlite3' or part == 0:
+        # A cut b-tree may be unreadable as a whole; the refusal must stay clear.
+        with pytest.raises(RecordError, match=message):
+            read_bag(tmp_path / 'bag')
+        try:
+            records = read_bag(tmp_path / 'bag', salvage=True)
+        except RecordError:
+            return
+    else:
+        records = refused(tmp_path / 'bag', message).records
+        assert sum(map(len, records)) > 0.95 * part * 100_000
+    for record in records:
+        np.testing.assert_array_equal(np.diff(record.voltage), 1)
+
+
+def test_missing_metadata(tmp_path):
+    for storage in ('mcap', 'sqlite3'):
+        bag = tmp_path / storage
+        write_bag(bag, [make()], storage=storage)
+        (bag / 'metadata.yaml').unlink()
+        found = refused(bag, 'metadata.yaml is missing; run `ros2 bag reindex`')
+        assert [len(record) for record in found.records] == [1000]
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'an entry is missing'),
+        ('{', 'it cannot be read'),
+        ('rosbag2_bagfile_information: {version: 9}', 'an entry is missing'),
+        ('\x00', 'it cannot be read'),
+        ('[1, 2]', 'an entry is missing'),
+    ],
+)
+def test_broken_metadata(tmp_path, text, message):
+    write_bag(tmp_path / 'bag', [make()])
+    (tmp_path / 'bag' / 'metadata.yaml').write_text(text)
+    found = refused(tmp_path / 'bag', message)
+    assert [len(record) for record in found.records] == [1000]
+
+
+def test_counts_that_do_not_agree(tmp_path):
+    write_bag(tmp_path / 'bag', [make()])
+    path = tmp_path / 'bag' / 'metadata.yaml'
+    path.write_text(path.read_text().replace('message_count: 1000', 'message_count: 1200'))
+    refused(tmp_path / 'bag', 'metadata count 1200 messages of topic /piezo/actuator/state but '
+            '1000 are readable')  # fmt: skip
+
+
+def test_a_storage_file_that_is_missing(tmp_path):
+    write_bag(tmp_path / 'bag', [make()])
+    (tmp_path / 'bag' / 'bag_0.mcap').unlink()
+    with pytest.raises(RecordError, match=r'bag_0\.mcap is missing'):
+        read_bag(tmp_path / 'bag')
+    with pytest.raises(RecordError, match='holds no bag'):
+        read_bag(tmp_path / 'bag', salvage=True)
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(RecordError, match='holds no bag'):
+        load([tmp_path / 'empty'], salvage=True)
+
+
+def mcap_of(tmp_path):
+    write_bag(tmp_path / 'bag', [make(100_000)])
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    return file, bytearray(file.read_bytes())
+
+
+def chunk_starts(data):
+    walk = mcap_format.walk(np.frombuffer(bytes(data[8:]), np.uint8))
+    return [at + 8 for code, at, _ in walk.others.tolist() if code == mcap_format.CHUNK]
+
+
+def test_a_flipped_bit_in_a_value(tmp_path):
+    file, data = mcap_of(tmp_path)
+    start = chunk_starts(data)[1]
+    data[start + 1_000_000] ^= 4
+    file.write_bytes(data)
+    found = refused(tmp_path / 'bag', 'the checksum of the chunk at byte')
+    rows = bag_writer.ROWS
+    assert [len(record) for record in found.records] == [rows, 100_000 - 2 * rows]
+    assert sum(damage.lost for damage in found.damage) >= rows
+
+
+def test_a_flipped_bit_in_sqlite(tmp_path):
+    write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
+    file = tmp_path / 'bag' / 'bag_0.db3'
+    data = bytearray(file.read_bytes())
+    needle = np.float64(500.0).tobytes() + np.float64(1e-9 * 500).tobytes()
+    at = bytes(data).index(needle)
+    data[at + 7] ^= 1
+    file.write_bytes(data)
+    refused(tmp_path / 'bag', 'the checksum of its messages is wrong')
+
+
+def test_a_broken_index(tmp_path):
+    file, data = mcap_of(tmp_path)
+    (start,) = np.frombuffer(bytes(data[-28:-20]), '<u8')
+    data[int(start) + 40] ^= 255
+    file.write_bytes(data)
+    found = refused(tmp_path / 'bag', 'the checksum of its index is wrong')
+    assert [len(record) for record in found.records] == [100_000]
+    data[-28:-20] = b'\xff' * 8
+    file.write_bytes(data)
+    found = refused(tmp_path / 'bag', 'its footer points to no index')
+    assert [len(record) for record in found.records] == [100_000]
+
+
+def test_a_broken_length_is_passed_with_the_help_of_the_index(tmp_path):
+    file, data = mcap_of(tmp_path)
+    start = chunk_starts(data)[1]
+    data[start - 3] = 255
+    file.write_bytes(data)
+    found = refused(tmp_path / 'bag', 'is broken or cut off')
+    rows = bag_writer.ROWS
+    # The front part of the broken chunk is complete messages, as of a file that was cut.
+    assert [len(record) for record in found.records] in (
+        [100_000],
+        [rows, 100_000 - 2 * rows],
+    )
+
+
+def test_unknown_definitions(tmp_path):
+    with Recorder(tmp_path / 'bag') as recorder:
+        text = 'std_msgs/Header header\nuint64 sample\nstring voltage\nfloat64 displacement\n'
+        header = definition_of(STATE)[0].split('=' * 80, 1)[1]
+        topic = recorder.add_topic(NAME, STATE, definition=f'{text}{"=" * 80}{header}')
+        recorder.write(topic, bytes(60), 0)
+    with pytest.raises(RecordError, match='field voltage in the stored definition has no fixed'):
+        read_bag(tmp_path / 'bag')
+
+
+def test_other_fields_of_fixed_size_are_welcome(tmp_path):
+    """A driver may add what it likes, in any order, as long as ours are among it."""
+    text = ('std_msgs/Header header\nuint8 mode\nuint64 sample\nfloat32 temperature\n'
+            'float64 voltage\nfloat64 displacement\n')  # fmt: skip
+    header = definition_of(STATE)[0].split('=' * 80, 1)[1]
+    definition = f'{text}{"=" * 80}{header}'
+    fields = cdr.fixed_fields(STATE, definition)
+    columns = {'mode': 3, 'sample': TICKS, 'temperature': 20.5, 'voltage': TICKS * 2.0,
+               'displacement': STROKE}  # fmt: skip
+    rows = cdr.encode(fields, TICKS * 1_000_000, columns, 'lab')
+    with Recorder(tmp_path / 'bag') as recorder:
+        topic = recorder.add_topic(NAME, STATE, definition=definition)
+        for k, row in enumerate(rows):
+            recorder.write(topic, row.tobytes(), k)
+    (record,) = read_bag(tmp_path / 'bag')
+    np.testing.assert_array_equal(record.voltage, TICKS * 2.0)
+    np.testing.assert_array_equal(record.displacement, STROKE)
+
+
+def test_a_database_that_is_none(tmp_path):
+    (tmp_path / 'a.db3').write_bytes(b'not a database' * 100)
+    with pytest.raises(RecordError, match='not a sqlite3 file'):
+        read_bag(tmp_path / 'a.db3')
+    base = sqlite3.connect(tmp_path / 'b.db3')
+    base.execute('CREATE TABLE other(x)')
+    base.commit()
+    base.close()
+    with pytest.raises(RecordError, match=r'no such (table|column)'):
+        read_bag(tmp_path / 'b.db3')
+    with pytest.raises(RecordError):
+        read_bag(tmp_path / 'b.db3', salvage=True)
+
+
+def test_markers_end_records_and_samples_outside_are_noted(tmp_path):
+    """As a live sweep: idle, record one, pause, record two, idle."""
+    from piezo_hysteresis.records.definitions import typestore
+
+    types = typestore().types
+    with Recorder(tmp_path / 'bag') as recorder:
+        state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])
+        mark = recorder.add_topic('/p/record/marker', MARKER, definition=definition_of(MARKER)[0])
+        columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
+        for k, row in enumerate(cdr.encode(FIELDS, TICKS * 1_000_000, columns)):
+            recorder.write(state, row.tobytes(), k * 1_000_000)
+        for tick, name in [(50, 'one'), (150, ''), (150, 'two'), (250, '')]:
+            stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=tick * 1_000_000)
+            message = types[MARKER](
+                header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=''), record=name,
+                actuator='x', excitation='sine', frequency=5.0, amplitude=1.0, warm_up=0.01,
+                rate=1000.0, input_unit='V',
+            )  # fmt: skip
+            # Markers come from another process: later than the samples they belong to.
+            raw = bytes(typestore().serialize_cdr(message, MARKER))
+            recorder.write(mark, raw, 299_000_000)
+    found = survey([tmp_path / 'bag'])
+    assert [(r.name, len(r), r.voltage[0]) for r in found.records] == [
+        ('one', 100, 50.0), ('two', 100, 150.0)]  # fmt: skip
+    assert found.records[0].info == RecordInfo('x', 'sine', 5.0, 1.0, 0.01)
+    assert any('100 samples lie outside' in str(note) for note in found.notes)
+
+
+def test_a_marker_that_states_another_rate(tmp_path):
+    write_bag(tmp_path / 'bag', [make(100)])
+    record = make(100)
+    assert read_bag(tmp_path / 'bag')[0].dt == record.dt
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    data = file.read_bytes()
+    at = data.index(np.float64(1000.0).tobytes())
+    data = data[:at] + np.float64(2000.0).tobytes() + data[at + 8 :]
+    start = chunk_starts(data)[0]
+    size = int.from_bytes(data[start - 8 : start], 'little')
+    content = data[start + 40 : start + size]
+    crc = mcap_crc(content)
+    file.write_bytes(data[: start + 24] + crc + data[start + 28 :])
+    refused(tmp_path / 'bag', 'marker says 2000 Hz but its samples come at 1000 Hz')
+
+
+def mcap_crc(content):
+    from zlib import crc32
+
+    return crc32(content).to_bytes(4, 'little')
+
+
+def test_references_that_do_not_cover_a_record_are_left_out(tmp_path):
+    fields = bag_writer.fixed_fields(REFERENCE)
+    with Recorder(tmp_path / 'bag') as recorder:
+        state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])
+        text = definition_of(REFERENCE)[0]
+        wish = recorder.add_topic('/p/reference', REFERENCE, definition=text)
+        columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
+        for k, row in enumerate(cdr.encode(FIELDS, TICKS * 1_000_000, columns)):
+            recorder.write(state, row.tobytes(), k * 1_000_000)
+        columns = dict.fromkeys([name for name, _ in fields], 0.0) | {'sample': TICKS[:290]}
+        for row in cdr.encode(fields, TICKS[:290] * 1_000_000, columns):
+            recorder.write(wish, row.tobytes(), 0)
+    found = survey([tmp_path / 'bag'])
+    assert found.records[0].reference is None
+    assert any('10 samples have no reference' in str(note) for note in found.notes)
+
+
+def test_metadata_of_our_bags_are_plain_yaml(tmp_path):
+    write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
+    content = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
+    assert set(content['rosbag2_bagfile_information']['custom_data']) == {
+        'piezo_hysteresis.checksum'
+    }
