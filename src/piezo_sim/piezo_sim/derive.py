@@ -167,6 +167,7 @@ def _derive_hysteresis(d: Any, v: Mapping[str, float], effects: Mapping[str, boo
         if v[f'play.weight_{j:02}'] > 0.0
     ]
     d['play_count'] = len(bank)
+    d['play_slope'] = sum(weight for _, weight in bank)
     for j, (radius, weight) in enumerate(bank):
         d['play_radius'][j], d['play_weight'][j] = radius, weight
 

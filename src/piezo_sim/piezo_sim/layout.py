@@ -59,6 +59,7 @@ DERIVED_TYPE = np.dtype(
         ('play_count', 'i8'),
         ('play_radius', 'f8', (play.OPERATORS,)),
         ('play_weight', 'f8', (play.OPERATORS,)),
+        ('play_slope', 'f8'),
         ('static_share', 'f8'),
         ('omega', 'f8', (structure.MODES,)),
         ('share', 'f8', (structure.MODES,)),

@@ -43,37 +43,33 @@ _TINY = 1e-300
 
 
 @leaf
-def _slope(eta: float, sign: float, beta: float, gamma: float, p: Any, saturation: float) -> float:
+def _slope(eta: float, sign: float, p: Any, saturation: float) -> float:
     size = abs(eta)
     if p.exponent != 1.0:
         size *= (size / saturation) ** (p.exponent - 1.0)
     same = 1.0 if eta * sign > 0.0 else -1.0
-    return float(p.alpha + sign * p.asymmetry - (same * beta + gamma) * size)
+    return float(p.alpha + sign * p.asymmetry - (same * p.beta + p.gamma) * size)
 
 
 @leaf
-def _stride(
-    eta: float, step: float, sign: float, beta: float, gamma: float, p: Any, saturation: float
-) -> float:
+def _stride(eta: float, step: float, sign: float, p: Any, saturation: float) -> float:
     """Return eta after `step` [V] in the direction `sign`."""
     d = sign * step
-    k1 = _slope(eta, sign, beta, gamma, p, saturation)
-    k2 = _slope(eta + 0.5 * d * k1, sign, beta, gamma, p, saturation)
-    k3 = _slope(eta + 0.5 * d * k2, sign, beta, gamma, p, saturation)
-    k4 = _slope(eta + d * k3, sign, beta, gamma, p, saturation)
+    k1 = _slope(eta, sign, p, saturation)
+    k2 = _slope(eta + 0.5 * d * k1, sign, p, saturation)
+    k3 = _slope(eta + 0.5 * d * k2, sign, p, saturation)
+    k4 = _slope(eta + d * k3, sign, p, saturation)
     return eta + d * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
 
 
 @leaf
-def _to_zero(
-    eta: float, step: float, sign: float, beta: float, gamma: float, p: Any, saturation: float
-) -> float:
+def _to_zero(eta: float, step: float, sign: float, p: Any, saturation: float) -> float:
     """Return the part of `step` [V] after which eta is 0, by regula falsi (Illinois)."""
     low, high = 0.0, step
-    at_low, at_high = eta, _stride(eta, step, sign, beta, gamma, p, saturation)
+    at_low, at_high = eta, _stride(eta, step, sign, p, saturation)
     for _ in range(50):
         middle = (low * at_high - high * at_low) / (at_high - at_low)
-        value = _stride(eta, middle, sign, beta, gamma, p, saturation)
+        value = _stride(eta, middle, sign, p, saturation)
         if abs(value) <= 1e-14 * saturation or high - low <= 1e-15 * step:
             return middle
         if value * at_high < 0.0:
@@ -85,25 +81,20 @@ def _to_zero(
 
 
 @leaf
-def move(eta: float, start: float, end: float, widening: float, p: Any) -> float:
-    """Return eta [V] after the voltage went straight from `start` to `end` [V].
-
-    `widening` stretches the law along the voltage (rate dependence): the loop becomes wider and
-    lower, its slope after a reversal stays.
-    """
+def move(eta: float, start: float, end: float, p: Any) -> float:
+    """Return eta [V] after the voltage went straight from `start` to `end` [V]."""
     if end == start or p.alpha == 0.0:
         return eta
     sign = 1.0 if end > start else -1.0
-    beta, gamma = p.beta / widening, p.gamma / widening
-    scale = max((beta + abs(gamma)) * p.exponent, _TINY)
-    saturation = max(p.alpha + abs(p.asymmetry), _TINY) / max(beta + gamma, _TINY)
+    scale = max((p.beta + abs(p.gamma)) * p.exponent, _TINY)
+    saturation = max(p.alpha + abs(p.asymmetry), _TINY) / max(p.beta + p.gamma, _TINY)
     length = abs(end - start)
     strides = math.ceil(length * scale / _STRIDE)
     step = length / max(strides, 1)
     for _ in range(max(strides, 1)):
-        after = _stride(eta, step, sign, beta, gamma, p, saturation)
+        after = _stride(eta, step, sign, p, saturation)
         if eta * after < 0.0:
-            first = _to_zero(eta, step, sign, beta, gamma, p, saturation)
-            after = _stride(0.0, step - first, sign, beta, gamma, p, saturation)
+            first = _to_zero(eta, step, sign, p, saturation)
+            after = _stride(0.0, step - first, sign, p, saturation)
         eta = after
     return eta

@@ -2,9 +2,9 @@
 
 Bouc-Wen, play bank and Preisach each contribute their deviation from a straight line, so they can
 be switched one by one or together. The strain is a function of the path of the voltage alone,
-except for the rate dependence, which widens the loops with the logarithm of the voltage rate of
-the last interval (the coercive field of a ferroelectric grows with the logarithm of the rate), and
-for the loss of polarisation, which takes off gain with time.
+except for the rate dependence, which widens the loops with the logarithm of the voltage rate (as
+the coercive field of a ferroelectric grows), and for the loss of polarisation, which takes off
+gain with time. To widen a loop is to multiply what the strain lags behind its steepest slope.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from piezo_sim.table import Effect, Parameter
 
 PARAMETERS = (
     Parameter('actuator.gain', 'm/V', 100e-6, 1e-12, 1.0, 'Displacement per volt before losses.'),
-    Parameter('rate.widening', '1', 0.08, 0.0, 1.0, 'Widening of the loop per e-fold of rate.'),
+    Parameter('rate.widening', '1', 0.08, 0.0, 0.3, 'Widening of the loop per e-fold of rate.'),
     Parameter('rate.reference', 'V/s', 4.0, 1e-6, 1e9, 'Voltage rate at which widening sets in.'),
     Parameter('rate.memory', 's', 5e-3, 1e-6, 10.0, 'Time over which the voltage rate is felt.'),
     Parameter(
@@ -79,10 +79,9 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
 def kink(p: Any, d: Any, s: Any, end: float) -> float:
     """Return the first voltage on the way to `end` [V] at which the slope of the strain jumps."""
     if d.use_play:
-        end = play.kink(s.play, s.strain_voltage, end, s.widening, d)
+        end = play.kink(s.play, s.strain_voltage, end, d)
     if d.use_preisach:
-        f = s.widening
-        end = preisach.kink(s.preisach, s.strain_voltage / f, end / f) * f
+        end = preisach.kink(s.preisach, s.strain_voltage, end)
     if p.backlash.half_width > 0.0 and s.slope > 0.0:
         # Where the lost motion ends is only estimated, the better the nearer it is.
         sign = 1.0 if end > s.strain_voltage else -1.0
@@ -98,14 +97,16 @@ def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
     """Move the ceramic straight to `voltage` [V] and return the free displacement [m]."""
     strain = voltage
     if d.use_bouc_wen:
-        s.eta = bouc_wen.move(s.eta, s.strain_voltage, voltage, s.widening, p.bouc_wen)
-        strain -= s.eta
+        s.eta = bouc_wen.move(s.eta, s.strain_voltage, voltage, p.bouc_wen)
+        strain -= s.widening * s.eta
     if d.use_play:
-        hysteretic = play.move(s.play, voltage, s.widening, d, p.play.asymmetry)
-        strain += (p.play.linear_weight - 1.0) * voltage + hysteretic
+        q = p.play
+        loop = play.move(s.play, voltage, d, q.asymmetry) - d.play_slope * voltage
+        strain += (q.linear_weight + d.play_slope - 1.0) * voltage + s.widening * loop
     if d.use_preisach:
-        hysteretic = preisach.move(s.preisach, voltage / s.widening, p.preisach)
-        strain += (p.preisach.linear_weight - 1.0) * voltage + hysteretic * s.widening
+        r = p.preisach
+        loop = preisach.move(s.preisach, voltage, r) - r.weight * voltage
+        strain += (r.linear_weight + r.weight - 1.0) * voltage + s.widening * loop
     strain += p.electrostriction.coefficient * voltage * voltage
     free = p.actuator.gain * (1.0 - s.loss) * strain
     if voltage != s.strain_voltage:

@@ -34,23 +34,23 @@ EFFECTS = (Effect('play', 'Hysteresis with nonlocal memory (Prandtl-Ishlinskii).
 
 
 @leaf
-def kink(memory: Any, start: float, end: float, widening: float, d: Any) -> float:
+def kink(memory: Any, start: float, end: float, d: Any) -> float:
     """Return the first voltage between `start` and `end` [V] at which an operator sets off."""
     sign = 1.0 if end > start else -1.0
     nearest = abs(end - start)
     for j in range(d.play_count):
-        ahead = sign * (memory[j] - start) + d.play_radius[j] * widening
+        ahead = sign * (memory[j] - start) + d.play_radius[j]
         if 0.0 < ahead < nearest:
             nearest = ahead
     return start + sign * nearest
 
 
 @leaf
-def move(memory: Any, voltage: float, widening: float, d: Any, asymmetry: float) -> float:
+def move(memory: Any, voltage: float, d: Any, asymmetry: float) -> float:
     """Move every operator to `voltage` [V] and return the weighted sum [V]."""
     total = 0.0
     for j in range(d.play_count):
-        radius = d.play_radius[j] * widening
+        radius = d.play_radius[j]
         q = min(max(memory[j], voltage - radius), voltage + radius)
         memory[j] = q
         total += d.play_weight[j] * (q + asymmetry * q * q)
