@@ -1,5 +1,7 @@
 """The modified Bouc-Wen law of 004 with its bias and frequency terms, in our reading."""
 
+from collections.abc import Mapping
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
@@ -31,6 +33,13 @@ def kernel(
     state[2] = rate
 
 
+def check(values: Mapping[str, float]) -> str:
+    """Return '' or why these values make h grow without bound."""
+    if values['beta'] == 0.0 and values['epsilon'] != 0.0:
+        return 'epsilon without decay (beta = 0) grows for ever; set beta above 0 or epsilon to 0'
+    return ''
+
+
 BLOCK = Block(
     name='bouc_wen_modified',
     slot=Slot.HYSTERESIS,
@@ -42,8 +51,8 @@ BLOCK = Block(
             0.0,
             -1e-2,
             1e-2,
-            'Growth of h with the length of the travel and with the voltage: a loop that is '
-            'wider on one side.',
+            'Growth of h with the length of the travel in proportion to the voltage above the '
+            'bias: bends the loop.',
             1e-5,
         ),
         Parameter(
@@ -52,7 +61,7 @@ BLOCK = Block(
             0.0,
             -1e4,
             1e4,
-            'Voltage about which the loop is symmetrical (lambda in 004).',
+            'Voltage about which the bend is symmetrical (lambda in 004).',
             0.1,
         ),
         *RATE_PARAMETERS,
@@ -68,4 +77,5 @@ BLOCK = Block(
         'eta (alpha du - beta |du| h + gamma du |h| + epsilon (u - lambda) |du|), with A = -k3 '
         'alpha and gamma = -gamma_004; k2 is the offset'
     ),
+    check=check,
 )

@@ -100,7 +100,7 @@ def kernel(
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
     fastest = sqrt((p[2] + abs(p[3])) / p[0]) + p[1] / p[0]
     # as many steps between two interpolated forces as the structure needs
-    finer = max(1, ceil(min(fastest * dt / (_PHASES // 2 * _STRIDE), 1000.0)))
+    finer = max(1, ceil(min(fastest * dt / (_PHASES // 2 * _STRIDE), 10000.0)))
     h = dt / (_PHASES // 2 * finer)
     share = 1.0 / finer
     q = p.copy()
@@ -135,6 +135,9 @@ def check(values: Mapping[str, float]) -> str:
     """Return '' or why the restoring force cannot be one."""
     if values['stiffness'] + values['z_alpha'] <= 0.0:
         return 'stiffness + z_alpha must be positive, or the structure falls over; raise either'
+    stiffest = values['stiffness'] + abs(values['z_alpha'])
+    if values['damping'] > 100.0 * sqrt(stiffest * values['mass']):
+        return 'the damping is over 50 times critical; use a model without inertia'
     return ''
 
 

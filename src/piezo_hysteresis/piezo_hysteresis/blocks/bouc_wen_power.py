@@ -51,7 +51,11 @@ def kernel(
         for _ in range(strides):
             now = bend(h, height, exponent)
             middle = h
-            if exponent != 1.0:
+            if exponent < 1.0:  # the decay is steepest at h = 0 but finite there
+                loss = gamma * abs(h) * d + beta * abs(d) * h
+                middle = h + 0.5 * (a * d + a0 * abs(d) - now * loss)
+                now = bend(middle, height, exponent)
+            elif exponent > 1.0:
                 middle = exact_step(h, 0.5 * d, a, a0, beta * now, gamma * now)
                 now = bend(middle, height, exponent)
             h = exact_step(h, d, a, a0, beta * now, gamma * now)
@@ -73,6 +77,8 @@ def euler_kernel(
         last = x[k]
         rise = abs(du)
         now = bend(h, height, exponent)
+        if now * (beta + abs(gamma)) * rise > 1.0 and exponent != 1.0:
+            now = 1.0 / ((beta + abs(gamma)) * rise)  # a coarse step may use h up, not more
         h += a * du + a0 * rise - now * gamma * abs(h) * du - now * beta * rise * h
         y[k] = a1 * last - h
     state[0] = last

@@ -9,6 +9,7 @@ from piezo_hysteresis.jit import jit
 
 _ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
 _PER_DECADE = 2
+_FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onset)
 
 
 @jit
@@ -30,8 +31,8 @@ def logarithmic_kernel(
 ) -> None:
     """Answer ``v`` with a bank of elements two to the decade; state is their outputs [m]."""
     share = p[0] / _PER_DECADE
-    tau = p[1] * sqrt(sqrt(10.0))
     spacing = 10.0 ** (1.0 / _PER_DECADE)
+    tau = p[1] * _FIRST * sqrt(spacing)
     for i in range(_ELEMENTS):
         rest = -expm1(-dt / tau)
         crept = state[i]

@@ -119,11 +119,11 @@ def monotone(gain: float, a: float, beta: float, gamma: float) -> str:
         return ''
     if beta + gamma <= 0.0:
         return 'inverse_beta + inverse_gamma must be positive, or h grows without bound'
-    steepest = gain - max(0.0, 2.0 * a * beta / (beta + gamma))
-    if steepest <= 0.0:
+    # h grows fastest from zero or from its saturation on the other side
+    if a > 0.0 and a * max(1.0, 2.0 * beta / (beta + gamma)) >= gain:
         return (
             f'inverse_A = {a:.4g} makes the voltage fall while the displacement rises; keep it '
-            'below inverse_gain (beta + gamma)/(2 beta)'
+            'below inverse_gain and inverse_gain (beta + gamma)/(2 beta)'
         )
     return ''
 

@@ -9,7 +9,7 @@ from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.jit import jit
 
-_PARTS = 4  # steps per sample for the forces that act back
+_PARTS = 8  # steps per sample for the forces that act back
 
 
 @jit

@@ -5,6 +5,7 @@ from piezo_hysteresis.models.effects import (
     EFFECT_NAMES,
     Candidate,
     add_effect,
+    applicable,
     candidates,
     described,
 )
@@ -22,6 +23,7 @@ __all__ = [
     'Provenance',
     'State',
     'add_effect',
+    'applicable',
     'candidates',
     'described',
     'for_range',

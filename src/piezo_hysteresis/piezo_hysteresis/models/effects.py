@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from piezo_hysteresis.blocks import EFFECTS, Effect
+from piezo_hysteresis.blocks import EFFECTS, Effect, Slot
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
@@ -100,10 +100,14 @@ def applicable(model: Model, effect: Effect) -> bool:
     alone = {block.name for block in model.blocks}
     if not set(effect.absorbs) <= alone or not set(effect.frees) <= set(model.held):
         return False
-    if effect.block is not None and effect.block.beside:
-        joins = any(block.slot is effect.block.slot for block in model.blocks)
-        return joins and effect.block.name not in present
-    return effect.block is None or effect.repeatable or effect.block.name not in present
+    if effect.block is None:
+        return True
+    displaced = any(block.slot is Slot.HYSTERESIS for block in model.blocks)
+    if effect.block.beside:
+        return displaced and effect.block.name not in present
+    if effect.first and effect.block.slot is Slot.STRUCTURE and not displaced:
+        return False  # before an oscillator there is a force and no displacement
+    return effect.repeatable or effect.block.name not in present
 
 
 def add_effect(
