@@ -19,7 +19,7 @@ from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Block, Topic
 
 WINDOW = 1 << 22
-STEPPED_OVER = (mcap.MESSAGE_INDEX, mcap.METADATA, mcap.PADDING)
+WANTED = (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE, mcap.CHUNK)
 
 
 class McapFile:
@@ -50,6 +50,7 @@ class McapFile:
         self._messages = 0
         self._expected: int | None = None
         self._chunk_starts: list[int] = []
+        self._data_end = 0
 
     def blocks(self) -> Generator[Block]:
         """Yield the messages of every chunk (and of every stretch without chunks).
@@ -86,11 +87,13 @@ class McapFile:
             return
         start, _, crc = struct.unpack('<QQI', ending[9:29])
         if start == 0:
+            self._data_end = self._size - 37
             self.log.note(self.path, 'the recording was not closed; all that was flushed is read')
             return
         if not 8 < start < self._size - 37:
             self.log.add(self.path, 'its footer points to no index')
             return
+        self._data_end = start
         file.seek(start)
         summary = file.read(self._size - 37 - start)
         if crc and crc32(summary + ending[:25]) != crc:
@@ -146,6 +149,7 @@ class McapFile:
             for opcode, offset, length in walk.others.tolist():
                 ended = opcode in (mcap.DATA_END, mcap.FOOTER)
                 if ended:
+                    self._check_end(at + offset + length)
                     break
                 if opcode == mcap.CHUNK:
                     chunks.append((offset, length))
@@ -163,16 +167,22 @@ class McapFile:
                 continue
             opcode, length = _prefix(window)
             if mcap.PREFIX.size + length <= self._size - at and length >= 0:
-                if opcode in STEPPED_OVER:
-                    at += mcap.PREFIX.size + length
-                else:
+                if opcode in WANTED:
                     wanted = mcap.PREFIX.size + length
+                else:
+                    at += mcap.PREFIX.size + length
                 continue
             if opcode == mcap.PADDING and self.finished:
                 return  # its writer was stopped between cutting the file and mending the padding
             if opcode == mcap.CHUNK:
                 yield from self._chunk(window[mcap.PREFIX.size :], at, cut=True)
             at = self._resume(at)
+
+    def _check_end(self, end: int) -> None:
+        """Compare where the data end with where the index, or the footer, begins."""
+        if self._data_end not in (0, end):
+            what = f'its data end at byte {end}, {self._data_end - end} bytes too early'
+            self.log.add(self.path, what)
 
     def _resume(self, at: int) -> int:
         """Return where the next chunk begins that the index knows, behind a broken record."""
@@ -195,8 +205,9 @@ class McapFile:
             cursor.take(16)
             size, crc = cursor.number('Q'), cursor.number('I')
             compression, stored = cursor.text(), cursor.number('Q')
-            packed = content[cursor.at :] if cut else cursor.take(stored)
+            packed = content[cursor.at : cursor.at + stored] if cut else cursor.take(stored)
             data = decompress(packed, compression, size)
+            cut = cut and len(data) < size
         except (ValueError, struct.error, RuntimeError, EOFError) as error:
             self.log.add(self.path, f'the chunk at byte {at} cannot be read ({error})')
             return

@@ -1,0 +1,190 @@
+"""Records from bags of other message types, by naming the fields that mean something."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.bag_content import blocks_of
+from piezo_hysteresis.records.csv_files import UNITS
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.definitions import typestore
+from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.sampling import Track, records_of
+from piezo_hysteresis.records.storage import Topic
+
+EXAMPLE = '/topic.field or /topic.field:unit'
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A field of the messages of a topic, and by what to divide it for SI units."""
+
+    topic: str
+    field: tuple[str, ...]
+    divisor: float
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values of one signal in order of time [ns]."""
+
+    time: IntArray
+    value: FloatArray
+
+
+def parse_signal(text: str, quantity: str) -> Signal:
+    """Return what ``/laser/position.point.x:um`` or ``/adc.data[2]:V`` names.
+
+    Parameters
+    ----------
+    text : str
+        Topic, path of the field, and unit (V or m where none is given).
+    quantity : str
+        ``voltage``, ``displacement`` or ``reference``.
+
+    Raises
+    ------
+    RecordError
+        If the text is not understood.
+    """
+    name, _, unit = text.partition(':')
+    topic, dot, path = name.partition('.')
+    units = UNITS[quantity]
+    if not dot or not re.fullmatch(r'\w+(\[\d+\])*(\.\w+(\[\d+\])*)*', path):
+        raise RecordError(f'the {quantity} {text!r} is not understood; write {EXAMPLE}')
+    if unit and unit not in units:
+        raise RecordError(f'the {quantity} {text!r} has no unit of {", ".join(units)}; name one')
+    steps = tuple(re.findall(r'\w+', path))
+    return Signal('/' + topic.strip('/'), steps, units[unit] if unit else 1.0)
+
+
+def foreign_records(
+    path: str | Path,
+    log: DamageLog,
+    *,
+    voltage: str,
+    displacement: str,
+    reference: str | None = None,
+) -> list[Record]:
+    """Read a bag of any message types as a record (as its intact pieces when salvaging).
+
+    Every displacement is a sample; voltage and reference hold until their next message.  The time
+    is that of the header, or of recording where the message has none.
+
+    Parameters
+    ----------
+    path : str or Path
+        Bag folder or storage file.
+    log : DamageLog
+        Where damage is listed, or raised.
+    voltage, displacement, reference : str
+        Fields, see `parse_signal`.
+
+    Raises
+    ------
+    RecordError
+        If a field is not there or the samples are no record and the log does not salvage.
+    """
+    path = Path(path)
+    texts = {'voltage': voltage, 'displacement': displacement, 'reference': reference}
+    signals = {key: parse_signal(text, key) for key, text in texts.items() if text is not None}
+    series = _read(path, signals, log)
+    ticks = series['displacement'].time
+    first = max(held.time[0] for held in series.values())
+    early = int(np.sum(ticks < first))
+    if early:
+        log.note(path, f'{early} samples come before the first voltage or reference', count=early)
+    ticks = ticks[ticks >= first]
+    columns = {}
+    for key, held in series.items():
+        columns[key] = held.value[np.searchsorted(held.time, ticks, side='right') - 1]
+    columns['displacement'] = series['displacement'].value[early:]
+    time = np.asarray((ticks - series['displacement'].time[0]) / 1e9, np.float64)
+    return records_of(Track(path.resolve().stem, time, columns), str(path), log)
+
+
+def _read(path: Path, signals: dict[str, Signal], log: DamageLog) -> dict[str, Series]:
+    times: dict[str, list[int]] = {key: [] for key in signals}
+    values: dict[str, list[float]] = {key: [] for key in signals}
+    seen: set[str] = set()
+    for topics, block in blocks_of(path, log):
+        seen |= {topic.name for topic in topics.values()}
+        for key, signal in signals.items():
+            numbers = [
+                k for k, topic in topics.items() if '/' + topic.name.strip('/') == signal.topic
+            ]
+            for index in np.flatnonzero(np.isin(block.topic, numbers)).tolist():
+                topic = topics[int(block.topic[index])]
+                message = _decode(topic, block.payload(index), path)
+                values[key].append(_value(message, signal, topic) / signal.divisor)
+                times[key].append(_stamp(message, int(block.log_time[index])))
+    result = {}
+    for key, signal in signals.items():
+        if not times[key]:
+            held = ', '.join(sorted(seen)[:6]) or 'none'
+            raise RecordError(f'{path}: it holds nothing of topic {signal.topic}, but {held}')
+        # Messages on their way are overtaken; each signal by itself is what its sender stamped.
+        order = np.argsort(times[key], kind='stable')
+        result[key] = Series(np.array(times[key], np.int64)[order], np.array(values[key])[order])
+    return result
+
+
+def _decode(topic: Topic, payload: bytes, path: Path) -> Any:
+    from rosbags.serde import SerdeError
+
+    try:
+        return _store(topic).deserialize_cdr(payload, topic.msgtype)
+    except (SerdeError, KeyError, ValueError, IndexError, AssertionError) as error:
+        raise RecordError(
+            f'{path}: a message of {topic.name} ({topic.msgtype}) cannot be read ({error!r})'
+        ) from None
+
+
+@cache
+def _store(topic: Topic) -> Any:
+    """Return a type store for a topic: of the definition in the bag, else of Jazzy."""
+    from rosbags.typesys import (
+        Stores,
+        TypesysError,
+        get_types_from_idl,
+        get_types_from_msg,
+        get_typestore,
+    )
+
+    if not topic.definition:
+        return typestore()
+    store = get_typestore(Stores.EMPTY)
+    try:
+        if topic.encoding == 'ros2idl':
+            store.register(get_types_from_idl(topic.definition))
+        else:
+            store.register(get_types_from_msg(topic.definition, topic.msgtype))
+    except TypesysError as error:
+        raise RecordError(f'the definition of {topic.msgtype} cannot be read ({error})') from None
+    return store
+
+
+def _value(message: Any, signal: Signal, topic: Topic) -> float:
+    value = message
+    try:
+        for step in signal.field:
+            value = value[int(step)] if step.isdigit() else getattr(value, step)
+        return float(value)
+    except (AttributeError, IndexError, TypeError, ValueError):
+        held = ', '.join(name for name in vars(message) if not name.startswith('_'))
+        raise RecordError(
+            f'topic {topic.name} has no number {".".join(signal.field)}; {topic.msgtype} has {held}'
+        ) from None
+
+
+def _stamp(message: Any, log_time: int) -> int:
+    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+    return log_time if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
