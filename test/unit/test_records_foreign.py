@@ -17,7 +17,7 @@ DISPLACEMENT = '/laser.point.x:um'
 
 @pytest.fixture(scope='module')
 def lab_bag(tmp_path_factory):
-    """A voltage every 4 ms without header, a displacement every 2 ms with one, both late."""
+    """Return a bag: voltage each 4 ms without header, displacement each 2 ms with one."""
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg('lab_msgs/Channel[] channels', 'lab_msgs/msg/Command'))
     store.register(get_types_from_msg('string name\nfloat32 volt', 'lab_msgs/msg/Channel'))

@@ -181,7 +181,8 @@ def _value(message: Any, signal: Signal, topic: Topic) -> float:
     except (AttributeError, IndexError, TypeError, ValueError):
         held = ', '.join(name for name in vars(message) if not name.startswith('_'))
         raise RecordError(
-            f'topic {topic.name} has no number {".".join(signal.field)}; {topic.msgtype} has {held}'
+            f'topic {topic.name} has no number {".".join(signal.field)}; '
+            f'{topic.msgtype} has {held}'
         ) from None
 
 
