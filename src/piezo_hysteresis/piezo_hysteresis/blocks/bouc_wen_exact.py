@@ -31,6 +31,8 @@ def exact_step(h: float, du: float, a: float, a0: float, beta: float, gamma: flo
     side = 1.0 if du > 0.0 else -1.0
     travel = abs(du)
     c = side * a + a0
+    if h == 0.0 and c == 0.0:
+        return h
     if h * c < 0.0:
         kp = beta - side * gamma if c > 0.0 else beta + side * gamma
         # h moves towards zero under both terms and reaches it after `needed`
