@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 

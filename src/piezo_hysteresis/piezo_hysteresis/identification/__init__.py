@@ -1,1 +1,31 @@
 """Parameters from records: RLS family, output error, swarms; and what the data can tell."""
+
+from piezo_hysteresis.identification.estimate import Estimate
+from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.identify import METHODS, Identification, identify
+from piezo_hysteresis.identification.objective import Prior
+from piezo_hysteresis.identification.online import OnlineMethod, online
+from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.result import FitResult
+from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
+from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.targets import Target, targets_of
+
+__all__ = [
+    'METHODS',
+    'Estimate',
+    'FitResult',
+    'Identification',
+    'OnlineMethod',
+    'OnlineRls',
+    'OnlineUd',
+    'Prior',
+    'RlsSettings',
+    'Target',
+    'UdSettings',
+    'fit',
+    'identify',
+    'online',
+    'output_error',
+    'targets_of',
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class Estimate:
         What a user must know about these numbers, in words.
     model : str
         Named model whose parameters these are; empty where there is none.
+    correlation : ndarray, shape (p, p)
+        Correlation matrix.
     """
 
     names: tuple[str, ...]
@@ -49,6 +51,7 @@ class Estimate:
     condition_number: float
     notes: tuple[str, ...] = ()
     model: str = ''
+    correlation: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     def parameters(self) -> dict[str, float]:
         """Return the estimates by name, as `Model.pack` reads them."""
@@ -64,3 +67,10 @@ def scaled_condition(covariance: FloatArray) -> float:
     eigenvalues = np.linalg.eigvalsh(covariance / np.outer(spread, spread))
     least = float(eigenvalues[0])
     return float(eigenvalues[-1]) / least if least > 0 else float('inf')
+
+
+def correlation_of(covariance: FloatArray) -> FloatArray:
+    """Return the correlation matrix of a covariance, shape (p, p); zero where nothing varies."""
+    spread = np.sqrt(np.abs(np.diag(covariance)))
+    spread[spread == 0.0] = 1.0
+    return np.asarray(covariance / np.outer(spread, spread))

@@ -10,7 +10,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
-from piezo_hysteresis.identification.result import FitResult, result_of
+from piezo_hysteresis.identification.result import FitResult, pooled_noise, result_of
 from piezo_hysteresis.identification.solver import Progress, solve
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
@@ -90,7 +90,7 @@ def fit(
         values,
         weights=target_weights(seen, weights),
         priors=priors,
-        noise=_pooled_noise(seen) if priors else 0.0,
+        noise=_noise(seen) if priors else 0.0,
         workers=workers,
     )
     begin = np.array([values[name] for name in names])
@@ -178,10 +178,10 @@ def target_weights(targets: Sequence[Target], weights: str | Mapping[str, float]
     raise IdentificationError(f'weights {weights!r} are unknown; choose equal or relative')
 
 
-def _pooled_noise(targets: Sequence[Target]) -> float:
-    known = [t.noise for t in targets if np.isfinite(t.noise)]
-    if not known:
+def _noise(targets: Sequence[Target]) -> float:
+    noise = pooled_noise(targets)
+    if np.isnan(noise):
         raise IdentificationError(
             'priors need the noise of the records; record at least two periods, or leave them out'
         )
-    return float(np.sqrt(np.mean(np.square(known))))
+    return noise

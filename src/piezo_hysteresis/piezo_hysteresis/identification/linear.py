@@ -87,7 +87,7 @@ def solve_linear(
     with np.errstate(over='ignore', invalid='ignore'):
         for target in targets:
             y, rows = sensitivities(
-                model, packed, names, target.voltage, target.dt, target.frequency
+                model, packed, names, target.voltage, target.dt, target.frequency, target.start
             )
             part = np.vstack(
                 [rows[:, target.first :: target.stride], target.measured - target.pick(y)]

@@ -118,7 +118,13 @@ class Objective:
 
     def simulate(self, target: Target, x: FloatArray, packed: FloatArray) -> FloatArray:
         """Return what the model says about the samples of `target` [m]."""
-        y = self.model.respond(target.voltage, packed, target.dt, frequency=target.frequency)
+        y = self.model.respond(
+            target.voltage,
+            packed,
+            target.dt,
+            state=self.model.initial_state(target.dt, target.start),
+            frequency=target.frequency,
+        )
         late = self.values(x).get(SAMPLING_OFFSET, 0.0)
         return target.pick(shifted(y, late / target.dt) if late else y)
 
@@ -151,7 +157,13 @@ class Objective:
     def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
         y, rows = sensitivities(
-            self.model, self.packed(x), self._own, target.voltage, target.dt, target.frequency
+            self.model,
+            self.packed(x),
+            self._own,
+            target.voltage,
+            target.dt,
+            target.frequency,
+            target.start,
         )
         late = self.values(x).get(SAMPLING_OFFSET, 0.0) / target.dt
         if SAMPLING_OFFSET in self.free:

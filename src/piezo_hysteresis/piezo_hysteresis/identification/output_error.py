@@ -17,7 +17,7 @@ from piezo_hysteresis.models import Model, for_range
 from piezo_hysteresis.records import Record
 
 #: Samples simulated by one start after another, over which `count` is chosen.
-_FOLLOWED_SAMPLES = 300_000
+_FOLLOWED_SAMPLES = 150_000
 
 
 def suited(model: Model, records: Sequence[Record]) -> Model:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
@@ -103,13 +104,7 @@ class FitResult:
     @cached_property
     def noise(self) -> float:
         """Noise of one sample [m] from period to period, pooled; NaN where nothing was folded."""
-        known = [t for t in self.targets if t.repeats > 1]
-        if not known:
-            return float('nan')
-        freedom = [(t.repeats - 1) * t.period for t in known]
-        return sqrt(
-            sum(t.noise**2 * f for t, f in zip(known, freedom, strict=True)) / sum(freedom)
-        )
+        return pooled_noise(self.targets)
 
     @cached_property
     def jacobian(self) -> dict[str, FloatArray]:
@@ -123,6 +118,16 @@ class FitResult:
         """Return the smallest standard deviations that white noise of rms `noise` [m] allows."""
         bound = cramer_rao(self.solution.factor, noise)
         return dict(zip(self.free, (float(b) for b in bound), strict=True))
+
+
+def pooled_noise(targets: Sequence[Target]) -> float:
+    """Return the noise of one sample [m] from period to period; NaN where nothing was folded."""
+    known = [t for t in targets if t.repeats > 1]
+    if not known:
+        return float('nan')
+    freedom = [(t.repeats - 1) * t.period for t in known]
+    squares = sum(t.noise**2 * f for t, f in zip(known, freedom, strict=True))
+    return sqrt(squares / sum(freedom))
 
 
 def result_of(objective: Objective, solution: Solution) -> FitResult:

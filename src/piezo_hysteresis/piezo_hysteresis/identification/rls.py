@@ -15,7 +15,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.estimate import WORKING_UNITS, Estimate, scaled_condition
+from piezo_hysteresis.identification.estimate import (
+    WORKING_UNITS,
+    Estimate,
+    correlation_of,
+    scaled_condition,
+)
 from piezo_hysteresis.identification.rls_kernels import (
     ERROR_SUM,
     FORGETTING,
@@ -133,6 +138,14 @@ class OnlineRls:
         self._p = np.eye(self._columns)
         self._w = np.zeros((2, self._columns))
         self._m = np.zeros(MEMORY)
+        self._before = 0
+
+    def rest(self) -> None:
+        """Begin another record: the actuator is at rest again, what was learnt is kept."""
+        self._before += int(self._m[SAMPLES])
+        learnt = self._m[[ERROR_SUM, WEIGHT_SUM]]
+        self._m[:] = 0.0
+        self._m[[ERROR_SUM, WEIGHT_SUM]] = learnt
 
     def update(self, voltage: float, displacement: float) -> float:
         """Take one sample in: voltage [V], displacement [m]; return the one-step error [m].
@@ -185,10 +198,12 @@ class OnlineRls:
             values=values,
             standard_deviations=spread,
             one_step_rms=sigma / self._scale,
-            samples=int(self._m[SAMPLES]),
+            samples=self._before + int(self._m[SAMPLES]),
             condition_number=scaled_condition(self._p),
             notes=self._notes(),
             model=self._model(),
+            correlation=correlation_of(self._p[np.ix_(order, order)])
+            * np.outer(np.sign(factors), np.sign(factors)),
         )
 
     def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray, list[int]]:

@@ -18,7 +18,7 @@ from piezo_hysteresis.blocks._plays import COUNT
 from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import ud_kernels as ud
-from piezo_hysteresis.identification.estimate import Estimate, scaled_condition
+from piezo_hysteresis.identification.estimate import Estimate, correlation_of, scaled_condition
 from piezo_hysteresis.models import Model, named
 
 _TRUST = 1e6  # start variance of a parameter over that of the noise, in units of the ranges
@@ -140,6 +140,12 @@ class OnlineUd:
         self._q = np.zeros((n - 1, 2))
         self._m = np.zeros(ud.PLAYS + COUNT)
 
+    def rest(self) -> None:
+        """Begin another record: the actuator is at rest again, what was learnt is kept."""
+        self._q[:] = 0.0
+        self._m[[ud.LAST, ud.H, ud.H_BETA, ud.H_GAMMA]] = 0.0
+        self._m[ud.PLAYS :] = 0.0
+
     def update(self, voltage: float, displacement: float) -> float:
         """Take one sample in: voltage [V], displacement [m]; return the prediction error [m].
 
@@ -218,18 +224,23 @@ class OnlineUd:
         s = self._settings
         names, units, factors = self._layout()
         covariance = (self._factor * self._d) @ self._factor.T
+        correlation = correlation_of(covariance)
         weight = self._m[ud.WEIGHT_SUM]
         sigma = sqrt(self._m[ud.ERROR_SUM] / weight) if weight > 0 else 0.0
         theta = self._theta if s.kind == 'bouc_wen' else invertible_bank(self._theta)
         values = theta * factors
         spread = sigma * np.sqrt(np.diag(covariance)) * factors
         if s.kind == 'bouc_wen' and values[1] < 0:
-            values[3] = -values[3]  # h of a negative A decays the other way round
+            # h of a negative A decays the other way round
+            values[3] = -values[3]
+            correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
+            correlation[3, 3] = 1.0
         if s.natural_frequency > 0:
             names += ('natural_frequency', 'damping_ratio')
             units += ('Hz', '1')
             values = np.append(values, [s.natural_frequency, s.damping_ratio])
             spread = np.append(spread, [0.0, 0.0])
+            correlation = np.pad(correlation, (0, 2))
         chain = self.model()
         return Estimate(
             names=names,
@@ -241,6 +252,7 @@ class OnlineUd:
             condition_number=scaled_condition(covariance),
             notes=self._notes(),
             model=chain.name if chain.name != 'prandtl_ishlinskii_mode' else '',
+            correlation=correlation,
         )
 
     def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:

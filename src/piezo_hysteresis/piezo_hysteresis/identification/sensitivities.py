@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter
+from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.identification.tangents import TANGENTS
 from piezo_hysteresis.models import Model
 
@@ -21,6 +23,7 @@ def sensitivities(
     voltage: FloatArray,
     dt: float,
     frequency: float = 0.0,
+    start: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the free run from rest and its derivatives.
 
@@ -37,8 +40,9 @@ def sensitivities(
         Parameters to differentiate by.
     voltage : ndarray, shape (n,)
         Input from rest [V].
-    dt, frequency : float
-        Sampling interval [s] and fundamental frequency of the drive [Hz].
+    dt, frequency, start : float
+        Sampling interval [s], fundamental frequency of the drive [Hz], time of the first sample
+        [s].
 
     Returns
     -------
@@ -51,39 +55,58 @@ def sensitivities(
     tangent = np.empty((0, signal.size))
     columns: list[str] = []
     first = 0
+    clock = _Clock(dt, frequency, start)
     for block in model.blocks:
-        last = first + len(block.parameters)
-        own = model.parameters[first:last]
-        signal, tangent = _through(
-            block, own, packed[first:last], set(free), signal, tangent, dt, frequency
-        )
-        columns += [each.name for each in own if each.name in free]
-        first = last
+        answers = []
+        for part in parts_of(block):
+            last = first + len(part.parameters)
+            own = model.parameters[first:last]
+            answers.append(_through(part, own, packed[first:last], free, signal, tangent, clock))
+            columns += [each.name for each in own if each.name in free]
+            first = last
+        signal, tangent = _joined(answers, tangent.shape[0])
     order = [columns.index(name) for name in free]
     return signal, tangent if order == list(range(len(order))) else tangent[order]
+
+
+@dataclass(frozen=True)
+class _Clock:
+    dt: float
+    frequency: float
+    start: float
+
+
+def _joined(
+    answers: Sequence[tuple[FloatArray, FloatArray]], incoming: int
+) -> tuple[FloatArray, FloatArray]:
+    """Add blocks that stand side by side: they share what comes in and own the rest."""
+    if len(answers) == 1:
+        return answers[0]
+    output = np.sum([y for y, _ in answers], axis=0)
+    shared = np.sum([rows[:incoming] for _, rows in answers], axis=0)
+    return output, np.vstack([shared, *(rows[incoming:] for _, rows in answers)])
 
 
 def _through(
     block: Block,
     own: Sequence[Parameter],
     p: FloatArray,
-    free: set[str],
+    free: Sequence[str],
     signal: FloatArray,
     tangent: FloatArray,
-    dt: float,
-    frequency: float,
+    clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
     wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
     incoming = tangent.shape[0]
-    if block.name in TANGENTS and (wanted or incoming):
+    ranged = any(own[j].follows_range for j in wanted)
+    if block.name in TANGENTS and not ranged and (wanted or incoming):
         output = np.empty_like(signal)
         every = np.empty((incoming + len(own), signal.size))
-        TANGENTS[block.name](signal, output, tangent, every, p, dt)
+        TANGENTS[block.name](signal, output, tangent, every, p, clock.dt)
         if len(wanted) == len(own):
             return output, every
-        kept = [*range(incoming), *(incoming + j for j in wanted)]
-        return output, every[kept]
-    return _differenced(block, own, p, wanted, signal, tangent, dt, frequency)
+        return output, every[[*range(incoming), *(incoming + j for j in wanted)]]
+    return _differenced(block, own, p, wanted, signal, tangent, clock)
 
 
 def _differenced(
@@ -93,13 +116,13 @@ def _differenced(
     wanted: Sequence[int],
     signal: FloatArray,
     tangent: FloatArray,
-    dt: float,
-    frequency: float,
+    clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
     """Carry tangents through a block by differences of the block alone."""
 
     def run(x: FloatArray, values: FloatArray) -> FloatArray:
-        return block.respond(x, values, dt, state=block.initial_state(dt), frequency=frequency)
+        state = block.initial_state(clock.dt, clock.start)
+        return block.respond(x, values, clock.dt, state=state, frequency=clock.frequency)
 
     output = run(signal, p)
     incoming = tangent.shape[0]

@@ -82,7 +82,8 @@ def starts(
 
 def _representative(targets: Sequence[Target]) -> list[Target]:
     """Few records, spread over the frequencies, long ones cut."""
-    order = sorted(targets, key=lambda t: (t.frequency, t.name))
+    steady = [t for t in targets if t.repeats > 1] or targets
+    order = sorted(steady, key=lambda t: (t.frequency, t.name))
     if len(order) > _SCAN_RECORDS:
         places = np.unique(np.linspace(0, len(order) - 1, _SCAN_RECORDS).round().astype(int))
         order = [order[place] for place in places]

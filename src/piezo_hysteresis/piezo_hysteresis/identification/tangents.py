@@ -231,6 +231,61 @@ def gain(
     dy[-1] = x
 
 
+@jit
+def _bank_rows(
+    x: FloatArray,
+    y: FloatArray,
+    dx: FloatArray,
+    dy: FloatArray,
+    weights: FloatArray,
+    spacing: float,
+    first: int,
+) -> None:
+    """Add a bank of plays to y and dy; row first + j is the answer of play j + 1."""
+    m = dx.shape[0]
+    tied = np.zeros(m)
+    for j in range(weights.size):
+        half = (j + 1) * spacing
+        row = dy[first + j]
+        memory = 0.0
+        tied[:] = 0.0
+        for k in range(x.size):
+            low, high = x[k] - half, x[k] + half
+            # a play that is pushed follows the derivative of its input, one at rest keeps its own
+            if memory < low or memory > high:
+                memory = low if memory < low else high
+                for i in range(m):
+                    tied[i] = dx[i, k]
+            row[k] = memory
+            y[k] += weights[j] * memory
+            for i in range(m):
+                dy[i, k] += weights[j] * tied[i]
+
+
+@jit
+def prandtl_ishlinskii(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Answer by each play its weight's derivative; the range must be held."""
+    m = dx.shape[0]
+    y[:] = p[1] * x
+    dy[:m] = p[1] * dx
+    dy[m] = 0.0
+    dy[m + 1] = x
+    _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 1), m + 2)
+
+
+@jit
+def nonlocal_memory(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Answer by each play its weight's derivative; the range must be held."""
+    m = dx.shape[0]
+    y[:] = 0.0
+    dy[: m + 1] = 0.0
+    _bank_rows(x, y, dx, dy, p[1:], p[0] / p.size, m + 1)
+
+
 TANGENTS: dict[str, Tangent] = {
     each.__name__: each for each in (bouc_wen, bouc_wen_exact, mode, autoregressive, offset, gain)
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, sqrt
 
 import numpy as np
@@ -13,6 +13,7 @@ from piezo_hysteresis.records import Record
 
 #: Time a model gets to forget its start before a folded period is compared [s].
 SETTLING = 3.0
+_REST = 0.05  # first voltage over the largest up to which a record begins at rest
 _PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
 
 
@@ -40,6 +41,8 @@ class Target:
         Rms scatter of one sample from period to period [m]; NaN where it is not known.
     period : int
         Samples per folded period; 0 where nothing was folded.
+    start : float
+        Time of the first sample [s], for blocks that depend on it.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Target:
     repeats: int
     noise: float
     period: int
+    start: float = 0.0
 
     @property
     def weight(self) -> float:
@@ -95,8 +99,12 @@ def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
     return 0
 
 
-def fold(record: Record, settling: float = SETTLING) -> Target | None:
-    """Average the steady periods of a record, or return None where it has no two of them.
+def fold(record: Record, settling: float = SETTLING) -> list[Target]:
+    """Average the steady periods of a record; return nothing where it has no two of them.
+
+    The way into the steady state is a second target, ``NAME (start)``, where the record begins
+    near 0 V, so that folding loses no information; one that begins in motion keeps its unknown
+    past to itself.
 
     A record is steady where the periods, seen from its end, differ by their scatter only. One that
     drifts or creeps through all its periods is not folded, because its mean period is of no
@@ -104,21 +112,22 @@ def fold(record: Record, settling: float = SETTLING) -> Target | None:
     """
     period = period_of(record)
     if period == 0:
-        return None
+        return []
     same = _periodic_from(record.voltage, period)
     first = max(same, record.warm_up_samples)
     count = (len(record) - first) // period
     if count < 2:
-        return None
+        return []
     first = len(record) - count * period
     periods = record.displacement[first:].reshape(count, period)
     steady = _steady(periods)
     if steady is None:
-        return None
+        return []
     start, noise = steady
     kept = periods[start:]
-    voltage, offset = _drive(record, period, first + start * period, settling)
-    return Target(
+    begin = first + start * period
+    voltage, offset = _drive(record, period, begin, settling)
+    mean = Target(
         name=record.name,
         voltage=voltage,
         measured=kept.mean(axis=0),
@@ -129,7 +138,18 @@ def fold(record: Record, settling: float = SETTLING) -> Target | None:
         repeats=len(kept),
         noise=noise,
         period=period,
+        start=record.start,
     )
+    from_rest = abs(record.voltage[0]) <= _REST * float(np.max(np.abs(record.voltage)))
+    if not from_rest or begin - record.warm_up_samples < 2:
+        return [mean]
+    way_in = replace(
+        whole(record),
+        name=f'{record.name} (start)',
+        voltage=record.voltage[:begin],
+        measured=record.displacement[record.warm_up_samples : begin],
+    )
+    return [mean, way_in]
 
 
 def _periodic_from(u: FloatArray, period: int) -> int:
@@ -191,6 +211,7 @@ def whole(record: Record, stride: int = 1) -> Target:
         repeats=1,
         noise=float('nan'),
         period=0,
+        start=record.start,
     )
 
 
@@ -198,6 +219,6 @@ def targets_of(records: Sequence[Record], *, folded: bool = True, stride: int = 
     """Return what a fit compares with: folded where asked for and possible, else whole."""
     targets = []
     for record in records:
-        mean = fold(record) if folded else None
-        targets.append(mean if mean is not None else whole(record, stride))
+        parts = fold(record) if folded else []
+        targets += parts or [whole(record, stride)]
     return targets

@@ -1,0 +1,188 @@
+"""Identify a model from records.
+
+Leaves model.yaml (the model), params.yaml (for ros2 param load), summary.json and figures in the
+output folder. Warnings say what the records cannot tell and what to record instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import Any
+
+from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models import NAMES, Model, ModelFile, named
+
+HELP = 'identify a model from records'
+
+_METHODS = 'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, cma or de'
+
+# What each method takes besides records, model and progress.
+_TAKES = {
+    'output_error': ('weights', 'folded', 'sampling_offset', 'workers', 'start'),
+    'rls': ('forgetting', 'variant', 'offset', 'unit'),
+    'rls_ud': ('forgetting', 'start'),
+    'pi_bank': ('forgetting', 'start'),
+}
+_SEARCH = ('weights', 'folded', 'workers', 'max_evaluations')
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('--model', required=True, metavar='NAME|YAML', help=f'one of {", ".join(NAMES)}; or a '
+        'model.yaml, whose values are the start')  # fmt: skip
+    add('--out', required=True, metavar='DIR', help='folder of the results')
+    add('--method', default='output_error', metavar='NAME', help=_METHODS)
+    add('--seed', type=int, default=0, help='seed of the searches')
+    add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
+    add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
+    add('--weights', choices=('equal', 'relative'), help='errors in metres, or relative')
+    add('--whole', action='store_true', help='never average over periods')
+    add('--no-sampling-offset', action='store_true', help='trust the sampling instants')
+    add('--max-evaluations', type=int, help='budget of a search')
+    add('--forgetting', type=float, help='forgetting factor of a recursive method')
+    add('--variant', choices=('V1', 'V2'), help='form of rls: V1 is 000 (3), V2 is 001 (10)')
+    add('--no-offset', action='store_true', help='rls without the constant column, as printed')
+    add('--unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
+    add('--workers', type=int, default=1, help='threads; the result is the same')
+    add('--actuator', help='which actuator, where a bag holds several')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify and write the results."""
+    from dataclasses import replace
+
+    from piezo_hysteresis.identification import METHODS, identify
+    from piezo_hysteresis.records import load
+
+    if arguments.method not in METHODS:
+        raise IdentificationError(
+            f'method {arguments.method!r} is unknown; choose one of {", ".join(METHODS)}'
+        )
+    model, start = _model(arguments.model)
+    model = model.hold(**_pairs(arguments.hold))
+    start |= _pairs(arguments.set)
+    records = load(arguments.data, actuator=arguments.actuator)
+    if arguments.warm_up is not None:
+        records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
+    with progress_bar(f'{arguments.method} {model.name}') as progress:
+        found = identify(
+            records,
+            model,
+            method=arguments.method,
+            seed=arguments.seed,
+            progress=progress,
+            **_options(arguments, start),
+        )
+    _write(arguments, records, found)
+    _tell(found, arguments.out)
+    return 0
+
+
+def _model(word: str) -> tuple[Model, dict[str, float]]:
+    """Model and start values that `word` names."""
+    if word in NAMES:
+        return named(word), {}
+    if word.endswith(('.yaml', '.yml')):
+        saved = ModelFile.load(word)
+        return saved.model, {n: saved.values[n] for n in saved.model.free_names}
+    return named(word), {}
+
+
+def _pairs(words: list[str]) -> dict[str, float]:
+    pairs = {}
+    for word in words:
+        name, equals, value = word.partition('=')
+        try:
+            pairs[name] = float(value)
+        except ValueError:
+            equals = ''
+        if not equals:
+            raise IdentificationError(f'{word!r} should be NAME=VALUE with a number in SI units')
+    return pairs
+
+
+def _options(arguments: argparse.Namespace, start: dict[str, float]) -> dict[str, Any]:
+    """Options that the method takes; one that belongs to another method is refused."""
+    given = {
+        'weights': arguments.weights,
+        'folded': False if arguments.whole else None,
+        'sampling_offset': False if arguments.no_sampling_offset else None,
+        'max_evaluations': arguments.max_evaluations,
+        'forgetting': arguments.forgetting,
+        'variant': arguments.variant,
+        'offset': False if arguments.no_offset else None,
+        'unit': arguments.unit,
+        'start': start or None,
+    }
+    takes = _TAKES.get(arguments.method, _SEARCH)
+    stray = sorted(
+        name for name, value in given.items() if value is not None and name not in takes
+    )
+    if stray:
+        words = ', '.join('set' if name == 'start' else name for name in stray)
+        raise IdentificationError(
+            f'{arguments.method} does not take {words.replace("_", "-")}; leave it out'
+        )
+    options = {name: value for name, value in given.items() if value is not None}
+    if 'workers' in takes:
+        options['workers'] = arguments.workers
+    return options
+
+
+def _write(arguments: argparse.Namespace, records: list[Any], found: Any) -> None:
+    import yaml
+
+    from piezo_hysteresis.identification.errors import free_run
+    from piezo_hysteresis.reporting.folder import write_folder
+    from piezo_hysteresis.reporting.identification_figures import figures
+
+    saved = found.model_file(arguments.data, records[0].rate)
+    simulated = {
+        r.name: free_run(found.model, found.values, r, found.sampling_offset) for r in records
+    }
+    drawn = figures(
+        records,
+        simulated,
+        found.records,
+        noise_floor=found.noise_floor,
+        history=found.history,
+    )
+    ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
+    write_folder(
+        arguments.out,
+        {
+            'model.yaml': yaml.safe_dump(saved.to_dict(), sort_keys=False, allow_unicode=True),
+            'params.yaml': yaml.safe_dump(ros, sort_keys=False),
+            'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
+            **drawn,
+        },
+    )
+
+
+def _tell(found: Any, out: str) -> None:
+    """Print parameters with the digits they have, errors and warnings."""
+    from piezo_hysteresis.identification.uncertainty import digits
+
+    print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
+    units = {q.name: q.unit for q in found.model.parameters}
+    for name in found.values:
+        if name in found.std:
+            print(f'  {name:20} {digits(found.values[name], found.std[name]):>28} {units[name]}')
+        else:
+            print(f'  {name:20} {found.values[name]:>28.6g} {units[name]} (held)')
+    for each in found.records:
+        print(
+            f'  {each.record}: free run {1e6 * each.free_run_rms:.4g} um '
+            f'({each.nrmse_percent:.3g} %), one step {1e6 * each.one_step_rms:.4g} um'
+        )
+    if found.noise_floor > 0:
+        print(f'  noise floor {1e6 * found.noise_floor:.4g} um')
+    print(f'written to {out}')
+    for warning in found.warnings:
+        print(f'warning: {warning}', file=sys.stderr)

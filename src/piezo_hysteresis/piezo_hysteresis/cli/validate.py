@@ -1,0 +1,84 @@
+"""Run a saved model over records and say how far it is off.
+
+Writes summary.json and figures. Records that were not used to identify the model are the ones that
+count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+from piezo_hysteresis.models import ModelFile
+
+HELP = 'free-run and one-step errors of a saved model'
+
+_STEADY = 'records are whole periods in steady state: simulate them twice, judge the second'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('--model', required=True, metavar='YAML', help='what identify or discover wrote')
+    add('--out', required=True, metavar='DIR', help='folder of the results')
+    add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--steady', action='store_true', help=_STEADY)
+    add('--actuator', help='which actuator, where a bag holds several')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate every record and write the errors."""
+    from dataclasses import replace
+
+    from piezo_hysteresis.identification.errors import errors_of, free_run
+    from piezo_hysteresis.identification.identify import record_summary
+    from piezo_hysteresis.identification.result import pooled_noise
+    from piezo_hysteresis.identification.targets import targets_of
+    from piezo_hysteresis.records import load
+    from piezo_hysteresis.reporting.folder import write_folder
+    from piezo_hysteresis.reporting.identification_figures import figures
+
+    begun = time.perf_counter()
+    saved = ModelFile.load(arguments.model)
+    records = load(arguments.data, actuator=arguments.actuator)
+    if arguments.warm_up is not None:
+        records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
+    late = float(saved.provenance.notes.get('sampling_offset_s', 0.0))
+    steady = arguments.steady
+    rows = errors_of(saved.model, saved.values, records, late, steady=steady)
+    simulated = {
+        r.name: free_run(saved.model, saved.values, r, late, steady=steady) for r in records
+    }
+    noise = pooled_noise(targets_of(records))
+    summary = {
+        'model': saved.model.name,
+        'method': 'validate',
+        'parameters': {
+            q.name: {
+                'value': float(saved.values[q.name]),
+                'std': saved.deviations.get(q.name),
+                'unit': q.unit,
+            }
+            for q in saved.model.parameters
+        },
+        'records': [record_summary(row) for row in rows],
+        'noise_floor_rms_m': noise if noise > 0 else None,
+        'sampling_offset_s': late,
+        'seconds': time.perf_counter() - begun,
+    }
+    write_folder(
+        arguments.out,
+        {
+            'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
+            **figures(records, simulated, rows, noise_floor=noise),
+        },
+    )
+    for row in rows:
+        print(
+            f'{row.record}: free run {1e6 * row.free_run_rms:.4g} um '
+            f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} um'
+        )
+    print(f'written to {arguments.out}')
+    return 0

@@ -1,0 +1,207 @@
+"""What is wrong with a record before it is fitted, and what to record instead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.records import Record
+
+_SAMPLES_PER_PERIOD = 10
+_LARGEST = 0.02  # longest stroke of any piezo actuator [m]
+_SMALLEST = 1e-11
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a record.
+
+    Attributes
+    ----------
+    record : str
+        Name of the record.
+    fatal : bool
+        Whether a fit would be meaningless.
+    sentence : str
+        What is wrong and what to record instead.
+    """
+
+    record: str
+    fatal: bool
+    sentence: str
+
+
+def check_records(records: Sequence[Record]) -> list[Finding]:
+    """Look for constant, clipped, short, slow, wrong-unit and unsynchronised records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        What is to be fitted.
+
+    Returns
+    -------
+    list of Finding
+        Empty where nothing is wrong. A record of rest (voltage 0) is welcome beside others.
+    """
+    found = []
+    moving = [r for r in records if float(np.ptp(r.voltage)) > 0]
+    for record in records:
+        for fatal, sentence in _judge(record, alone=not moving):
+            found.append(Finding(record.name, fatal, f'record {record.name}: {sentence}'))
+    return found
+
+
+def require_usable(records: Sequence[Record]) -> list[str]:
+    """Return the warnings about `records`, or refuse them.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no record, or one is of no use; the first such one is named.
+    """
+    if not records:
+        raise IdentificationError('there is no record to fit; give at least one')
+    names = [r.name for r in records]
+    if len(set(names)) < len(names):
+        raise IdentificationError('two records have the same name; rename one')
+    findings = check_records(records)
+    for finding in findings:
+        if finding.fatal:
+            raise IdentificationError(finding.sentence)
+    return [finding.sentence for finding in findings]
+
+
+def _fatal(sentence: str) -> list[tuple[bool, str]]:
+    return [(True, sentence)]
+
+
+def _doubtful(sentence: str) -> list[tuple[bool, str]]:
+    return [(False, sentence)]
+
+
+def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
+    u, y = record.voltage, record.displacement
+    kind = 'force' if record.info.input_unit == 'N' else 'voltage'
+    if len(record) < 20:
+        return _fatal(f'only {len(record)} samples; record at least two periods of the excitation')
+    span = float(np.ptp(y))
+    if float(np.ptp(u)) == 0.0:
+        if alone:
+            return _fatal(f'the {kind} is constant; record a sine over the range you will use')
+        return []
+    if span == 0.0:
+        return _fatal('the displacement is constant; check sensor and cable, then record anew')
+    return [
+        *_unit(span),
+        *_clipping(y, 'displacement', 'sensor range'),
+        *_clipping(u, kind, 'output range of the generator'),
+        *_coverage(record),
+        *_synchrony(record, kind),
+    ]
+
+
+def _unit(span: float) -> list[tuple[bool, str]]:
+    if span > _LARGEST:
+        return _fatal(
+            f'the displacement spans {span:.3g} m, which no piezo actuator does; name the '
+            'column with its unit (displacement_um, _nm, _mm)'
+        )
+    if span < _SMALLEST:
+        return _fatal(
+            f'the displacement spans {span:.3g} m, less than an atom; name the column with '
+            'its unit (displacement_um, _nm, _mm)'
+        )
+    return []
+
+
+def _clipping(x: FloatArray, what: str, cause: str) -> list[tuple[bool, str]]:
+    """Say so where the signal lies flat on its extreme for several samples again and again."""
+    changing = np.diff(x) != 0
+    if not np.any(changing):
+        return []
+    for extreme in (float(x.max()), float(x.min())):
+        on = x == extreme
+        runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], on.view(np.int8), [0]]))))[::2]
+        long = runs[runs >= 5]
+        # a waveform made of holds (staircase, square) rests at other levels too
+        resting = float(np.mean(~changing))
+        share = float(long.sum()) / x.size
+        if long.size >= 2 and share > 0.02 and resting < 3 * share:
+            return _doubtful(
+                f'the {what} lies flat at {extreme:.4g} in {long.size} places: clipped at the '
+                f'{cause}; lower the amplitude'
+            )
+    return []
+
+
+def _coverage(record: Record) -> list[tuple[bool, str]]:
+    frequency = record.info.frequency or main_frequency(record)
+    if frequency <= 0:
+        return []
+    per_period = record.rate / frequency
+    if per_period < _SAMPLES_PER_PERIOD:
+        return _fatal(
+            f'{per_period:.1f} samples per period of {frequency:.4g} Hz are too few; sample '
+            f'at {20 * frequency:.4g} Hz or more'
+        )
+    periods = record.duration * frequency
+    if periods < 0.95:
+        return _fatal(
+            f'{periods:.2f} of a period of {frequency:.4g} Hz is too short; record at least two'
+        )
+    if periods < 1.95:
+        return _doubtful(
+            f'less than two periods of {frequency:.4g} Hz: the noise floor stays unknown'
+        )
+    return []
+
+
+def main_frequency(record: Record) -> float:
+    """Return the strongest frequency of the voltage [Hz] where it is a sine, else 0."""
+    u = record.voltage - record.voltage.mean()
+    power = np.abs(np.fft.rfft(u * np.hanning(u.size))) ** 2
+    peak = int(np.argmax(power))
+    near = power[max(peak - 2, 0) : peak + 3].sum()
+    if peak < 1 or near < 0.8 * power.sum():
+        return 0.0
+    return peak / record.duration
+
+
+def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:
+    u = record.voltage - record.voltage.mean()
+    y = record.displacement - record.displacement.mean()
+    size = 1 << (2 * u.size - 1).bit_length()
+    both = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(u, size)), size)
+    norm = float(np.linalg.norm(u) * np.linalg.norm(y))
+    strength = float(np.max(np.abs(both))) / norm
+    if strength < 0.3:
+        return _fatal(
+            f'displacement and {kind} have nothing in common (correlation {strength:.2f}); '
+            'record both with one clock and check the channels'
+        )
+    frequency = main_frequency(record)
+    if frequency > 0:
+        return _phase(record, u, y, frequency, kind)
+    return []
+
+
+def _phase(
+    record: Record, u: FloatArray, y: FloatArray, frequency: float, kind: str
+) -> list[tuple[bool, str]]:
+    wave = np.exp(-2j * np.pi * frequency * record.time) * np.hanning(u.size)
+    lead = float(np.angle(np.sum(y * wave) / np.sum(u * wave)))
+    # an actuator of inverted polarity answers the other way round
+    if abs(lead) > np.pi / 2:
+        lead -= np.sign(lead) * np.pi
+    seconds = lead / (2 * np.pi * frequency)
+    if seconds > 1.5 * record.dt and lead > 0.02:
+        return _doubtful(
+            f'the displacement runs {1e3 * seconds:.3g} ms ahead of the {kind}: the channels '
+            'are not synchronised; record both with one clock'
+        )
+    return []

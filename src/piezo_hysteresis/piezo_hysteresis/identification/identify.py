@@ -1,0 +1,316 @@
+"""One call for every method: records and a model in, parameters and their worth out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import IdentificationError, ModelError
+from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.errors import RecordErrors, errors_of
+from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
+from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.result import FitResult, pooled_noise
+from piezo_hysteresis.identification.search import SEARCHES
+from piezo_hysteresis.identification.solver import Progress
+from piezo_hysteresis.identification.swarm import identify_by_search
+from piezo_hysteresis.identification.targets import targets_of
+from piezo_hysteresis.models import Model, ModelFile, Provenance
+from piezo_hysteresis.records import Record
+
+METHODS = ('output_error', *ONLINE_METHODS, *SEARCHES)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a method found, and what it is worth.
+
+    Attributes
+    ----------
+    model : Model
+        The chain.
+    method : str
+        One of `METHODS`.
+    values : dict of str to float
+        Every parameter of the chain, in SI units.
+    std : dict of str to float
+        Standard deviation of every fitted parameter; inf where the data do not determine it.
+    names : tuple of str
+        Order of `correlation`.
+    correlation : ndarray, shape (p, p)
+        Correlation matrix.
+    condition : float
+        Scaled condition number.
+    converged : bool
+        Whether the method came to rest.
+    message : str
+        How it ended.
+    warnings : tuple of str
+        What a user must know, in words.
+    records : tuple of RecordErrors
+        One-step and free-run errors of every record.
+    noise_floor : float
+        Rms noise of one sample from period to period [m]; NaN where no record repeats itself.
+    sampling_offset : float
+        By how much later than our convention the displacement was sampled [s].
+    history : tuple of float
+        How the error fell, for the figure of convergence [m].
+    seconds : float
+        Time it took.
+    fit : FitResult or None
+        More of it, for methods that simulate.
+    """
+
+    model: Model
+    method: str
+    values: dict[str, float]
+    std: dict[str, float]
+    names: tuple[str, ...]
+    correlation: FloatArray
+    condition: float
+    converged: bool
+    message: str
+    warnings: tuple[str, ...]
+    records: tuple[RecordErrors, ...]
+    noise_floor: float
+    sampling_offset: float
+    history: tuple[float, ...]
+    seconds: float
+    fit: FitResult | None = field(default=None, repr=False)
+
+    def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
+        """Return the model as it is saved.
+
+        Raises
+        ------
+        IdentificationError
+            If the parameters do not make a model that can be simulated.
+        """
+        known = set(self.model.parameter_names)
+        finite = {k: v for k, v in self.std.items() if np.isfinite(v) and k in known}
+        worst = max((r.free_run_rms for r in self.records), default=float('nan'))
+        provenance = Provenance(
+            data=tuple(data),
+            date=datetime.now(UTC).isoformat(timespec='seconds'),
+            fit=f'{self.method}: {self.message}',
+            rate=rate,
+            noise_floor=self.noise_floor if np.isfinite(self.noise_floor) else None,
+            free_run_rms=worst if np.isfinite(worst) else None,
+            notes={
+                'sampling_offset_s': float(self.sampling_offset),
+                'converged': self.converged,
+            },
+        )
+        try:
+            return ModelFile(self.model, self.values, finite, provenance)
+        except ModelError as error:
+            raise IdentificationError(
+                f'what {self.method} found is no model that can be used ({error}); use '
+                'output_error'
+            ) from error
+
+    def summary(self) -> dict[str, Any]:
+        """Return the content of ``summary.json``; numbers that are not finite become null."""
+        units = {q.name: q.unit for q in self.model.parameters}
+        return {
+            'model': self.model.name,
+            'method': self.method,
+            'parameters': {
+                name: {
+                    'value': float(value),
+                    'std': _finite(self.std.get(name, float('nan'))),
+                    'unit': units[name],
+                }
+                for name, value in self.values.items()
+            },
+            'records': [record_summary(each) for each in self.records],
+            'converged': self.converged,
+            'message': self.message,
+            'condition': _finite(self.condition),
+            'correlation': {
+                'names': list(self.names),
+                'matrix': [[round(float(v), 6) for v in row] for row in self.correlation],
+            },
+            'noise_floor_rms_m': _finite(self.noise_floor),
+            'sampling_offset_s': float(self.sampling_offset),
+            'warnings': list(self.warnings),
+            'seconds': self.seconds,
+        }
+
+
+def record_summary(errors: RecordErrors) -> dict[str, Any]:
+    """Return the row of ``summary.json`` of one record."""
+    return {
+        'record': errors.record,
+        'one_step_rms_m': _finite(errors.one_step_rms),
+        'free_run_rms_m': _finite(errors.free_run_rms),
+        'nrmse_percent': _finite(errors.nrmse_percent),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def identify(
+    records: Sequence[Record],
+    model: Model,
+    *,
+    method: str = 'output_error',
+    seed: int = 0,
+    progress: Progress | None = None,
+    workers: int = 1,
+    **options: Any,
+) -> Identification:
+    """Identify a model from records by any method.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Fitted jointly (run through one after another by recursive methods).
+    model : Model
+        Any chain for `output_error` and the searches; see `run_online` for the others.
+    method : str
+        One of `METHODS`.
+    seed : int
+        Of the searches.
+    progress : callable, optional
+        Told ``(fraction, words)``.
+    workers : int
+        Threads; the result does not depend on it.
+    **options
+        Further arguments of `output_error`, `identify_by_search` or `run_online`.
+
+    Returns
+    -------
+    Identification
+        Also where it did not converge: look at `converged` and `warnings`.
+
+    Raises
+    ------
+    IdentificationError
+        If the records cannot identify anything; the sentence says what to record instead.
+    """
+    if method not in METHODS:
+        raise IdentificationError(
+            f'method {method!r} is unknown; choose one of {", ".join(METHODS)}'
+        )
+    begun = time.perf_counter()
+    said = require_usable(records)
+    if method in ONLINE_METHODS:
+        return _online(records, model, method, said, begun, progress, options)
+    if method == 'output_error':
+        fit = output_error(model, records, workers=workers, progress=progress, **options)
+    else:
+        fit = identify_by_search(
+            model, records, method, seed=seed, workers=workers, progress=progress, **options
+        )
+    return from_fit(fit, method, records, said, begun)
+
+
+def from_fit(
+    fit: FitResult,
+    method: str,
+    records: Sequence[Record],
+    warnings: Sequence[str] = (),
+    begun: float | None = None,
+) -> Identification:
+    """Return a fit with its errors over whole records.
+
+    Parameters
+    ----------
+    fit : FitResult
+        Any fit.
+    method : str
+        Name for the summary.
+    records : sequence of Record
+        Judged one by one.
+    warnings : sequence of str
+        Said before those of the fit.
+    begun : float, optional
+        ``time.perf_counter()`` at the start.
+    """
+    begun = time.perf_counter() if begun is None else begun
+    rows = errors_of(fit.model, fit.values, records, fit.sampling_offset)
+    return Identification(
+        model=fit.model,
+        method=method,
+        values=fit.values,
+        std={k: v for k, v in fit.std.items() if k in fit.values},
+        names=fit.free,
+        correlation=fit.correlation,
+        condition=fit.condition,
+        converged=fit.converged,
+        message=fit.message,
+        warnings=(*warnings, *fit.warnings, *_misfit(rows, fit.noise)),
+        records=rows,
+        noise_floor=fit.noise,
+        sampling_offset=fit.sampling_offset,
+        history=fit.history,
+        seconds=time.perf_counter() - begun,
+        fit=fit,
+    )
+
+
+def _misfit(rows: Sequence[RecordErrors], noise: float) -> list[str]:
+    """Say so where the model leaves much more than noise."""
+    if not (np.isfinite(noise) and noise > 0):
+        return []
+    worst = max(rows, key=lambda row: row.free_run_rms)
+    if not np.isfinite(worst.free_run_rms):
+        return [f'the free run diverges on record {worst.record}: simulate with another method.']
+    ratio = worst.free_run_rms / noise
+    if ratio < 3:
+        return []
+    sentence = (
+        f'the model misses {ratio:.0f} times the noise floor on record {worst.record}: standard '
+        'deviations do not cover that; run discover to learn what is missing.'
+    )
+    return [sentence]
+
+
+def _online(
+    records: Sequence[Record],
+    model: Model,
+    method: str,
+    said: Sequence[str],
+    begun: float,
+    progress: Progress | None,
+    options: Mapping[str, Any],
+) -> Identification:
+    recursion, warnings, settled, history = run_online(
+        model, records, method, progress=progress, **options
+    )
+    estimate = recursion.estimate()
+    chain = model
+    if method != 'rls' and 'pi_range' in model.parameter_names:
+        span = max(float(np.max(np.abs(r.voltage))) for r in records)
+        chain = model.hold(pi_range=span)
+    values = {**chain.defaults(), **estimate.parameters()}
+    rows = errors_of(chain, values, records, checked=False)
+    noise = pooled_noise(targets_of(records))
+    return Identification(
+        model=chain,
+        method=method,
+        values=values,
+        std=dict(
+            zip(estimate.names, (float(s) for s in estimate.standard_deviations), strict=True)
+        ),
+        names=estimate.names,
+        correlation=estimate.correlation,
+        condition=estimate.condition_number,
+        converged=settled,
+        message='at rest' if settled else 'still drifting',
+        warnings=(*said, *warnings, *_misfit(rows, noise)),
+        records=rows,
+        noise_floor=noise,
+        sampling_offset=0.0,
+        history=history,
+        seconds=time.perf_counter() - begun,
+    )

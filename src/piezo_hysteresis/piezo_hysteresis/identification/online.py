@@ -1,0 +1,188 @@
+"""Recursive methods run over records, and by name for nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.estimate import Estimate
+from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
+from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.solver import Progress
+from piezo_hysteresis.models import Model, named
+from piezo_hysteresis.records import Record
+
+ONLINE_METHODS = ('rls', 'rls_ud', 'pi_bank')
+
+
+class OnlineMethod(Protocol):
+    """What every recursive method answers, sample by sample."""
+
+    forgetting: float
+
+    def update(self, voltage: float, displacement: float) -> float:
+        """Take one sample in; return the prediction error [m]."""
+
+    def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Take samples in; return the prediction errors [m]."""
+
+    def estimate(self) -> Estimate:
+        """Return the present parameters in SI units."""
+
+    def free_run(self, voltage: FloatArray) -> FloatArray:
+        """Simulate the present estimate from rest."""
+
+    def rest(self) -> None:
+        """Begin another record from rest, keeping what was learnt."""
+
+    def reset(self) -> None:
+        """Forget everything."""
+
+
+def online(method: str, settings: RlsSettings | UdSettings | None = None) -> OnlineMethod:
+    """Return the recursive method called `method`.
+
+    Parameters
+    ----------
+    method : str
+        ``rls``, ``rls_ud`` or ``pi_bank``.
+    settings : RlsSettings or UdSettings, optional
+        Of the kind that the method takes; its defaults otherwise.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such method, or the settings belong to another.
+    """
+    if method == 'rls':
+        if settings is None or isinstance(settings, RlsSettings):
+            return OnlineRls(settings)
+    elif method in ('rls_ud', 'pi_bank'):
+        kind = 'play_bank' if method == 'pi_bank' else 'bouc_wen'
+        if settings is None:
+            return OnlineUd(UdSettings(kind=kind))
+        if isinstance(settings, UdSettings) and settings.kind == kind:
+            return OnlineUd(settings)
+    else:
+        raise IdentificationError(
+            f'{method!r} is no recursive method; choose one of {", ".join(ONLINE_METHODS)}'
+        )
+    raise IdentificationError(f'these settings do not belong to {method}')
+
+
+def run_online(
+    model: Model,
+    records: Sequence[Record],
+    method: str,
+    *,
+    start: Mapping[str, float] | None = None,
+    forgetting: float | None = None,
+    variant: str = 'V1',
+    offset: bool = True,
+    unit: str = 'mm',
+    progress: Progress | None = None,
+) -> tuple[OnlineMethod, tuple[str, ...], bool, tuple[float, ...]]:
+    """Run a recursive method over records, one after another, each from rest.
+
+    Returns
+    -------
+    method : OnlineMethod
+        As it is after the last sample.
+    warnings : tuple of str
+        What a user must know.
+    settled : bool
+        Whether the estimate stood still over the last tenth of the data.
+    history : tuple of float
+        Rms of the prediction error over each tenth of the data [m].
+    """
+    if len({record.dt for record in records}) > 1:
+        raise IdentificationError(
+            f'{method} needs records of one sampling rate; resample them, or use output_error'
+        )
+    if method == 'rls':
+        recursion, said = _papers(model, records[0], forgetting, variant, offset, unit)
+    else:
+        recursion, said = _well_posed(model, records, method, start or {}, forgetting)
+    total = sum(len(record) for record in records)
+    done, history = 0, []
+    before = recursion.estimate()
+    for record in records:
+        recursion.rest()
+        for piece in np.array_split(np.arange(len(record)), 10):
+            errors = recursion.update_many(record.voltage[piece], record.displacement[piece])
+            if done < 0.9 * total:
+                before = recursion.estimate()
+            done += piece.size
+            history.append(float(np.sqrt(np.nanmean(errors**2))))
+            if progress is not None:
+                progress(done / total, f'prediction error {1e6 * history[-1]:.4g} um')
+    after = recursion.estimate()
+    moved = np.abs(after.values - before.values)
+    settled = bool(
+        np.all(moved <= np.maximum(3 * after.standard_deviations, 0.01 * np.abs(after.values)))
+    )
+    if not settled:
+        said = (*said, 'the estimates still drift at the end: record longer, or use output_error.')
+    return recursion, (*said, *after.notes), settled, tuple(history)
+
+
+def _papers(
+    model: Model, record: Record, forgetting: float | None, variant: str, offset: bool, unit: str
+) -> tuple[OnlineMethod, tuple[str, ...]]:
+    harmonics = {'extended': 0, 'enhanced3': 3, 'enhanced5': 5}
+    if model.name not in harmonics:
+        raise IdentificationError(
+            f'rls identifies extended, enhanced3 and enhanced5, not {model.name}; use output_error'
+        )
+    if variant == 'V0':
+        raise IdentificationError('no named model has the form of V0; use V1, or the node')
+    return OnlineRls(
+        RlsSettings(
+            variant=variant,
+            offset=offset,
+            harmonic=harmonics[model.name],
+            frequency=record.info.frequency,
+            forgetting=forgetting or 1.0,
+            unit=unit,
+            dt=record.dt,
+        )
+    ), ()
+
+
+def _well_posed(
+    model: Model,
+    records: Sequence[Record],
+    method: str,
+    start: Mapping[str, float],
+    forgetting: float | None,
+) -> tuple[OnlineMethod, tuple[str, ...]]:
+    hysteresis = {'rls_ud': 'bouc_wen_exact', 'pi_bank': 'prandtl_ishlinskii'}[method]
+    blocks = [block.name for block in model.blocks]
+    if blocks not in ([hysteresis, 'offset'], [hysteresis, 'mode', 'offset']):
+        fitting = {'rls_ud': 'classical or bouc_wen_mode', 'pi_bank': 'prandtl_ishlinskii'}
+        raise IdentificationError(
+            f'{method} identifies {fitting[method]}, not {model.name}; use output_error'
+        )
+    said: tuple[str, ...] = ()
+    frequency, damping = 0.0, 0.02
+    if 'mode' in blocks:
+        frozen = dict(start)
+        if 'natural_frequency' not in frozen:
+            frozen = output_error(named('bouc_wen_mode'), records).values
+        frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
+        said = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
+    settings = UdSettings(
+        kind='play_bank' if method == 'pi_bank' else 'bouc_wen',
+        voltage_range=max(float(np.max(np.abs(r.voltage))) for r in records),
+        displacement_range=max(float(np.ptp(r.displacement)) for r in records) / 2,
+        natural_frequency=frequency,
+        damping_ratio=damping,
+        forgetting=forgetting or 0.9999,
+        dt=records[0].dt,
+    )
+    return OnlineUd(settings), said

@@ -1,0 +1,270 @@
+"""Global searches behind one interface: two swarms, CMA-ES and differential evolution.
+
+They look at the cost only and know nothing of its shape; each is seeded, counts its evaluations
+and works in a box scaled to the unit cube.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import log, sqrt
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import IdentificationError
+
+Cost = Callable[[FloatArray], float]
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """Where a search ended.
+
+    Attributes
+    ----------
+    x : ndarray, shape (p,)
+        Best point.
+    cost : float
+        Cost there.
+    evaluations : int
+        How often the cost was asked for.
+    history : tuple of float
+        Best cost after each round.
+    converged : bool
+        Whether the population agreed before the evaluations ran out.
+    message : str
+        Why it stopped.
+    """
+
+    x: FloatArray
+    cost: float
+    evaluations: int
+    history: tuple[float, ...]
+    converged: bool
+    message: str
+
+
+def search(
+    cost: Cost,
+    low: FloatArray,
+    high: FloatArray,
+    *,
+    method: str = 'cma',
+    seed: int = 0,
+    max_evaluations: int = 4000,
+    population: int | None = None,
+    tolerance: float = 1e-8,
+    progress: Progress | None = None,
+) -> SearchResult:
+    """Minimise `cost` in a box.
+
+    Parameters
+    ----------
+    cost : callable
+        Answers a point of shape (p,); inf where it is impossible.
+    low, high : ndarray, shape (p,)
+        Finite box.
+    method : str
+        ``pso`` (002, 003), ``pso_modified`` (004), ``cma`` or ``de``.
+    seed : int
+        Same seed, same answer.
+    max_evaluations : int
+        Budget.
+    population : int, optional
+        Points per round; a default that suits the method otherwise.
+    tolerance : float
+        Stop when the costs of a round differ relatively less than this.
+    progress : callable, optional
+        Told ``(fraction, words)``.
+
+    Raises
+    ------
+    IdentificationError
+        If the method is unknown or the box is empty or infinite.
+    """
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high)) and np.all(low < high)):
+        raise IdentificationError('a search needs finite bounds with low below high; narrow them')
+    if method not in SEARCHES:
+        raise IdentificationError(
+            f'search {method!r} is unknown; choose one of {", ".join(SEARCHES)}'
+        )
+    width = high - low
+    watch = _Watch(lambda z: cost(low + width * z), low.size, max_evaluations, progress)
+    message = SEARCHES[method](watch, np.random.default_rng(seed), population, tolerance)
+    if not np.isfinite(watch.best):
+        raise IdentificationError('every point of the box is impossible; move the bounds')
+    return SearchResult(
+        x=low + width * watch.at,
+        cost=watch.best,
+        evaluations=watch.used,
+        history=tuple(watch.history),
+        converged=bool(message),
+        message=message or f'stopped at the limit of {max_evaluations} evaluations',
+    )
+
+
+class _Watch:
+    """Counts evaluations in the unit cube and keeps the best point."""
+
+    def __init__(self, cost: Cost, size: int, limit: int, progress: Progress | None) -> None:
+        self.cost, self.size, self.limit = cost, size, limit
+        self.used = 0
+        self.best = float('inf')
+        self.at = np.full(size, 0.5)
+        self.history: list[float] = []
+        self._progress = progress
+
+    @property
+    def spent(self) -> bool:
+        return self.used >= self.limit
+
+    def costs(self, points: FloatArray) -> FloatArray:
+        """Costs of points in the unit cube, shape (m, p); one round."""
+        values = np.full(len(points), np.inf)
+        for i, point in enumerate(points[: self.limit - self.used]):
+            values[i] = self.cost(point)
+            self.used += 1
+            if values[i] < self.best:
+                self.best, self.at = float(values[i]), point.copy()
+        self.history.append(self.best)
+        if self._progress is not None:
+            self._progress(self.used / self.limit, f'best cost {self.best:.4g}')
+        return values
+
+
+def _agreed(values: FloatArray, tolerance: float) -> bool:
+    finite = values[np.isfinite(values)]
+    return finite.size > 1 and float(np.ptp(finite)) <= tolerance * float(np.min(finite))
+
+
+def _swarm(
+    watch: _Watch,
+    rng: np.random.Generator,
+    population: int | None,
+    tolerance: float,
+    factors: Callable[[float], tuple[float, float, float, float]],
+) -> str:
+    """Move a swarm; `factors(t)` gives chi, inertia, c1, c2 at the fraction t of the budget."""
+    count = population or max(20, 10 * watch.size)
+    x = rng.random((count, watch.size))
+    v = 0.2 * (rng.random(x.shape) - 0.5)
+    own, own_cost = x.copy(), watch.costs(x)
+    while not watch.spent:
+        chi, inertia, c1, c2 = factors(watch.used / watch.limit)
+        pull = c1 * rng.random(x.shape) * (own - x) + c2 * rng.random(x.shape) * (watch.at - x)
+        v = np.clip(chi * (inertia * v + pull), -0.5, 0.5)
+        x = x + v
+        out = (x < 0) | (x > 1)
+        x = np.clip(x, 0.0, 1.0)
+        v[out] *= -0.5  # particles that hit a wall bounce, or they would stick to it
+        values = watch.costs(x)
+        better = values < own_cost
+        own[better], own_cost[better] = x[better], values[better]
+        if _agreed(own_cost, tolerance):
+            return 'the swarm agrees'
+    return ''
+
+
+def _pso(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
+    """Inertia .7298 and pulls 1.4962, the usual convergent set; 002 and 003 print none."""
+    return _swarm(watch, rng, population, tolerance, lambda _: (1.0, 0.7298, 1.4962, 1.4962))
+
+
+def _pso_modified(
+    watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float
+) -> str:
+    """Constriction chi of phi = 4.2 and an inertia that falls from .9 to .4 (004)."""
+    phi = 4.2
+    chi = 2 / abs(2 - phi - sqrt(phi**2 - 4 * phi))
+    return _swarm(
+        watch, rng, population, tolerance, lambda t: (chi, 0.9 - 0.5 * min(t, 1.0), 2.1, 2.1)
+    )
+
+
+def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
+    """Evolve a normal distribution (CMA-ES, Hansen 2016, rank-one and rank-mu), with restarts."""
+    count = population or 4 + int(3 * log(watch.size)) + 4
+    while not watch.spent:
+        if _cma_run(watch, rng, count, tolerance):
+            return 'the population agrees'
+        count *= 2
+    return ''
+
+
+def _cma_run(watch: _Watch, rng: np.random.Generator, count: int, tolerance: float) -> bool:
+    n = watch.size
+    mu = count // 2
+    weights = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))
+    weights /= weights.sum()
+    mu_eff = 1 / float(np.sum(weights**2))
+    c_s = (mu_eff + 2) / (n + mu_eff + 5)
+    d_s = 1 + 2 * max(0.0, sqrt((mu_eff - 1) / (n + 1)) - 1) + c_s
+    c_c = (4 + mu_eff / n) / (n + 4 + 2 * mu_eff / n)
+    c_1 = 2 / ((n + 1.3) ** 2 + mu_eff)
+    c_mu = min(1 - c_1, 2 * (mu_eff - 2 + 1 / mu_eff) / ((n + 2) ** 2 + mu_eff))
+    chi_n = sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
+    mean, sigma = 0.2 + 0.6 * rng.random(n), 0.3
+    covariance, path_c, path_s = np.eye(n), np.zeros(n), np.zeros(n)
+    while not watch.spent:
+        scale, basis = np.linalg.eigh(covariance)
+        scale = np.sqrt(np.maximum(scale, 1e-20))
+        steps = (rng.standard_normal((count, n)) * scale) @ basis.T
+        points = mean + sigma * steps
+        inside = np.clip(points, 0.0, 1.0)
+        away = np.sum((points - inside) ** 2, axis=1)
+        values = watch.costs(inside)
+        # points outside are judged where they touch the box, and worse the farther they are
+        possible = values[np.isfinite(values)]
+        worse = away * (float(np.ptp(possible)) + 1e-300) if possible.size else away
+        order = np.argsort(values + worse)
+        chosen = steps[order[:mu]]
+        step = weights @ chosen
+        mean = mean + sigma * step
+        white = basis @ ((basis.T @ step) / scale)
+        path_s = (1 - c_s) * path_s + sqrt(c_s * (2 - c_s) * mu_eff) * white
+        calm = float(np.linalg.norm(path_s)) < (1.4 + 2 / (n + 1)) * chi_n
+        path_c = (1 - c_c) * path_c + calm * sqrt(c_c * (2 - c_c) * mu_eff) * step
+        covariance = (
+            (1 - c_1 - c_mu) * covariance
+            + c_1 * np.outer(path_c, path_c)
+            + c_mu * (chosen.T * weights) @ chosen
+        )
+        sigma *= float(np.exp((c_s / d_s) * (np.linalg.norm(path_s) / chi_n - 1)))
+        if _agreed(values, tolerance):
+            # a run that agrees on a point worse than one already seen sits in another basin
+            return float(np.min(values)) <= watch.best * (1 + 10 * tolerance)
+        if sigma * float(scale.max()) < 1e-11:
+            return False
+    return False
+
+
+def _de(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
+    """Run SciPy's differential evolution."""
+    from scipy.optimize import differential_evolution
+
+    size = max(population or 12 * watch.size, 8)
+    rounds = max(watch.limit // size - 1, 1)
+    result = differential_evolution(
+        lambda z: float(watch.costs(z[None, :])[0]),
+        [(0.0, 1.0)] * watch.size,
+        popsize=max(size // watch.size, 2),
+        maxiter=rounds,
+        tol=sqrt(tolerance),
+        atol=0.0,
+        polish=False,
+        rng=rng,
+        callback=lambda intermediate_result: watch.spent,
+    )
+    return 'the population agrees' if result.success and not watch.spent else ''
+
+
+SEARCHES: dict[str, Callable[[_Watch, np.random.Generator, int | None, float], str]] = {
+    'pso': _pso,
+    'pso_modified': _pso_modified,
+    'cma': _cma,
+    'de': _de,
+}

@@ -1,0 +1,206 @@
+"""Global search over the parameters of a chain, the swarms in the two steps of 002."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.blocks.base import Slot
+from piezo_hysteresis.identification.fit import target_weights
+from piezo_hysteresis.identification.objective import Objective
+from piezo_hysteresis.identification.output_error import suited
+from piezo_hysteresis.identification.result import FitResult, result_of
+from piezo_hysteresis.identification.search import Progress, SearchResult, search
+from piezo_hysteresis.identification.solver import Solution
+from piezo_hysteresis.identification.targets import Target, targets_of
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.records import Record
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where a search looks, from the data.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (p,)
+        Bounds; of the logarithm where `logarithmic`.
+    logarithmic : ndarray of bool, shape (p,)
+        Which unknowns are searched by their logarithm.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    logarithmic: BoolArray
+
+    def point(self, z: FloatArray) -> FloatArray:
+        """Return the parameters at the searched point `z`, shape (p,)."""
+        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, z, 0.0)), z)
+
+
+def box_of(model: Model, targets: Sequence[Target], free: Sequence[str]) -> Box:
+    """Return a box that suits the gain, the range and the rate of the data.
+
+    Parameters
+    ----------
+    model : Model
+        Chain with defaults that suit the data.
+    targets : sequence of Target
+        Prepared records.
+    free : sequence of str
+        Unknowns.
+    """
+    known = {q.name: q for q in model.parameters}
+    special = _ranges(targets)
+    rows, logarithmic = [], []
+    for name in free:
+        q = known[name]
+        if name in special:
+            low, high = special[name]
+        elif q.low > 0 or (q.low == 0 and q.default > 0):
+            low, high = q.default / 20, q.default * 20
+        else:
+            low, high = q.default - 4 * q.scale, q.default + 4 * q.scale
+        low, high = max(low, q.low), min(high, q.high)
+        log = low > 0 and high / low > 30
+        rows.append((np.log(low), np.log(high)) if log else (low, high))
+        logarithmic.append(log)
+    bounds = np.array(rows)
+    return Box(bounds[:, 0], bounds[:, 1], np.array(logarithmic))
+
+
+def _ranges(targets: Sequence[Target]) -> dict[str, tuple[float, float]]:
+    slowest = min(targets, key=lambda t: (t.frequency or np.inf, t.name))
+    u = slowest.pick(slowest.voltage)
+    y = slowest.measured
+    swing = u - u.mean()
+    gain = float(swing @ (y - y.mean())) / max(float(swing @ swing), 1e-300)
+    amplitude = max(float(np.max(np.abs(t.voltage))) for t in targets)
+    span = max(float(np.ptp(t.measured)) for t in targets)
+    middle = float(y.mean())
+    return {
+        'A1': _ordered(0.5 * gain, 3 * gain),
+        'A': _ordered(0.0, 2 * gain),
+        'A0': (-0.2 * abs(gain), 0.2 * abs(gain)),
+        'beta': (0.05 / amplitude, 20 / amplitude),
+        'gamma': (-3 / amplitude, 3 / amplitude),
+        'natural_frequency': (
+            2 * min((t.frequency for t in targets if t.frequency > 0), default=0.5),
+            0.45 / min(t.dt for t in targets),
+        ),
+        'damping_ratio': (1e-3, 2.0),
+        'offset': (middle - span / 2, middle + span / 2),
+    }
+
+
+def _ordered(a: float, b: float) -> tuple[float, float]:
+    return (a, b) if a <= b else (b, a)
+
+
+def identify_by_search(
+    model: Model,
+    records: Sequence[Record],
+    method: str,
+    *,
+    seed: int = 0,
+    max_evaluations: int = 4000,
+    weights: str | Mapping[str, float] = 'equal',
+    folded: bool = True,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> FitResult:
+    """Fit a chain by global search.
+
+    A chain with a structure is searched in the two steps of 002 by the swarms: the hysteresis on
+    the slowest record as if the structure were stiff, then the structure on the fastest. The
+    other methods search all unknowns on all records at once.
+
+    Parameters
+    ----------
+    model, records, weights, folded, workers
+        See `fit`.
+    method, seed, max_evaluations, progress
+        See `search`.
+
+    Returns
+    -------
+    FitResult
+        With the uncertainty at the point found; it is rarely the bottom of the valley.
+    """
+    chain = suited(model, records)
+    slow = any(block.slot == Slot.SLOW for block in chain.blocks)
+    targets = targets_of(records, folded=folded and not slow)
+    values = chain.defaults()
+    trail: list[SearchResult] = []
+    for part, free, seen in _steps(chain, targets, method):
+        box = box_of(chain, seen, free)
+        base = {name: values[name] for name in part.parameter_names}
+        objective = Objective(
+            part, seen, free, base, weights=target_weights(seen, weights), workers=workers
+        )
+        found = search(
+            lambda z, box=box, objective=objective: objective.cost(box.point(z)),  # type: ignore[misc]
+            box.low,
+            box.high,
+            method=method,
+            seed=seed,
+            max_evaluations=max_evaluations,
+            progress=progress,
+        )
+        trail.append(found)
+        values.update(zip(free, (float(v) for v in box.point(found.x)), strict=True))
+    return _result(chain, targets, values, weights, trail, workers)
+
+
+def _steps(
+    model: Model, targets: Sequence[Target], method: str
+) -> list[tuple[Model, tuple[str, ...], list[Target]]]:
+    """Chain, unknowns and records of each step of a search."""
+    stiff = Model(
+        model.name,
+        tuple(block for block in model.blocks if block.slot != Slot.STRUCTURE),
+        {k: v for k, v in model.held.items() if k in _names_without_structure(model)},
+    )
+    structure = tuple(n for n in model.free_names if n not in stiff.parameter_names)
+    order = sorted(targets, key=lambda t: t.frequency)
+    apart = order[0].frequency < order[-1].frequency
+    hysteretic = any(block.slot == Slot.HYSTERESIS for block in stiff.blocks)
+    if method.startswith('pso') and structure and apart and hysteretic:
+        return [(stiff, stiff.free_names, order[:1]), (model, structure, order[-1:])]
+    return [(model, model.free_names, list(targets))]
+
+
+def _names_without_structure(model: Model) -> set[str]:
+    return {
+        q.name for block in model.blocks if block.slot != Slot.STRUCTURE for q in block.parameters
+    }
+
+
+def _result(
+    model: Model,
+    targets: Sequence[Target],
+    values: Mapping[str, float],
+    weights: str | Mapping[str, float],
+    trail: Sequence[SearchResult],
+    workers: int,
+) -> FitResult:
+    free = model.free_names
+    objective = Objective(
+        model, targets, free, values, weights=target_weights(targets, weights), workers=workers
+    )
+    x = np.array([values[name] for name in free])
+    factor, _, cost = objective.linearise(x)
+    solution = Solution(
+        x=x,
+        factor=factor,
+        cost=cost,
+        converged=all(found.converged for found in trail),
+        message='; '.join(found.message for found in trail),
+        evaluations=sum(found.evaluations for found in trail),
+        history=tuple(best for found in trail for best in found.history),
+        at_bound=(False,) * len(free),
+    )
+    return result_of(objective, solution)

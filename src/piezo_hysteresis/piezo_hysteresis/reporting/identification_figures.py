@@ -1,0 +1,174 @@
+"""Figures of an identification: loops, residual spectra, error over frequency, convergence."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.errors import RecordErrors
+from piezo_hysteresis.records import Record
+
+_PANELS = 6
+_DRAWN = 4000  # points of a loop; more only make the file larger
+_MEASURED, _MODEL, _FLOOR = '#444444', '#c0392b', '#2471a3'
+
+
+def figures(
+    records: Sequence[Record],
+    simulated: Mapping[str, FloatArray],
+    errors: Sequence[RecordErrors],
+    *,
+    noise_floor: float = float('nan'),
+    history: Sequence[float] = (),
+) -> dict[str, bytes]:
+    """Draw all figures.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        What was measured.
+    simulated : mapping of str to ndarray
+        Free run by record name [m], shapes (n,).
+    errors : sequence of RecordErrors
+        Of the same records.
+    noise_floor : float
+        Rms [m]; NaN where it is not known.
+    history : sequence of float
+        Error after each step of the fit [m].
+
+    Returns
+    -------
+    dict of str to bytes
+        PNG files by name.
+    """
+    chosen = _spread(records)
+    drawn = {
+        'loops.png': _loops(chosen, simulated),
+        'residual_spectra.png': _spectra(chosen, simulated, noise_floor),
+        'error_over_frequency.png': _over_frequency(records, errors, noise_floor),
+    }
+    if len(history) > 1:
+        drawn['convergence.png'] = _convergence(history, noise_floor)
+    return {name: _png(figure) for name, figure in drawn.items()}
+
+
+def _spread(records: Sequence[Record]) -> list[Record]:
+    order = sorted(records, key=lambda r: (r.info.frequency, r.info.amplitude, r.name))
+    places = np.unique(np.linspace(0, len(order) - 1, _PANELS).round().astype(int))
+    return [order[place] for place in places]
+
+
+def _panels(count: int) -> tuple[Figure, list[Any]]:
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout='constrained')
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return figure, list(axes[:count])
+
+
+def _tail(record: Record) -> slice:
+    """Return the last two periods, or the end of the record, where there is no period."""
+    frequency = record.info.frequency
+    wanted = round(2 / (frequency * record.dt)) if frequency > 0 else 5 * _DRAWN
+    return slice(max(len(record) - wanted, record.warm_up_samples), None)
+
+
+def _loops(records: Sequence[Record], simulated: Mapping[str, FloatArray]) -> Figure:
+    figure, axes = _panels(len(records))
+    for axis, record in zip(axes, records, strict=True):
+        cut = _tail(record)
+        every = slice(None, None, max(1, (len(record) - cut.start) // _DRAWN))
+        u = record.voltage[cut][every]
+        axis.plot(u, 1e6 * record.displacement[cut][every], color=_MEASURED, label='measured')
+        model = 1e6 * simulated[record.name][cut][every]
+        axis.plot(u, model, '--', color=_MODEL, label='model')
+        axis.set_title(record.name, fontsize='medium')
+        force = record.info.input_unit == 'N'
+        axis.set_xlabel('force [N]' if force else 'voltage [V]')
+        axis.set_ylabel('displacement [µm]')
+    axes[0].legend()
+    return figure
+
+
+def _spectra(
+    records: Sequence[Record], simulated: Mapping[str, FloatArray], floor: float
+) -> Figure:
+    figure, axes = _panels(len(records))
+    for axis, record in zip(axes, records, strict=True):
+        cut = slice(record.warm_up_samples, None)
+        for label, signal, colour in (
+            ('measured', record.displacement[cut], _MEASURED),
+            ('residual', record.displacement[cut] - simulated[record.name][cut], _MODEL),
+        ):
+            frequency, amplitude = _amplitudes(signal, record.dt)
+            axis.loglog(frequency[1:], 1e6 * amplitude[1:], color=colour, label=label, lw=0.8)
+        if floor > 0:
+            # white noise of this rms, as the amplitude of one line
+            line = 2e6 * floor / np.sqrt(len(record) - record.warm_up_samples)
+            axis.axhline(line, color=_FLOOR, ls=':', label='noise floor')
+        axis.set_title(record.name, fontsize='medium')
+        axis.set_xlabel('frequency [Hz]')
+        axis.set_ylabel('amplitude [µm]')
+    axes[0].legend()
+    return figure
+
+
+def _amplitudes(signal: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    window = np.hanning(signal.size)
+    window /= window.sum()
+    amplitude = 2 * np.abs(np.fft.rfft((signal - signal.mean()) * window)) + 1e-15
+    return np.asarray(np.fft.rfftfreq(signal.size, dt), dtype=np.float64), amplitude
+
+
+def _over_frequency(
+    records: Sequence[Record], errors: Sequence[RecordErrors], floor: float
+) -> Figure:
+    figure, (axis,) = _panels(1)
+    by_name = {each.record: each for each in errors}
+    frequency = [record.info.frequency for record in records]
+    known = any(f > 0 for f in frequency)
+    place = frequency if known else list(range(1, len(records) + 1))
+    for label, colour, marker in (
+        ('free run', _MODEL, 'o'),
+        ('one step', _MEASURED, 'x'),
+    ):
+        rms = [
+            by_name[r.name].free_run_rms if label == 'free run' else by_name[r.name].one_step_rms
+            for r in records
+        ]
+        finite = [(x, 1e6 * y) for x, y in zip(place, rms, strict=True) if np.isfinite(y)]
+        if finite:
+            axis.semilogy(*zip(*sorted(finite), strict=True), marker=marker, color=colour,
+                          label=label)  # fmt: skip
+    if floor > 0:
+        axis.axhline(1e6 * floor, color=_FLOOR, ls=':', label='noise floor')
+    axis.set_xlabel('frequency of the drive [Hz]' if known else 'record')
+    axis.set_ylabel('error rms [µm]')
+    axis.legend()
+    return figure
+
+
+def _convergence(history: Sequence[float], floor: float) -> Figure:
+    figure, (axis,) = _panels(1)
+    axis.semilogy(range(len(history)), 1e6 * np.asarray(history), 'o-', ms=3, color=_MODEL)
+    if floor > 0:
+        axis.axhline(1e6 * floor, color=_FLOOR, ls=':', label='noise floor')
+        axis.legend()
+    axis.set_xlabel('accepted step')
+    axis.set_ylabel('error rms [µm]')
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format='png', metadata={'Software': None})
+    return buffer.getvalue()
