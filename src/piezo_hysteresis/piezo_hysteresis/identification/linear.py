@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
-from piezo_hysteresis.identification.solver import triangle
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 
@@ -94,8 +94,8 @@ def solve_linear(
             )
             if not np.all(np.isfinite(part)):
                 return dict(values)
-            blocks.append(triangle(target.weight * part.T))
-    full = triangle(np.vstack([*blocks, np.zeros((p + 1, p + 1))]))
+            blocks.append(triangle(target.weight * part))
+    full = triangle(np.ascontiguousarray(np.vstack(blocks).T))
     norms = np.linalg.norm(full[:p, :p], axis=0)
     norms[norms == 0.0] = 1.0
     best = np.linalg.lstsq(full[:p, :p] / norms, full[:p, p], rcond=1e-7)[0] / norms

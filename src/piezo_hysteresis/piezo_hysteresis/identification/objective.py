@@ -12,8 +12,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.identification.factor import inner, triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
-from piezo_hysteresis.identification.solver import triangle
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 
@@ -144,7 +144,7 @@ class Objective:
             # parameters may make the model overflow: then they are impossible, not an error
             with np.errstate(over='ignore', invalid='ignore'):
                 error = target.measured - self.simulate(target, x, packed)
-                return float(error @ error)
+                return inner(error, error)
 
         squares = self._map(square)
         total = sum(
@@ -189,18 +189,18 @@ class Objective:
                 y, rows = self.jacobian(target, x)
                 stacked = np.vstack([rows, y - target.measured]) * (weight * target.weight)
             if not np.all(np.isfinite(stacked)):
-                return np.full((1, p + 1), np.inf)
-            return triangle(stacked.T)
+                return np.full((p + 1, p + 1), np.inf)
+            return triangle(stacked)
 
         blocks = self._map(compress, list(zip(self.targets, self.weights, strict=True)))
         for j, mean, scale in self._priors:
             row = np.zeros((1, p + 1))
             row[0, j], row[0, p] = scale, (x[j] - mean) * scale
             blocks.append(row)
-        stacked = np.vstack([*blocks, np.zeros((p + 1, p + 1))])
+        stacked = np.vstack(blocks)
         if not np.all(np.isfinite(stacked)):
             return np.eye(p), np.zeros(p), float('inf')
-        full = triangle(stacked)
+        full = triangle(np.ascontiguousarray(stacked.T))
         return full[:p, :p], full[:p, p], 0.5 * float(full[:, p] @ full[:, p])
 
     def _map(

@@ -28,11 +28,6 @@ class Problem(Protocol):
         """R, shape (p, p), Q'r, shape (p,), and the cost at `x`."""
 
 
-def triangle(rows: FloatArray) -> FloatArray:
-    """Return R of the QR factorisation of `rows`, shape (m, p); shape (min(m, p), p)."""
-    return np.asarray(np.linalg.qr(rows, mode='r'), dtype=np.float64)
-
-
 @dataclass(frozen=True)
 class Solution:
     """Where the solver stopped.
