@@ -73,8 +73,9 @@ def test_free_run_is_finite(name, data):
         if key.startswith('inverse_A'):  # a loop that lags, so that the voltage rises with it
             values[key] = -abs(values[key])
         if key.startswith('inverse_gamma'):
-            most = values[key.replace('gamma', 'beta')]
-            values[key] = float(np.clip(values[key], -most, most))
+            beta = key.replace('gamma', 'beta')
+            values[beta] = max(values[beta], 1.0)
+            values[key] = float(np.clip(values[key], -0.9 * values[beta], values[beta]))
     if name == 'bouc_wen_oscillator':  # a passive spring that does not give way for ever
         values['mass'] = max(values['mass'], 1e-3)
         values['stiffness'] = max(values['stiffness'], 500.0)
