@@ -60,8 +60,8 @@ class AttenuationSettings:
     orders: tuple[int, ...] = (3,)
     resonance: float = 0.0
     settle: float = 0.3
-    span: float = 0.3
-    step_size: float = 0.8
+    span: float = 0.25
+    step_size: float = 0.9
     largest_step: float = 0.1
     largest_correction: float = 0.5
     forgetting: float = 0.9995

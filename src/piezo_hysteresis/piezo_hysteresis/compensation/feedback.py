@@ -10,9 +10,11 @@ from piezo_hysteresis.compensation.sensor import SensorWatch
 from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.errors import CompensationError
 
-# A loop that is cut off for this share of a window, while what it receives is within the range,
-# does not control any more but swings between its limits.
-_SWINGING = 0.25
+# A window in which the voltage was cut off for this share of the time, while what the link
+# receives is within the range, is looked at: cut at both ends the loop swings between its limits,
+# cut at one end and answered by the opposite sign the plant is inverted.
+_CUT_SHARE = 0.25
+_BOTH_ENDS = 0.08
 _WINDOW = 0.5
 _FADE = 0.2
 
@@ -31,18 +33,16 @@ class FeedbackLink:
         Sampling interval [s].
     limits : Limits, optional
         Range of the voltage passed on [V]; the law learns what it was cut to (anti-windup).
-    resonance : float
-        Natural frequency above which the plant rightly answers in opposition [Hz]; 0 if none.
     """
 
-    def __init__(self, dt: float, limits: Limits | None = None, resonance: float = 0.0) -> None:
+    def __init__(self, dt: float, limits: Limits | None = None) -> None:
         if not (math.isfinite(dt) and dt > 0):
             raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
         self.dt = dt
         self._low = -math.inf if limits is None else limits.low
         self._high = math.inf if limits is None else limits.high
         self._sensor = SensorWatch(dt)
-        self._polarity = PolarityWatch(dt, resonance)
+        self._polarity = PolarityWatch(dt)
         self._fade = Transition(dt, _FADE, math.inf if limits is None else limits.slew)
         self._window = max(1, round(_WINDOW / dt))
         self._start()
@@ -50,8 +50,7 @@ class FeedbackLink:
     def _start(self) -> None:
         self._off = ''
         self._saturated = 0
-        self._ticks = 0
-        self._cut_ticks = 0
+        self._ticks = self._cut_low = self._cut_high = 0
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
@@ -64,27 +63,30 @@ class FeedbackLink:
             share = self._hold()
         else:
             partner, displacement = pair
-            self._polarity.see(measured.voltage, displacement, partner.frequency)
+            self._polarity.see(measured.voltage, displacement)
             share = self._law(partner.displacement - displacement)
         wanted = received + share
         safe = min(max(wanted, self._low), self._high)
         if not self._off and pair is not None:
             self._cut(safe - wanted)
-            self._judge(safe != wanted and self._low <= received <= self._high)
+            self._judge(safe - wanted, self._low <= received <= self._high)
         return received + self._fade.apply(safe - received)
 
-    def _judge(self, cut: bool) -> None:
+    def _judge(self, excess: float, received_in_range: bool) -> None:
         """Switch the law off where it does harm."""
         self._ticks += 1
-        if cut:
+        if excess != 0.0 and received_in_range:
             self._saturated += 1
-            self._cut_ticks += 1
-        if self._polarity.inverted:
-            self._off = 'inverted_plant'
-        elif self._ticks >= self._window:
-            if self._cut_ticks > _SWINGING * self._ticks:
+            self._cut_low += excess > 0.0
+            self._cut_high += excess < 0.0
+        if self._ticks < self._window:
+            return
+        if self._cut_low + self._cut_high > _CUT_SHARE * self._ticks:
+            if min(self._cut_low, self._cut_high) > _BOTH_ENDS * self._ticks:
                 self._off = 'diverged'
-            self._ticks = self._cut_ticks = 0
+            if self._polarity.inverted:
+                self._off = 'inverted_plant'
+        self._ticks = self._cut_low = self._cut_high = 0
         if self._off:
             self._fade.start()
 

@@ -113,7 +113,7 @@ class FuzzyPid(Pid):
         Tables and scales.
     dt : float
         Sampling interval [s].
-    limits, resonance
+    limits : Limits, optional
         As in `FeedbackLink`.
     """
 
@@ -124,9 +124,8 @@ class FuzzyPid(Pid):
         dt: float,
         *,
         limits: Limits | None = None,
-        resonance: float = 0.0,
     ) -> None:
-        super().__init__(gains, dt, limits=limits, resonance=resonance)
+        super().__init__(gains, dt, limits=limits)
         self._rules = rules
 
     def _law(self, error: float) -> float:

@@ -91,7 +91,8 @@ class HarmonicRls:
         angles = self._orders * phase
         x[first::2], x[first + 1 :: 2] = np.sin(angles), np.cos(angles)
         target = value - past[0] if first else value
-        rls_update(self._theta, self._covariance, x, target, self._settings.forgetting, self._work)
+        missed = target - float(self._theta @ x)
+        rls_update(self._theta, self._covariance, x, missed, self._settings.forgetting, self._work)
         past[0], past[1], past[2] = value, past[0], past[1]
 
     def voltage(self, frequency: float, phase: float) -> float:

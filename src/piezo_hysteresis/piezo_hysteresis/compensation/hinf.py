@@ -33,24 +33,28 @@ class HInfinityWeights:
         Frequency up to which errors are fought [Hz].
     steady_error : float
         Share of a constant disturbance that may remain.
+    peak : float
+        Largest amplification of errors beyond the bandwidth; small ones give robustness.
     control : float
-        Weight of the voltage relative to that of the error.
-    delay_ticks : float
-        Samples between an error and the middle of the hold that answers it; part of the plant
-        that the controller is designed on.
+        Weight of the voltage. The loop stays stable while the plant differs from its model, at
+        any frequency, by less than ``control / gamma`` times its gain at rest.
+    delay_ticks : int
+        Samples by which a measurement is late when the voltage is computed; 1 in lock-step. The
+        hold of the voltage is taken into account besides.
     """
 
     bandwidth: float
     steady_error: float = 1e-3
-    control: float = 0.05
-    delay_ticks: float = 1.5
+    peak: float = 1.6
+    control: float = 0.5
+    delay_ticks: int = 1
 
     def __post_init__(self) -> None:
-        for name in ('bandwidth', 'steady_error', 'control'):
+        for name in ('bandwidth', 'steady_error', 'peak', 'control'):
             if not getattr(self, name) > 0:
                 raise CompensationError(f'the H-infinity weight {name} must be positive')
-        if self.delay_ticks < 0:
-            raise CompensationError('delay_ticks must be 0 or more')
+        if self.delay_ticks < 0 or self.delay_ticks != int(self.delay_ticks):
+            raise CompensationError('delay_ticks must be a whole number from 0')
 
 
 def transfer_function(numerator: Sequence[float], denominator: Sequence[float]) -> StateSpace:
@@ -65,33 +69,39 @@ def transfer_function(numerator: Sequence[float], denominator: Sequence[float]) 
     return _balanced(StateSpace(a, b, c, d))
 
 
-def mixed_sensitivity(plant: StateSpace, weights: HInfinityWeights) -> GeneralizedPlant:
+def mixed_sensitivity(plant: StateSpace, weights: HInfinityWeights, dt: float) -> GeneralizedPlant:
     """Build the problem ``|| W S; control K S || < gamma`` on a plant scaled to unit DC gain.
 
-    ``W = omega / (s + steady_error omega)``, with omega of the bandwidth. The error enters the
-    controller divided by the DC gain, i.e. in volts.
+    ``W = (s / peak + omega) / (s + steady_error omega) / (1 + s dt / 2)`` with omega of the
+    bandwidth: below gamma = 1 what `weights` ask for is reached. A direct path of the plant
+    counts in the error that is weighed, not in the one that is measured: there it can be closed
+    around the controller afterwards.
 
     Parameters
     ----------
     plant : StateSpace
-        One input [V], one output [V, scaled], strictly proper.
+        One input and one output, scaled to unit DC gain.
     weights : HInfinityWeights
         What is wanted.
+    dt : float
+        Sampling interval [s]; beyond it nothing is weighed.
     """
-    n = len(plant.a)
     omega = 2.0 * np.pi * weights.bandwidth
-    a = np.zeros((n + 1, n + 1))
-    a[:n, :n] = plant.a
-    a[n, :n] = -plant.c[0]
-    a[n, n] = -weights.steady_error * omega
-    b1 = np.zeros((n + 1, 1))
-    b1[n] = 1.0
-    b2 = np.vstack([plant.b, [[0.0]]])
-    c1 = np.zeros((2, n + 1))
-    c1[0, n] = omega
-    c2 = np.hstack([-plant.c, [[0.0]]])
-    d12 = np.array([[0.0], [weights.control]])
-    return GeneralizedPlant(a, b1, b2, c1, c2, d12, np.eye(1))
+    pole = weights.steady_error * omega
+    weight = transfer_function(
+        [1.0 / weights.peak, omega], [0.5 * dt, 1.0 + 0.5 * dt * pole, pole]
+    )
+    n, m = len(plant.a), len(weight.a)
+    a = np.block([[plant.a, np.zeros((n, m))], [-weight.b @ plant.c, weight.a]])
+    return GeneralizedPlant(
+        a=a,
+        b1=np.vstack([np.zeros((n, 1)), weight.b]),
+        b2=np.vstack([plant.b, -weight.b @ plant.d]),
+        c1=np.vstack([np.hstack([np.zeros((1, n)), weight.c]), np.zeros((1, n + m))]),
+        c2=np.hstack([-plant.c, np.zeros((1, m))]),
+        d12=np.array([[0.0], [weights.control]]),
+        d21=np.eye(1),
+    )
 
 
 def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> tuple[StateSpace, float]:
@@ -125,11 +135,14 @@ def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> tuple[Sta
     steady = float(plant.gain(0.0).real[0, 0])
     if steady == 0.0:
         raise CompensationError('the plant has no gain at rest, so it cannot be controlled there')
-    scaled = StateSpace(plant.a, plant.b, plant.c / steady, plant.d)
-    delayed = _in_series(scaled, _pade(weights.delay_ticks * dt))
-    controller, gamma = hinf_synthesis(mixed_sensitivity(_balanced(delayed), weights))
+    sampled = _sampled(StateSpace(plant.a, plant.b, plant.c / steady, plant.d), dt, weights)
+    frequency_plane = _balanced(_to_w_plane(sampled, dt))
+    inner, gamma = hinf_synthesis(mixed_sensitivity(frequency_plane, weights, dt))
+    # The design left the direct path of the plant out; it is closed around the controller here.
+    path = frequency_plane.d
+    controller = StateSpace(inner.a + inner.b @ path @ inner.c, inner.b / steady, inner.c, inner.d)
     a, b, c, d, _ = signal.cont2discrete(
-        (controller.a, controller.b / steady, controller.c, controller.d), dt, method='bilinear'
+        (controller.a, controller.b, controller.c, controller.d), dt, method='bilinear'
     )
     return StateSpace(a, b, c, d), gamma
 
@@ -143,9 +156,8 @@ class HInfinity(FeedbackLink):
         Discrete, from the error d - y [m] to the voltage [V]; see `design`.
     dt : float
         Sampling interval [s].
-    limits, resonance
-        As in `FeedbackLink`. While the voltage is cut off the state is not driven further into
-        the limit.
+    limits : Limits, optional
+        As in `FeedbackLink`; while the voltage is cut off the state follows the limit.
     """
 
     def __init__(
@@ -154,23 +166,20 @@ class HInfinity(FeedbackLink):
         dt: float,
         *,
         limits: Limits | None = None,
-        resonance: float = 0.0,
     ) -> None:
-        super().__init__(dt, limits, resonance)
+        super().__init__(dt, limits)
         self._controller = controller
+        self._observer = _observer_gain(controller)
         self._state: FloatArray = np.zeros(len(controller.a))
-        self._previous: FloatArray = self._state
 
     def reset(self) -> None:
         """Forget everything but the controller."""
         super().reset()
         self._state = np.zeros_like(self._state)
-        self._previous = self._state
 
     def _law(self, error: float) -> float:
         k = self._controller
         share = float(k.c[0] @ self._state + k.d[0, 0] * error)
-        self._previous = self._state
         self._state = k.a @ self._state + k.b[:, 0] * error
         return share
 
@@ -178,33 +187,49 @@ class HInfinity(FeedbackLink):
         return float(self._controller.c[0] @ self._state)
 
     def _cut(self, excess: float) -> None:
-        if excess == 0.0:
-            return
-        c = self._controller.c[0]
-        # Only a step that pushes further beyond the limit is undone.
-        if float(c @ (self._state - self._previous)) * excess < 0.0:
-            self._state = self._previous
+        if excess != 0.0:
+            self._state = self._state + self._observer * excess
 
 
-def _pade(delay: float) -> StateSpace:
-    """Return the second-order Padé form of a delay [s]."""
-    if delay == 0.0:
-        return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.eye(1))
-    t = delay
-    a, b, c, d = signal.tf2ss([t * t, -6.0 * t, 12.0], [t * t, 6.0 * t, 12.0])
-    return StateSpace(a, b, c, d)
+def _observer_gain(controller: StateSpace) -> FloatArray:
+    """Return the gain with which the state follows the voltage that was really applied.
+
+    The stationary Kalman gain for noise that enters like the error: the state then moves as if
+    the error had been one that the limits allow.
+    """
+    k = controller
+    noise = 1e-3 * (k.c @ k.b @ k.b.T @ k.c.T + k.d @ k.d.T)
+    covariance = linalg.solve_discrete_are(k.a.T, k.c.T, k.b @ k.b.T, noise)
+    gain = k.a @ covariance @ k.c.T / (k.c @ covariance @ k.c.T + noise)
+    return np.asarray(gain[:, 0], dtype=np.float64)
 
 
-def _in_series(first: StateSpace, second: StateSpace) -> StateSpace:
-    a = np.block(
-        [
-            [first.a, np.zeros((len(first.a), len(second.a)))],
-            [second.b @ first.c, second.a],
-        ]
+def _sampled(plant: StateSpace, dt: float, weights: HInfinityWeights) -> StateSpace:
+    """Return the plant behind the hold, read `delay_ticks` samples late."""
+    a, b, c, _, _ = signal.cont2discrete((plant.a, plant.b, plant.c, plant.d), dt)
+    n, late = len(a), weights.delay_ticks
+    whole = np.zeros((n + late, n + late))
+    whole[:n, :n] = a
+    outputs = np.vstack([c @ np.eye(n, n + late), np.eye(n + late)[n:]])
+    whole[n:] = outputs[:late]
+    entry = np.vstack([b, np.zeros((late, 1))])
+    return StateSpace(whole, entry, outputs[late:], np.zeros((1, 1)))
+
+
+def _to_w_plane(system: StateSpace, dt: float) -> StateSpace:
+    """Return the continuous system that the bilinear rule makes into `system`.
+
+    Stability and the largest gain are the same in both, so a controller that is designed there
+    and taken back by the same rule keeps what it promises at any sampling rate.
+    """
+    inverse = np.linalg.inv(system.a + np.eye(len(system.a)))
+    scale = 2.0 / np.sqrt(dt)
+    return StateSpace(
+        2.0 / dt * (system.a - np.eye(len(system.a))) @ inverse,
+        scale * inverse @ system.b,
+        scale * system.c @ inverse,
+        system.d - system.c @ inverse @ system.b,
     )
-    b = np.vstack([first.b, second.b @ first.d])
-    c = np.hstack([second.d @ first.c, second.c])
-    return StateSpace(a, b, c, second.d @ first.d)
 
 
 def _balanced(system: StateSpace) -> StateSpace:

@@ -20,6 +20,9 @@ from piezo_hysteresis.jit import jit
 # Places in the state of the conditioning kernel.
 _TICK, _LAST, _REFUSED = 0, 1, 2
 
+# No actuator moves by kilometres; beyond these sizes the arithmetic would overflow.
+_ABSURD, _ABSURD_RATE = 1e3, 1e9
+
 
 @jit
 def _condition(
@@ -33,11 +36,11 @@ def _condition(
     """Refer the reference to the rest position and ease it in over the first `ticks`.
 
     Rows of both arrays are displacement, velocity and acceleration.
-    What is not a number is replaced by the last displacement at rest.
+    What is not a number, or absurd, is replaced by the last displacement at rest.
     """
     for k in range(reference.shape[1]):
         d, v, a = reference[0, k], reference[1, k], reference[2, k]
-        if not (np.isfinite(d) and np.isfinite(v) and np.isfinite(a)):
+        if not (abs(d) < _ABSURD and abs(v) < _ABSURD_RATE and abs(a) < _ABSURD_RATE):
             d, v, a = state[_LAST], 0.0, 0.0
             state[_REFUSED] += 1.0
         state[_LAST] = d

@@ -60,7 +60,7 @@ class Pid(FeedbackLink):
         The gains.
     dt : float
         Sampling interval [s].
-    limits, resonance
+    limits : Limits, optional
         As in `FeedbackLink`.
     """
 
@@ -70,9 +70,8 @@ class Pid(FeedbackLink):
         dt: float,
         *,
         limits: Limits | None = None,
-        resonance: float = 0.0,
     ) -> None:
-        super().__init__(dt, limits, resonance)
+        super().__init__(dt, limits)
         self._gains = gains
         self._clear()
 

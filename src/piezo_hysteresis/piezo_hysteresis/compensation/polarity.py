@@ -1,67 +1,48 @@
-"""Notices a plant that answers with the opposite sign, which turns feedback into divergence."""
+"""Tells a plant that answers with the opposite sign from one that is merely driven too hard."""
 
 from __future__ import annotations
 
-import math
+# Slower than the swings of an unstable loop about a resonance, faster than drift.
+_SMOOTHING = 0.1
+_MEMORY = 2.0
 
 
 class PolarityWatch:
-    """Correlates voltage and displacement below the resonance, window by window.
+    """Correlates slow changes of voltage and displacement.
 
-    Two windows in a row with a clearly negative correlation mean an inverted sensor, amplifier or
-    actuator.
+    The sign alone proves nothing: feedback that fights a disturbance moves against it. Ask only
+    when the loop has run into a limit.
 
     Parameters
     ----------
     dt : float
         Sampling interval [s].
-    resonance : float
-        Natural frequency [Hz]; above 0.7 of it the plant lags too much to judge. 0 if none.
-    window : float
-        Least seconds that are looked at together [s]; at least half a period.
     """
 
-    def __init__(self, dt: float, resonance: float = 0.0, window: float = 0.05) -> None:
-        self._dt = dt
-        self._resonance = resonance
-        self._window = window
+    def __init__(self, dt: float) -> None:
+        self._share = min(1.0, dt / _SMOOTHING)
+        self._forget = min(1.0, dt / _MEMORY)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self._against = 0
-        self._clear()
+        self._started = False
+        self._slow_v = self._slow_y = 0.0
+        self._first_v = self._first_y = 0.0
+        self._product = 0.0
+
+    def see(self, voltage: float, displacement: float) -> None:
+        """Take the voltage [V] and the displacement [m] of one tick."""
+        if not self._started:
+            self._started = True
+            self._slow_v = self._first_v = voltage
+            self._slow_y = self._first_y = displacement
+        self._slow_v += self._share * (voltage - self._slow_v)
+        self._slow_y += self._share * (displacement - self._slow_y)
+        product = (self._slow_v - self._first_v) * (self._slow_y - self._first_y)
+        self._product += self._forget * (product - self._product)
 
     @property
     def inverted(self) -> bool:
-        """Whether the plant was found to answer with the opposite sign."""
-        return self._against >= 2
-
-    def see(self, voltage: float, displacement: float, frequency: float) -> None:
-        """Take one pair of voltage [V] and displacement [m] at the reference's frequency [Hz]."""
-        if self._resonance > 0.0 and frequency > 0.7 * self._resonance:
-            return
-        self._count += 1
-        share = 1.0 / self._count
-        dv, dy = voltage - self._mean_v, displacement - self._mean_y
-        self._mean_v += share * dv
-        self._mean_y += share * dy
-        self._vv += dv * (voltage - self._mean_v)
-        self._yy += dy * (displacement - self._mean_y)
-        self._vy += dv * (displacement - self._mean_y)
-        length = max(self._window, 0.5 / frequency if frequency > 0.0 else 0.0)
-        if self._count * self._dt >= length:
-            self._judge()
-
-    def _judge(self) -> None:
-        scale = math.sqrt(self._vv * self._yy)
-        if scale > 0.0 and self._vy < -0.7 * scale:
-            self._against += 1
-        elif scale > 0.0 and self._vy > 0.0:
-            self._against = 0
-        self._clear()
-
-    def _clear(self) -> None:
-        self._count = 0
-        self._mean_v = self._mean_y = 0.0
-        self._vv = self._yy = self._vy = 0.0
+        """Whether displacement has gone against voltage, both counted from the start."""
+        return self._product < 0.0

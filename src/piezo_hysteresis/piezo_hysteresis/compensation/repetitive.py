@@ -28,9 +28,6 @@ class RepetitiveSettings:
         Share of the error that one half period removes, 0..1.
     lead_ticks : float
         Samples by which the learning looks ahead, against the delay of plant and hold.
-    smoothing : int
-        Half width of the triangular zero-phase low-pass on what was learned, in samples; it gives
-        up the highest harmonics for robustness.
     lowest_frequency : float
         Fundamental below which nothing is learned [Hz]; sets the length of the memory.
     """
@@ -40,7 +37,6 @@ class RepetitiveSettings:
     damping_ratio: float = 0.02
     learning: float = 0.3
     lead_ticks: float = 2.5
-    smoothing: int = 1
     lowest_frequency: float = 0.5
 
     def __post_init__(self) -> None:
@@ -48,26 +44,37 @@ class RepetitiveSettings:
             raise CompensationError('repetitive control needs the gain of the plant, not 0 m/V')
         if not 0 < self.learning <= 1:
             raise CompensationError(f'learning must be in 0..1, got {self.learning:g}')
-        if self.smoothing < 0 or self.lead_ticks < 0 or self.lowest_frequency <= 0:
-            raise CompensationError(
-                'smoothing and lead_ticks must be 0 or more, lowest_frequency positive'
-            )
+        if self.lead_ticks < 0 or self.lowest_frequency <= 0:
+            raise CompensationError('lead_ticks must be 0 or more, lowest_frequency positive')
+
+
+# Zero-phase low-pass that is flat up to a fifth of the Nyquist frequency and 0 at it: what the
+# learning filter does not invert must not be repeated for ever.
+_TAPS = (-0.0625, 0.25, 0.625, 0.25, -0.0625)
+_REACH = 3  # newest sample that filter and interpolation need, ahead of the one asked for
 
 
 @jit
-def _recall(memory: FloatArray, newest: int, back: float, smoothing: int) -> float:
-    """Answer the ring `memory` `back` samples ago, between samples and smoothed by a triangle."""
+def _recall(memory: FloatArray, newest: int, back: float) -> float:
+    """Answer the ring `memory` `back` samples ago, low-passed; cubic between samples."""
     size = memory.size
     whole = int(np.floor(back))
-    part = back - whole
-    total = weight = 0.0
-    for j in range(-smoothing, smoothing + 1):
-        share = smoothing + 1.0 - abs(j)
-        early = memory[(newest - whole + j) % size]
-        late = memory[(newest - whole - 1 + j) % size]
-        total += share * ((1.0 - part) * early + part * late)
-        weight += share
-    return total / weight
+    t = back - whole
+    # Lagrange weights at the samples 1 newer, 0, 1 and 2 older.
+    w0 = -t * (t - 1.0) * (t - 2.0) / 6.0
+    w1 = (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
+    w2 = -(t + 1.0) * t * (t - 2.0) / 2.0
+    w3 = (t + 1.0) * t * (t - 1.0) / 6.0
+    total = 0.0
+    for i in range(5):
+        place = newest - whole + i - 2
+        total += _TAPS[i] * (
+            w0 * memory[(place + 1) % size]
+            + w1 * memory[place % size]
+            + w2 * memory[(place - 1) % size]
+            + w3 * memory[(place - 2) % size]
+        )
+    return total
 
 
 class OddRepetitive:
@@ -109,10 +116,10 @@ class OddRepetitive:
         learned = 0.0
         if point.frequency >= s.lowest_frequency:
             half = 0.5 / (point.frequency * self._dt)
-            if tick - self._first > half + s.smoothing:
-                lead = min(s.lead_ticks, half - s.smoothing - 2.0)
-                before = _recall(self._learned, tick, half, s.smoothing)
-                error = _recall(self._errors, tick, half - lead, s.smoothing)
+            if half > 2 * _REACH:
+                lead = min(s.lead_ticks, half - _REACH - 1.0)
+                before = _recall(self._learned, tick, half)
+                error = _recall(self._errors, tick, half - lead)
                 learned = -(before + s.learning * error)
         self._learned[tick % self._size] = learned
         return received + learned
@@ -130,7 +137,6 @@ class OddRepetitive:
         self._learned: FloatArray = np.zeros(self._size)
         self._errors: FloatArray = np.zeros(self._size)
         self._past = [0.0, 0.0, 0.0, 0.0]
-        self._first = 0
 
     def _filtered(self, error: float) -> float:
         """Pass an error [m] through the learning filter; answers [V]."""

@@ -20,7 +20,7 @@ class SensorWatch:
     dt : float
         Sampling interval [s].
     frozen_after : float
-        Seconds of bit-identical readings, while the reference moves, after which the sensor
+        Seconds of bit-identical readings, while the voltage moves, after which the sensor
         counts as frozen [s].
     """
 
@@ -33,7 +33,7 @@ class SensorWatch:
         self._points: list[ReferencePoint | None] = [None] * _HISTORY
         self._last_sample: int = -1
         self._reading: float = math.nan
-        self._wanted: float = math.nan
+        self._voltage: float = math.nan
         self._still: int = 0
         self._counts: dict[str, int] = dict.fromkeys(
             ('missing', 'repeated', 'not_finite', 'unpaired', 'frozen'), 0
@@ -67,23 +67,23 @@ class SensorWatch:
         if partner is None or partner.sample != measured.sample:
             self._counts['unpaired'] += 1
             return None
-        if self._is_frozen(measured.displacement, partner.displacement):
+        if self._is_frozen(measured.displacement, measured.voltage):
             self._counts['frozen'] += 1
             return None
         return partner, measured.displacement
 
     @property
     def frozen(self) -> bool:
-        """Whether the sensor repeats itself while the reference moves."""
+        """Whether the sensor repeats itself while the voltage moves."""
         return self._still >= self._frozen_ticks
 
-    def _is_frozen(self, reading: float, wanted: float) -> bool:
+    def _is_frozen(self, reading: float, voltage: float) -> bool:
         if reading != self._reading:
             self._reading = reading
             self._still = 0
-        elif wanted != self._wanted:
+        elif voltage != self._voltage:
             self._still += 1
-        self._wanted = wanted
+        self._voltage = voltage
         return self.frozen
 
     def counters(self) -> dict[str, int]:

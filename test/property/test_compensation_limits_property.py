@@ -1,0 +1,68 @@
+"""Whatever comes in, what goes out is finite, in range, and no faster than allowed."""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezo_hysteresis.compensation.base import Limits, ReferencePoint
+from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.physical import PhysicalInverse
+
+DT = 1e-3
+anything = st.floats(allow_nan=True, allow_infinity=True)
+moderate = st.floats(-1e-3, 1e-3)
+
+
+@given(st.lists(anything, max_size=60), st.floats(-5.0, 0.0), st.floats(0.1, 5.0))
+def test_limiter_is_safe_for_any_input(voltages, low, high):
+    limiter = Limiter(Limits(low, high, 300.0), DT)
+    last = limiter.voltage
+    for voltage in voltages:
+        safe = limiter.apply(voltage)
+        assert math.isfinite(safe)
+        assert low <= safe <= high
+        assert abs(safe - last) <= 0.3 + 1e-12
+        last = safe
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(anything, anything, anything), min_size=1, max_size=40))
+def test_inverse_answers_a_finite_voltage_in_range_for_any_reference(rows):
+    values = {'A1': 150e-6, 'A': 40e-6, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6}
+    limits = Limits(-1.0, 1.0)
+    links = [
+        ExtendedInverse({**values, 'c1': 0.47, 'c2': -0.79}, DT, limits=limits),
+        PhysicalInverse(
+            {**values, 'natural_frequency': 68.0, 'damping_ratio': 0.015}, DT, limits=limits
+        ),
+    ]
+    for k, (d, v, a) in enumerate(rows):
+        for link in links:
+            voltage = link.step(ReferencePoint(k, d, v, a, 0.0, 0.0))
+            assert -1.0 <= voltage <= 1.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(20e-6, 300e-6),
+    st.floats(0.0, 0.9),
+    st.floats(0.05, 5.0),
+    st.floats(-0.9, 0.9),
+    st.lists(moderate, min_size=5, max_size=80),
+)
+def test_exact_inverse_undoes_the_model_wherever_the_slope_is_positive(a1, a, beta, gamma, path):
+    from piezo_hysteresis.compensation.physical import least_slope
+    from piezo_hysteresis.models.named import named
+
+    values = {'A1': a1, 'A': a * a1, 'A0': 0.0, 'beta': beta, 'gamma': gamma * beta}
+    if least_slope(values) < 0.15 * a1:
+        return
+    link = PhysicalInverse(values, DT, start=0.0)
+    model = named('classical')
+    wanted = np.array(path)
+    answer = model.respond(link.respond(wanted), model.pack({**values, 'offset': 0.0}), DT)
+    np.testing.assert_allclose(answer, wanted, atol=1e-12)
+    assert link.counters()['clamped_slopes'] == 0

@@ -1,0 +1,290 @@
+"""Harmonics of the error are taken away, and nothing worse happens when things go wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
+from piezo_hysteresis.compensation.base import Limits, Measured
+from piezo_hysteresis.compensation.harmonics import (
+    folded,
+    line_amplitudes,
+    resonant_orders,
+    separable_orders,
+)
+from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
+from piezo_hysteresis.compensation.loop import (
+    closed_loop,
+    reference_points,
+    tracking_metrics,
+)
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.repetitive import OddRepetitive, RepetitiveSettings
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.named import named
+from piezo_hysteresis.waveforms import Sine
+from piezo_hysteresis.waveforms.base import Samples
+
+DT = 1e-3
+LIMITS = Limits(-3.0, 3.0, 1e4)
+VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
+          'natural_frequency': 68.0, 'damping_ratio': 0.015}  # fmt: skip
+GAIN = ModeGain(115e-6, 68.0, 0.015, DT)
+
+
+class Proportional:
+    """Feedforward without any model."""
+
+    def step(self, point, received, measured=None):
+        return received + point.displacement / 125e-6
+
+    def counters(self):
+        return {}
+
+
+class Late:
+    """Switches a link on after some seconds."""
+
+    def __init__(self, link, seconds):
+        self.link, self.begin = link, seconds
+
+    def step(self, point, received, measured=None):
+        if point.sample * DT < self.begin:
+            return received
+        return self.link.step(point, received, measured)
+
+    def counters(self):
+        return self.link.counters()
+
+
+def plant(**changes):
+    return ModelPlant(named('bouc_wen_mode'), {**VALUES, **changes}, DT, noise=20e-9, seed=1)
+
+
+def sine(frequency, seconds, amplitude=125e-6):
+    time = np.arange(round(seconds / DT)) * DT
+    return Sine(amplitude, frequency, seconds, ramp=1.0).sample(time)
+
+
+def amplitude(result, order, begin, end):
+    part = slice(round(begin / DT), round(end / DT))
+    _, phasors = line_amplitudes(result.error[part], result.phase[part], (1, 3, 5))
+    return abs(phasors[(1, 3, 5).index(order)])
+
+
+def run(frequency, settings, gain=GAIN, begin=4.0, seconds=9.0, **changes):
+    """Return amplitude before the link is switched on, ratio at the end, seconds to 10 %."""
+    order = settings.orders[-1]
+    link = HarmonicAttenuation(settings, gain, DT)
+    result = closed_loop(
+        sine(frequency, seconds), [Proportional(), Late(link, begin)], plant(**changes), LIMITS, DT
+    )
+    before = amplitude(result, order, begin - 1.0, begin)
+    window = 3.0 / frequency
+    times = np.arange(begin, seconds - window, 0.05)
+    course = np.array([amplitude(result, order, t - window / 2, t + window / 2) for t in times])
+    above = np.flatnonzero(course > 0.1 * before)
+    settled = 0.05 * (above[-1] + 1) if above.size else 0.0
+    end = amplitude(result, order, seconds - 1.0, seconds)
+    return before, end / before, settled, link
+
+
+@pytest.mark.parametrize('frequency', [14.0, 18.0, 22.0, 23.0, 24.0, 28.0])
+def test_afc_reaches_a_tenth_within_a_second_from_a_right_model(frequency):
+    order = 5 if frequency == 14.0 else 3
+    _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)))
+    assert settled <= 1.0
+    assert ratio < 10 ** (-45 / 20)
+
+
+@pytest.mark.parametrize('frequency', [14.0, 22.0, 23.0, 28.0])
+def test_afc_finds_out_that_the_sign_is_wrong_within_two_seconds(frequency):
+    order = 5 if frequency == 14.0 else 3
+    wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
+    _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)), wrong)
+    assert settled <= 2.0
+    assert ratio < 10 ** (-40 / 20)
+
+
+def test_afc_finds_a_resonance_that_has_moved():
+    settings = AttenuationSettings(orders=(3,))
+    moved = ModeGain(115e-6, 70.0, 0.015, DT)
+    _, ratio, settled, link = run(23.0, settings, moved)
+    assert settled <= 2.2
+    assert ratio < 1e-2
+    found = link._law.gains()[3]
+    assert found / GAIN(69.0) == pytest.approx(1.0, abs=0.35)
+
+
+def test_filtered_reference_rls_is_deepest_where_the_model_is_right():
+    settings = AttenuationSettings(method='filtered_rls', orders=(3,), forgetting=0.998)
+    _, ratio, settled, link = run(23.0, settings)
+    assert ratio < 10 ** (-80 / 20)
+    assert settled <= 1.1
+    (line,) = link.harmonics()
+    assert line.order == 3
+    assert 0.005 < line.correction_amplitude < 0.05
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'fit'),
+    [
+        (18.0, 'recursion'),
+        (22.0, 'recursion'),
+        (24.0, 'recursion'),
+        (18.0, 'sines'),
+        (24.0, 'sines'),
+    ],
+)
+def test_rls_with_the_computed_factor_attenuates_as_its_loop_gain_says(frequency, fit):
+    strength = 1.0 / 60e-6
+    settings = AttenuationSettings(
+        method='rls', orders=(3,), fit=fit, gain=strength, forgetting=0.9998
+    )
+    _, ratio, _, link = run(frequency, settings, begin=4.0, seconds=24.0)
+    kappa = abs(link._law._kappa(3 * frequency))
+    predicted = 1.0 / (1.0 + strength * kappa * abs(GAIN(3 * frequency)))
+    assert 20 * math.log10(ratio / predicted) == pytest.approx(0.0, abs=3.0)
+    assert ratio < 0.7
+
+
+def test_the_printed_sign_rule_with_a_plain_sine_fit_drives_to_the_bound():
+    settings = AttenuationSettings(method='rls', orders=(3,), fit='sines', sign_rule='printed')
+    _, ratio, _, link = run(24.0, settings)
+    assert ratio > 3.0
+    assert link.counters()['bounded'] > 0
+    assert link.harmonics()[0].correction_amplitude <= 0.5 + 1e-12
+
+
+def test_several_orders_and_the_mean_at_once():
+    settings = AttenuationSettings(
+        orders=(0, 1, 3), resonance=68.0, settle=0.4, span=0.4, step_size=0.6
+    )
+    link = HarmonicAttenuation(settings, GAIN, DT)
+    wanted = sine(14.0, 12.0)
+    open_loop = closed_loop(wanted, [Proportional()], plant(), LIMITS, DT)
+    result = closed_loop(wanted, [Proportional(), link], plant(), LIMITS, DT)
+    before, after = (tracking_metrics(each, 9.0) for each in (open_loop, result))
+    assert before.rms > 10e-6
+    assert abs(after.mean) < 10e-9
+    assert after.rms < 0.2e-6
+    assert 5 in [line.order for line in link.harmonics()]
+
+
+def test_frequency_steps_are_followed():
+    parts, phase = [], 0.0
+    for frequency in (22.0, 23.0, 24.0):
+        time = np.arange(5000) * DT
+        wave = Sine(125e-6, frequency, 5.0, phase=phase).sample(time)
+        phase += 2 * np.pi * frequency * 5.0
+        parts.append(wave)
+    wanted = Samples(*(np.concatenate(each) for each in zip(
+        *((p.value, p.velocity, p.acceleration, p.frequency, p.phase) for p in parts),
+        strict=True)))  # fmt: skip
+    link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
+    result = closed_loop(wanted, [Proportional(), link], plant(), LIMITS, DT)
+    for end in (5.0, 10.0, 15.0):
+        assert amplitude(result, 3, end - 2.0, end) < 0.3e-6
+
+
+def test_a_measurement_that_is_old_is_compared_with_the_reference_of_its_tick():
+    link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
+    actuator, late = plant(), []
+    errors = []
+    for point in reference_points(sine(23.0, 8.0)):
+        measured = late[-6] if len(late) >= 6 else None
+        voltage = link.step(point, point.displacement / 125e-6, measured)
+        y = actuator.exchange(voltage)
+        late.append(Measured(point.sample, voltage, y))
+        errors.append(y - point.displacement)
+    phase = sine(23.0, 8.0).phase[-2000:]
+    _, phasors = line_amplitudes(np.array(errors[-2000:]), phase, (1, 3))
+    assert abs(phasors[1]) < 0.3e-6
+
+
+@pytest.mark.parametrize('fault', ['lost', 'frozen', 'not_a_number'])
+def test_the_correction_is_kept_while_the_sensor_fails(fault):
+    link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
+    actuator, measured, held = plant(), None, 0.0
+    learned = None
+    for point in reference_points(sine(23.0, 8.0)):
+        voltage = link.step(point, point.displacement / 125e-6, measured)
+        y = actuator.exchange(voltage)
+        if point.sample < 4000:
+            held = y
+        elif point.sample == 4100:
+            learned = link.harmonics()
+        measured = Measured(point.sample, voltage, y)
+        if point.sample >= 4000:
+            bad = {'lost': None, 'frozen': held, 'not_a_number': math.nan}[fault]
+            measured = None if bad is None else Measured(point.sample, voltage, bad)
+    counters = link.counters()
+    name = {'lost': 'missing', 'frozen': 'frozen', 'not_a_number': 'not_finite'}[fault]
+    assert counters[name] > 3000
+    if fault != 'frozen':  # the first readings of a frozen sensor are not yet known to be so
+        assert link.harmonics() == learned
+    assert link.harmonics()[0].correction_amplitude == pytest.approx(
+        learned[0].correction_amplitude, rel=0.05
+    )
+
+
+def test_nothing_is_subtracted_where_the_reference_has_no_fundamental():
+    link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
+    time = np.arange(500) * DT
+    flat = Samples(*(np.zeros(500) for _ in range(5)))
+    result = closed_loop(flat, [link], plant(), LIMITS, DT)
+    assert not result.voltage.any()
+    assert time.size == 500
+
+
+def test_repetitive_control_takes_odd_harmonics_and_leaves_the_mean():
+    settings = RepetitiveSettings(115e-6, 68.0, 0.015)
+    wanted = sine(23.0, 20.0)
+    open_loop = closed_loop(wanted, [Proportional()], plant(), LIMITS, DT)
+    repetitive = OddRepetitive(settings, DT)
+    result = closed_loop(wanted, [Proportional(), repetitive], plant(), LIMITS, DT)
+    before, after = (tracking_metrics(each, 16.0) for each in (open_loop, result))
+    for order in (1, 3):
+        assert after.harmonics[order] < 0.1 * before.harmonics[order]
+    assert after.mean == pytest.approx(before.mean, rel=0.35)
+
+
+def test_orders_are_chosen_by_the_resonance_and_its_images():
+    assert resonant_orders(14.0, 68.0, DT)[0] == 5
+    assert resonant_orders(23.0, 68.0, DT)[0] == 3
+    assert 19 in resonant_orders(49.0, 68.0, DT)
+    assert folded(19 * 49.0, DT) == pytest.approx(-69.0)
+    assert resonant_orders(0.0, 68.0, DT) == ()
+
+
+def test_orders_whose_images_coincide_are_not_fitted_together():
+    # 3 x 50 Hz and 17 x 50 Hz are the same samples at 1 kHz; 20 x 50 Hz is the mean.
+    assert separable_orders((3, 17, 20, 5), 50.0, DT, 0.5) == (3, 5)
+
+
+def test_gains_of_mode_and_recursion():
+    mode = linear_gain(VALUES, DT)
+    assert mode(0.0) == pytest.approx(110e-6)
+    assert abs(mode(68.0)) == pytest.approx(110e-6 / 0.03, rel=1e-6)
+    recursion = linear_gain({'A1': 50e-6, 'A': 10e-6, 'c1': 0.4752, 'c2': -0.7983}, DT)
+    assert isinstance(recursion, ArGain)
+    assert recursion(0.0) == pytest.approx(40e-6 / (0.7983 - 0.4752))
+    peak = max(range(40, 100), key=lambda f: abs(recursion(float(f))))
+    assert peak == pytest.approx(68, abs=1)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'method': 'magic'},
+        {'orders': (3, -1)},
+        {'step_size': 0.0},
+        {'gain': math.nan},
+        {'forgetting': 0.5},
+        {'sign_rule': 'maybe'},
+    ],
+)
+def test_impossible_settings_are_refused(wrong):
+    with pytest.raises(CompensationError):
+        AttenuationSettings(**wrong)

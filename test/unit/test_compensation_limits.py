@@ -1,0 +1,148 @@
+"""The limiter, the smooth change and the offline loop."""
+
+import math
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.loop import closed_loop, reference_points, tracking_metrics
+from piezo_hysteresis.compensation.switching import Switch
+from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.waveforms.sine import Sine
+
+DT = 1e-3
+
+
+def test_limiter_clamps_range_and_slew_and_counts():
+    limiter = Limiter(Limits(-1.0, 2.0, 500.0), DT)
+    assert limiter.apply(0.4) == 0.4
+    assert limiter.apply(5.0) == pytest.approx(0.9)
+    for _ in range(10):
+        limiter.apply(5.0)
+    assert limiter.voltage == 2.0
+    assert limiter.counters() == {'not_finite': 0, 'out_of_range': 11, 'slew_limited': 3}
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+def test_limiter_holds_the_last_safe_voltage_for_what_is_no_number(bad):
+    limiter = Limiter(Limits(), DT)
+    limiter.apply(0.3)
+    assert limiter.apply(bad) == 0.3
+    assert limiter.counters()['not_finite'] == 1
+
+
+def test_ramp_to_rest_arrives_and_stays_within_the_slew():
+    limiter = Limiter(Limits(-1.0, 1.0, 100.0), DT, voltage=0.95)
+    path = [limiter.ramp_to_rest(0.0, duration=0.1) for _ in range(80)]
+    assert np.max(np.abs(np.diff([0.95, *path]))) <= 0.02 + 1e-12
+    assert path[-1] == 0.0
+
+
+@pytest.mark.parametrize(
+    'limits', [Limits(1.0, 1.0), Limits(slew=0.0), Limits(low=math.nan), Limits(high=math.inf)]
+)
+def test_impossible_limits_are_refused(limits):
+    with pytest.raises(CompensationError):
+        Limiter(limits, DT)
+
+
+def test_transition_begins_where_the_old_law_ended_and_keeps_to_the_slew():
+    change = Transition(DT, duration=0.1, slew=5.0)
+    change.apply(1.0)
+    change.start()
+    path = [change.apply(0.0) for _ in range(600)]
+    assert path[0] == 1.0
+    assert path[-1] == 0.0
+    assert np.max(np.abs(np.diff(path))) <= 5.0 * DT * 1.001
+
+
+class Spy:
+    """A link that notes what it is given and adds a constant."""
+
+    def __init__(self, share):
+        self.share = share
+        self.seen = []
+
+    def step(self, point, received, measured=None):
+        self.seen.append((point.sample, received, measured))
+        return received + self.share
+
+    def counters(self):
+        return {'steps': len(self.seen)}
+
+    def reset(self):
+        self.seen.clear()
+
+
+class Doubling:
+    """A plant that answers twice the voltage of the tick before."""
+
+    def __init__(self):
+        self.held = 0.0
+
+    def exchange(self, voltage):
+        reading, self.held = 2.0 * self.held, voltage
+        return reading
+
+
+def test_closed_loop_gives_reference_k_and_measurement_k_minus_1():
+    samples = Sine(1e-6, 10.0, 1.0).sample(np.arange(5) * DT)
+    first, second = Spy(0.1), Spy(0.2)
+    result = closed_loop(samples, [first, second], Doubling(), Limits(), DT)
+    assert first.seen[0] == (0, 0.0, None)
+    assert second.seen[3][1] == pytest.approx(0.1)
+    assert second.seen[3][2] == Measured(2, result.voltage[2], result.displacement[2])
+    np.testing.assert_allclose(result.voltage, 0.3)
+    np.testing.assert_allclose(result.displacement, [0.0, 0.6, 0.6, 0.6, 0.6])
+    assert result.counters['limiter']['not_finite'] == 0
+    assert result.counters['0_Spy'] == {'steps': 5}
+
+
+def test_metrics_name_mean_rms_and_harmonics():
+    n = 2000
+    samples = Sine(0.0, 10.0, 2.0).sample(np.arange(n) * DT)
+    phase = samples.phase
+
+    class Wave:
+        def __init__(self):
+            self.k = -1
+
+        def exchange(self, voltage):
+            self.k += 1
+            return 3e-6 + 2e-6 * math.cos(3 * phase[self.k] + 1.0)
+
+    result = closed_loop(samples, [Spy(0.0)], Wave(), Limits(), DT)
+    metrics = tracking_metrics(result, from_seconds=1.0)
+    assert metrics.mean == pytest.approx(3e-6)
+    assert metrics.rms_without_mean == pytest.approx(2e-6 / math.sqrt(2))
+    assert metrics.rms == pytest.approx(math.hypot(3e-6, 2e-6 / math.sqrt(2)))
+    assert metrics.harmonics[3] == pytest.approx(2e-6)
+    assert metrics.harmonics[1] < 1e-12
+    with pytest.raises(CompensationError):
+        tracking_metrics(result, from_seconds=5.0)
+
+
+def test_switch_changes_controllers_without_a_jump_and_refuses_unknown_names():
+    switch = Switch({'a': Spy(0.5), 'b': Spy(-0.5)}, 'a', DT, transition=0.1)
+    points = list(reference_points(Sine(1e-6, 10.0, 1.0).sample(np.arange(600) * DT)))
+    path = [switch.step(point, 1.0) for point in points[:100]]
+    switch.select('b')
+    path += [switch.step(point, 1.0) for point in points[100:400]]
+    switch.select('')
+    path += [switch.step(point, 1.0) for point in points[400:]]
+    assert path[0] == 1.5
+    assert path[399] == 0.5
+    assert path[-1] == 1.0
+    assert np.max(np.abs(np.diff(path))) < 0.03
+    with pytest.raises(CompensationError, match='choose one of a, b'):
+        switch.select('c')
+    assert switch.active == ''
+
+
+def test_reference_points_are_numbered_from_the_first_tick():
+    points = list(reference_points(Sine(1e-6, 10.0, 1.0).sample(np.arange(3) * DT), first=7))
+    assert [point.sample for point in points] == [7, 8, 9]
+    assert isinstance(points[0], ReferencePoint)
