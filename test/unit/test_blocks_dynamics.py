@@ -61,7 +61,7 @@ def test_mass_spring_and_full_share_are_the_same_mode():
 
 
 def test_autoregression_of_000_holds_a_mode_at_68_hz():
-    """c1, c2 of EQUATIONS A.1 (5) ring at 68 Hz with a damping ratio of 0.015."""
+    """The poles for these c1, c2 ring at 68 Hz with a damping ratio of 0.015."""
     x = np.zeros(4000)
     x[0] = 1.0
     y = respond('autoregressive', x, {'c1': 0.4752, 'c2': -0.7983})

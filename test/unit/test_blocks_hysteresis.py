@@ -96,7 +96,7 @@ def test_exponent_keeps_the_height_of_the_loop():
 
 
 def test_zhou_moves_257_micrometres_at_60_volts():
-    """002 Table 2 with its units mended; EQUATIONS A.2."""
+    """002 Table 2 with its units mended."""
     d, alpha, beta, gamma = 5.5e-6, 0.61, 0.039, 0.0065
     saturation = d * alpha / (beta + gamma)
     assert saturation == pytest.approx(73.7e-6, rel=0.01)
@@ -198,7 +198,7 @@ def test_preisach_forgets_the_smallest_loop_when_memory_is_full():
 
 
 def test_modified_law_of_004_with_the_papers_numbers():
-    """Slope within 0.93 .. 1.86 for gamma = -2.08 read with a plus sign; EQUATIONS A.4."""
+    """Slope within 0.93 .. 1.86 for gamma = -2.08 read with a plus sign."""
     t = np.linspace(0, 4, 40001)
     x = 5 - 5 * np.cos(2 * np.pi * t)
     values = {'A1': 1.86e-3, 'A': 0.75 * 1.14e-3, 'beta': 2.49, 'gamma': 2.08}

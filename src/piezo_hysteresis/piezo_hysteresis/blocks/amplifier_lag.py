@@ -50,7 +50,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=1,
     description='Low pass of first order between the command and the actuator.',
-    source='EQUATIONS F, amplifier low pass',
+    source='output resistance into the capacitance of the actuator',
 )
 
 EFFECTS = (

@@ -24,7 +24,7 @@ def exact_step(h: float, du: float, a: float, a0: float, beta: float, gamma: flo
 
     Within a monotone move ``dh/dz = c - (beta + gamma sgn(h) s) h`` with ``z = |u - u0|``,
     ``s = sgn(du)`` and ``c = s A + A0``, so h relaxes exponentially; where it runs through zero
-    the rate changes and the move is split there (EQUATIONS E.2b).
+    the rate changes and the move is split there.
     """
     if du == 0.0:
         return h

@@ -62,7 +62,7 @@ BLOCKS = (
         kernel=kernel,
         state_size=1,
         description='One Kelvin-Voigt element in series.',
-        source='Kelvin-Voigt creep; EQUATIONS F',
+        source='Kelvin-Voigt creep',
     ),
     Block(
         name='logarithmic_creep',

@@ -50,7 +50,7 @@ BLOCKS = (
         kernel=kernel,
         state_size=1,
         description='Constant drift, independent of the drive.',
-        source='EQUATIONS F, drift',
+        source='thermal drift, first order in time',
     ),
     Block(
         name='warming',

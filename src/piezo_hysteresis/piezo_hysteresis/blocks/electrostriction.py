@@ -42,7 +42,7 @@ BLOCKS = (
         kernel=kernel,
         state_size=0,
         description='Square law of the voltage beside the piezo effect and its hysteresis.',
-        source='EQUATIONS F, quadratic',
+        source='strain of the square of the field',
         beside=True,
     ),
     Block(
@@ -56,7 +56,7 @@ BLOCKS = (
         kernel=input_kernel,
         state_size=0,
         description='Square law of the amplifier, before the hysteresis.',
-        source='EQUATIONS F, quadratic',
+        source='amplifier whose gain depends on the voltage',
     ),
 )
 

@@ -55,7 +55,7 @@ BLOCKS = (
         kernel=backlash_kernel,
         state_size=1,
         description='Play between drive and output: friction against a soft drive.',
-        source='EQUATIONS F, backlash',
+        source='Coulomb friction between a soft drive and the output, quasi-static',
     ),
     Block(
         name='stiction',

@@ -206,7 +206,7 @@ BLOCKS = (
         kernel=selector_kernel,
         state_size=4,
         description='Inverse Bouc-Wen whose parameters follow the slope of the displacement.',
-        source='003 (selector between ten triangle fits); EQUATIONS E.3',
+        source='003 (selector between ten triangle fits)',
         check=selector_check,
     ),
 )

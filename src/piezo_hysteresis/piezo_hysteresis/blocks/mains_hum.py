@@ -61,7 +61,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=2,
     description='Tone of fixed frequency, locked to the time of the record and not to the drive.',
-    source='EQUATIONS F, mains',
+    source='mains, pumps, fans',
     clocked=True,
 )
 

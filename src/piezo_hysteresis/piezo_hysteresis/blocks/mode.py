@@ -44,5 +44,5 @@ BLOCK = Block(
     kernel=kernel,
     state_size=2,
     description='One mode of unit DC gain by exact zero-order hold.',
-    source='002 (3) with unit DC gain; EQUATIONS B.3 (1)',
+    source='002 (3) with unit DC gain',
 )

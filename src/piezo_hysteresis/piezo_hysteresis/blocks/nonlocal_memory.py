@@ -52,7 +52,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
         kernel=kernel,
         state_size=count,
         description=f'Bank of {count} play operators beside the hysteresis of the model.',
-        source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen; EQUATIONS F',
+        source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen',
         beside=True,
     )
 

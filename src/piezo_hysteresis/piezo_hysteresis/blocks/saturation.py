@@ -27,7 +27,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=0,
     description='Hard limits of the voltage.',
-    source='EQUATIONS F, saturation',
+    source='output range of the amplifier',
 )
 
 

@@ -27,7 +27,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=0,
     description='Polynomial of third order in the displacement, before the offset.',
-    source='001 where the fibre sensor is used on the slope of its characteristic; EQUATIONS C',
+    source='calibration curve of the sensor',
 )
 
 EFFECTS = (

@@ -45,7 +45,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=0,
     description='Static balance x + cubic_stiffness x^3 = v of a spring with a cubic term.',
-    source='Duffing spring; EQUATIONS F',
+    source='Duffing spring, quasi-static',
 )
 
 EFFECTS = (

@@ -49,7 +49,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=state_size,
     description='Pure delay of the command, fractions of a sample included.',
-    source='EQUATIONS F, delay',
+    source='bus, converter and driver latency',
 )
 
 EFFECTS = (

@@ -79,7 +79,7 @@ RECIPES: dict[str, Recipe] = {
     'bouc_wen_mode': Recipe(
         ('bouc_wen_exact', 'mode', 'offset'),
         'Bouc-Wen hysteresis by exact step and one mode: fits 1 to 50 Hz with one set.',
-        '002 (1)-(3); EQUATIONS B.3 (1)',
+        '002 (1)-(3)',
         _SYMMETRIC,
     ),
     'second_order': Recipe(
