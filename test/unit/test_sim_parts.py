@@ -47,7 +47,7 @@ def test_bouc_wen_is_its_differential_equation(exponent):
         last = v
         expected.append(1e-4 * (v - eta))
     readings = plant.run(np.append(path, 0.0))[1:]
-    np.testing.assert_allclose(readings, expected, atol=1e-4 * 5e-7)
+    np.testing.assert_allclose(readings, expected, atol=1e-10)  # half a millionth of the stroke
 
 
 def _monotone(start, end, pieces=1):

@@ -1,11 +1,13 @@
 """The plant as its users see it: stepping, tuning while running, refusals, faults."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from sim_signals import sine
 
+from piezo_hysteresis.waveforms import KINDS
 from piezo_sim import FAULTS, Plant, PlantError, PresetError, load_preset, preset_names
 from piezo_sim.presets import read_preset
 from piezo_sim.table import dimensions
@@ -257,3 +259,10 @@ def test_a_preset_outside_the_bounds_is_refused(tmp_path):
     file.write_text('parameters: {structure.damping_ratio: -0.1}')
     with pytest.raises(PlantError, match=r'structure\.damping_ratio'):
         Plant(preset=read_preset(file))
+
+
+def test_the_manual_names_every_effect_preset_fault_and_waveform():
+    text = (Path(__file__).parents[2] / 'docs' / 'simulator.md').read_text()
+    words = [row.name for row in Plant().effect_table]
+    words += [*preset_names(), *FAULTS, *(kind for kind in KINDS if 'composite' not in kind)]
+    assert [word for word in words if word not in text] == []

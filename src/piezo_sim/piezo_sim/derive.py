@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from piezo_sim.errors import PlantError
 from piezo_sim.layout import DERIVED_TYPE, EFFECTS, PARAMETER_TYPE
-from piezo_sim.parts import chain, play, slow, structure
+from piezo_sim.parts import bouc_wen, chain, play, slow, structure
 
 Record = npt.NDArray[Any]
 
@@ -129,6 +129,7 @@ def derive(
     record = np.zeros(1, DERIVED_TYPE)
     d = record[0]
     d['step'] = dt / 2.0 ** np.arange(chain.LEVELS + 2)
+    d['bouc_wen_stride'] = bouc_wen.STRIDE / 2.0**refine
     _derive_hysteresis(d, v, effects)
     fastest = _derive_modes(d, v)
     memory = v['friction.coulomb'] > 0.0 or v['restoring.share'] > 0.0

@@ -60,6 +60,7 @@ DERIVED_TYPE = np.dtype(
         ('play_radius', 'f8', (play.OPERATORS,)),
         ('play_weight', 'f8', (play.OPERATORS,)),
         ('play_slope', 'f8'),
+        ('bouc_wen_stride', 'f8'),
         ('static_share', 'f8'),
         ('omega', 'f8', (structure.MODES,)),
         ('share', 'f8', (structure.MODES,)),

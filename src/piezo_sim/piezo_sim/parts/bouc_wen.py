@@ -38,7 +38,7 @@ EFFECTS = (
     ),
 )
 
-_STRIDE = 0.05  # largest step, in units of the voltage scale
+STRIDE = 0.1  # largest step, in units of the voltage scale
 _TINY = 1e-300
 
 
@@ -81,15 +81,18 @@ def _to_zero(eta: float, step: float, sign: float, p: Any, saturation: float) ->
 
 
 @leaf
-def move(eta: float, start: float, end: float, p: Any) -> float:
-    """Return eta [V] after the voltage went straight from `start` to `end` [V]."""
+def move(eta: float, start: float, end: float, p: Any, stride: float) -> float:
+    """Return eta [V] after the voltage went straight from `start` to `end` [V].
+
+    `stride` is the longest step in units of the voltage scale.
+    """
     if end == start or p.alpha == 0.0:
         return eta
     sign = 1.0 if end > start else -1.0
     scale = max((p.beta + abs(p.gamma)) * p.exponent, _TINY)
     saturation = max(p.alpha + abs(p.asymmetry), _TINY) / max(p.beta + p.gamma, _TINY)
     length = abs(end - start)
-    strides = math.ceil(length * scale / _STRIDE)
+    strides = math.ceil(length * scale / stride)
     step = length / max(strides, 1)
     for _ in range(max(strides, 1)):
         after = _stride(eta, step, sign, p, saturation)

@@ -97,7 +97,7 @@ def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
     """Move the ceramic straight to `voltage` [V] and return the free displacement [m]."""
     strain = voltage
     if d.use_bouc_wen:
-        s.eta = bouc_wen.move(s.eta, s.strain_voltage, voltage, p.bouc_wen)
+        s.eta = bouc_wen.move(s.eta, s.strain_voltage, voltage, p.bouc_wen, d.bouc_wen_stride)
         strain -= s.widening * s.eta
     if d.use_play:
         q = p.play
