@@ -43,7 +43,8 @@ def kernel(
             force = now
             moved = a11 * position + a12 * velocity + b1 * held
             velocity = a21 * position + a22 * velocity + b2 * held
-            bristle = rubbed(bristle, moved - position, p[4])
+            if p[3] > 0.0:
+                bristle = rubbed(bristle, moved - position, p[4])
             position = moved
     state[0] = position
     state[1] = velocity
