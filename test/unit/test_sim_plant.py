@@ -153,6 +153,13 @@ def test_tuning_any_parameter_while_running_makes_no_jump(base):
         assert plant.displacement == pytest.approx(place, abs=1e-15), row.name
 
 
+def test_a_low_pass_that_is_switched_on_goes_on_from_the_present_reading():
+    plant = Plant()
+    before = plant.run(np.full(10, 0.5))[-1]
+    plant.switch('sensor_bandwidth')
+    assert plant.exchange(0.5) == pytest.approx(before, rel=1e-12)
+
+
 def test_a_switched_off_effect_ends_where_a_plant_without_it_is():
     plant, plain = Plant({'effects.resonance': True}), Plant({'effects.resonance': True})
     level = np.full(3000, 0.5)

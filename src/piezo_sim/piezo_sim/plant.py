@@ -240,6 +240,8 @@ class Plant:
             return
         before = self.displacement
         drive, were_active = float(self._state['drive'][0]), self._derived['active'][0].copy()
+        if self._parameters['sensor']['bandwidth'][0] == 0.0:
+            self._state['filtered'] = before  # what a low-pass starts from, if it is switched on
         self._install(values, switches)
         self._keep_steady(before, drive, were_active)
 
