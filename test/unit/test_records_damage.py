@@ -22,6 +22,7 @@ from piezo_hysteresis.records import (
 )
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.records.storage import Topic
 
 FIELDS = bag_writer.fixed_fields(STATE)
 NAME = '/piezo/actuator/state'
@@ -289,6 +290,23 @@ def test_a_flipped_bit_in_sqlite(tmp_path):
     refused(tmp_path / 'bag', 'the checksum of its messages is wrong')
 
 
+def test_a_broken_page_of_sqlite_costs_only_what_is_on_it(tmp_path):
+    write_bag(tmp_path / 'bag', [make(20_000)], storage='sqlite3')
+    file = tmp_path / 'bag' / 'bag_0.db3'
+    data = bytearray(file.read_bytes())
+    needle = np.float64(5000 / 256).tobytes() + np.float64(1e-9 * 5000).tobytes()
+    page = bytes(data).index(needle) // 4096 * 4096
+    data[page] = 0x77  # no kind of page
+    file.write_bytes(data)
+    found = refused(tmp_path / 'bag', 'the database is damaged')
+    assert len(found.records) == 2
+    lost = 20_000 - sum(map(len, found.records))
+    assert 0 < lost < 80
+    for record in found.records:
+        np.testing.assert_array_equal(np.diff(record.voltage), 1 / 256)
+    assert found.records[1].voltage[-1] == 19_999 / 256
+
+
 def test_a_broken_index(tmp_path):
     file, data = mcap_of(tmp_path)
     (start,) = np.frombuffer(bytes(data[-28:-20]), '<u8')
@@ -343,7 +361,7 @@ def test_other_fields_of_fixed_size_are_welcome(tmp_path):
             'float64 voltage\nfloat64 displacement\n')  # fmt: skip
     header = definition_of(STATE)[0].split('=' * 80, 1)[1]
     definition = f'{text}{"=" * 80}{header}'
-    fields = cdr.fixed_fields(STATE, definition)
+    fields = cdr.fixed_fields(Topic(NAME, STATE, definition))
     columns = {'mode': 3, 'sample': TICKS, 'temperature': 20.5, 'voltage': TICKS * 2.0,
                'displacement': STROKE}  # fmt: skip
     rows = cdr.encode(fields, TICKS * 1_000_000, columns, 'lab')
@@ -412,6 +430,44 @@ def test_a_marker_that_states_another_rate(tmp_path):
     crc = mcap_crc(content)
     file.write_bytes(data[: start + 24] + crc + data[start + 28 :])
     refused(tmp_path / 'bag', 'marker says 2000 Hz but its samples come at 1000 Hz')
+
+
+def test_markers_of_another_definition(tmp_path):
+    """What was added is left alone; what is missing or no number is said."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    from piezo_hysteresis.records.definitions import MESSAGES
+
+    plain = MESSAGES[MARKER]
+    for name, text, value, message in [
+        ('more', plain + 'string operator\n', 0.5, ''),
+        ('less', plain.replace('float64 warm_up', 'float64 pause'), 0.5, 'lacks agreed fields'),
+        ('nan', plain, np.nan, 'marker of record x has no usable amplitude'),
+    ]:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        store.register(get_types_from_msg(text, MARKER))
+        kind = store.types[MARKER]
+        stamp = store.types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
+        header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+        values = dict.fromkeys(kind.__dataclass_fields__, 0.5) | {
+            'header': header, 'record': 'x', 'actuator': '', 'excitation': '', 'input_unit': 'N',
+            'operator': 'me', 'amplitude': value, 'rate': 1000.0,
+        }  # fmt: skip
+        marker = kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__
+                         and not k.startswith('__')})  # fmt: skip
+        with Recorder(tmp_path / name) as recorder:
+            state = recorder.add_topic('/p/actuator/state', STATE,
+                                       definition=definition_of(STATE)[0])  # fmt: skip
+            definition, _ = store.generate_msgdef(MARKER, ros_version=2)
+            mark = recorder.add_topic('/p/record/marker', MARKER, definition=definition)
+            recorder.write(mark, bytes(store.serialize_cdr(marker, MARKER)), 0)
+            columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
+            for row in cdr.encode(FIELDS, TICKS * 1_000_000, columns):
+                recorder.write(state, row.tobytes(), 0)
+        found = refused(tmp_path / name, message) if message else survey([tmp_path / name])
+        assert [record.name for record in found.records] == ['x']
+        assert found.records[0].info.input_unit == 'N'
+        assert found.records[0].info.amplitude == (0.0 if np.isnan(value) else 0.5)
 
 
 def mcap_crc(content):

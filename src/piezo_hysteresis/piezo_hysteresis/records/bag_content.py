@@ -17,7 +17,8 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
 from piezo_hysteresis.records.compressed import CompressedFile, decompressed
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.definitions import MARKER, MESSAGES, REFERENCE, STATE, typestore
+from piezo_hysteresis.records.definitions import MARKER, MESSAGES, REFERENCE, STATE
+from piezo_hysteresis.records.markers import Marker, decode_markers
 from piezo_hysteresis.records.mcap_reader import McapFile
 from piezo_hysteresis.records.metadata import Metadata, read_metadata
 from piezo_hysteresis.records.sqlite_storage import SqliteFile
@@ -46,8 +47,8 @@ class TopicContent:
         Header stamps block by block [ns] (fixed-size types of ours).
     columns : dict of list of ndarray
         Fields block by block.
-    messages : list
-        Decoded messages (markers).
+    messages : list of Marker
+        Decoded markers.
     """
 
     topic: Topic
@@ -56,7 +57,7 @@ class TopicContent:
     last: int = 0
     stamps: list[IntArray] = field(default_factory=list)
     columns: dict[str, list[Any]] = field(default_factory=dict)
-    messages: list[Any] = field(default_factory=list)
+    messages: list[Marker] = field(default_factory=list)
 
     def stamp(self) -> IntArray:
         """Return the header stamps [ns], shape (n,)."""
@@ -163,7 +164,7 @@ def _collect(content: BagContent, topics: dict[int, Topic], block: Block, log: D
         if topic.msgtype in (STATE, REFERENCE):
             _decode(content, held, part, log)
         elif topic.msgtype == MARKER:
-            _decode_markers(content, held, part, log)
+            held.messages += decode_markers(content.path, topic, part, log)
 
 
 def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
@@ -172,7 +173,7 @@ def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLo
         fields = _fields(topic)
     except RecordError as error:
         log.add(content.path, f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
-        fields = cdr.fixed_fields(topic.msgtype, MESSAGES[topic.msgtype])
+        fields = cdr.fixed_fields(Topic(topic.name, topic.msgtype, MESSAGES[topic.msgtype]))
     decoded = cdr.decode(fields, block.buffer, block.offset, block.length)
     bad = int(decoded.good.size - decoded.good.sum())
     if bad:
@@ -186,37 +187,7 @@ def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLo
 @cache
 def _fields(topic: Topic) -> cdr.Fields:
     """Return the fields of a topic as its bag defines them."""
-    if not topic.definition:
-        return cdr.fixed_fields(topic.msgtype, MESSAGES[topic.msgtype])
-    return cdr.fixed_fields(topic.msgtype, topic.definition, topic.encoding, topic.type_hash)
-
-
-@cache
-def _marker_store(topic: Topic) -> Any:
-    """Return a type store that reads the markers of a topic as its bag defines them."""
-    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-
-    if not topic.definition or topic.encoding != 'ros2msg':
-        return typestore()
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(get_types_from_msg(topic.definition, topic.msgtype))
-    except (TypesysError, ValueError, KeyError):
-        return typestore()
-    return store
-
-
-def _decode_markers(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
-    from rosbags.serde import SerdeError
-
-    for index in range(block.topic.size):
-        try:
-            message = _marker_store(held.topic).deserialize_cdr(block.payload(index), MARKER)
-        except (SerdeError, ValueError, IndexError, AssertionError) as error:
-            what = f'a marker on topic {held.topic.name} cannot be read ({error})'
-            log.add(content.path, what, lost=1)
-        else:
-            held.messages.append(message)
+    return cdr.fixed_fields(topic)
 
 
 def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:

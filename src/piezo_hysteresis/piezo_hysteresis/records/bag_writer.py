@@ -200,7 +200,7 @@ def _batches(records: Sequence[Record]) -> Iterator[list[Batch]]:
 
 def fixed_fields(msgtype: str) -> cdr.Fields:
     """Return the fields of one of our types of fixed size."""
-    return cdr.fixed_fields(msgtype, definition_of(msgtype)[0])
+    return cdr.fixed_fields(Topic('', msgtype, *definition_of(msgtype)))
 
 
 def _reference_columns(record: Record, part: slice) -> dict[str, Any]:

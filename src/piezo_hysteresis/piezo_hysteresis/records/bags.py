@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,13 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import BagContent, TopicContent, read_content
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE
-from piezo_hysteresis.records.record import Record, RecordInfo
+from piezo_hysteresis.records.markers import Marker
+from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.sampling import Track, records_of
 
 STATE_NAME = 'actuator/state'
 REFERENCE_NAME = 'reference'
 MARKER_NAME = 'record/marker'
-MARKER_FIELDS = ('record', 'rate', *(item.name for item in fields(RecordInfo)))
 EXACT = 1 << 53  # nanoseconds that float64 still tells apart (104 days)
 
 
@@ -136,11 +136,6 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
         for held in _siblings(content, MARKER, MARKER_NAME, space, alone)
         for message in held.messages
     ]
-    # A marker that holds less than the agreed fields was recorded with another definition.
-    lacking = sum(not all(hasattr(m, name) for name in MARKER_FIELDS) for m in markers)
-    if lacking:
-        log.add(content.path, f'{lacking} markers were recorded with another definition')
-        markers = [m for m in markers if all(hasattr(m, name) for name in MARKER_FIELDS)]
     if not markers:
         return [_Run(space, _with_reference(track, content.path, log))]
     return [
@@ -150,10 +145,10 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
 
 
 def _cut(
-    track: Track, stamp: IntArray, markers: list[Any], path: Path, log: DamageLog
+    track: Track, stamp: IntArray, markers: list[Marker], path: Path, log: DamageLog
 ) -> list[Track]:
     """Return the samples from each marker to the next."""
-    starts = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in markers]
+    starts = [marker.stamp for marker in markers]
     # At one tick, the end of a record stands in front of the beginning of the next.
     order = sorted(range(len(markers)), key=lambda k: (starts[k], bool(markers[k].record)))
     edges = [starts[k] for k in order] + [int(stamp.max()) + 1]
@@ -170,22 +165,11 @@ def _cut(
             part = track.take(own)
             parts.append(
                 Track(marker.record, part.time, part.columns, part.sample,
-                      _info(marker), float(marker.rate))
+                      marker.info, marker.rate)
             )  # fmt: skip
     if outside:
         log.note(path, f'{outside} samples lie outside the marked records', count=outside)
     return parts
-
-
-def _info(marker: Any) -> RecordInfo:
-    return RecordInfo(
-        actuator=marker.actuator,
-        excitation=marker.excitation or 'unknown',
-        frequency=float(marker.frequency),
-        amplitude=float(marker.amplitude),
-        warm_up=float(marker.warm_up),
-        input_unit=marker.input_unit or 'V',
-    )
 
 
 def _reference(

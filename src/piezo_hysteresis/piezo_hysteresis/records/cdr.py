@@ -14,6 +14,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, IntArray
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.definitions import stored_types
+from piezo_hysteresis.records.storage import Topic
 
 Rows = np.ndarray[Any, Any]
 Fields = tuple[tuple[str, str], ...]
@@ -27,50 +29,19 @@ NUMPY_CODES = {
 }  # fmt: skip
 
 
-def fixed_fields(
-    msgtype: str, definition: str, encoding: str = 'ros2msg', type_hash: str = ''
-) -> Fields:
-    """Return name and NumPy code of the fields behind the header.
-
-    Parameters
-    ----------
-    msgtype : str
-        ``package/msg/Name``.
-    definition : str
-        Its definition as stored in a bag; dependencies may follow.
-    encoding : str
-        How it is written: ``ros2msg`` or ``ros2idl``.
-    type_hash : str
-        RIHS01 hash that belongs to it; empty where it is not known.
+def fixed_fields(topic: Topic) -> Fields:
+    """Return name and NumPy code of the fields behind the header, as a topic's definition says.
 
     Raises
     ------
     RecordError
-        If the definition cannot be read or does not agree with its hash, does not begin with a
+        If the definition cannot be used (see `definitions.stored_types`), does not begin with a
         header, or a further field has no fixed size.
     """
     from rosbags.interfaces import Nodetype
-    from rosbags.typesys import (
-        Stores,
-        TypesysError,
-        get_types_from_idl,
-        get_types_from_msg,
-        get_typestore,
-    )
 
-    try:
-        if encoding == 'ros2idl':
-            types = get_types_from_idl(definition)
-        else:
-            types = get_types_from_msg(definition, msgtype)
-        store = get_typestore(Stores.EMPTY)
-        store.register(types)
-        agrees = not type_hash or store.hash_rihs01(msgtype) == type_hash
-        fields = types[msgtype][1]
-    except (TypesysError, KeyError, ValueError, TypeError) as error:
-        raise RecordError(f'the stored definition of {msgtype} cannot be read ({error})') from None
-    if not agrees:
-        raise RecordError(f'the stored definition of {msgtype} does not agree with its hash')
+    msgtype = topic.msgtype
+    fields = stored_types(topic)[msgtype][1]
     kinds = [(name, node[0], node[1]) for name, node in fields]
     if not kinds or kinds[0][2] != 'std_msgs/msg/Header':
         raise RecordError(f'the stored definition of {msgtype} does not begin with a header')

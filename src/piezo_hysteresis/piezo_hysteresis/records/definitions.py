@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.storage import Topic
 
 STATE = 'piezo_interfaces/msg/ActuatorState'
 REFERENCE = 'piezo_interfaces/msg/Reference'
@@ -77,6 +78,40 @@ def definition_of(msgtype: str) -> tuple[str, str]:
     _register_from_prefixes(store, msgtype)
     text, _ = store.generate_msgdef(msgtype, ros_version=2)
     return text, store.hash_rihs01(msgtype)
+
+
+def stored_types(topic: Topic) -> Any:
+    """Return the types that a bag's own definition of a topic holds, as rosbags describes them.
+
+    Raises
+    ------
+    RecordError
+        If the definition is missing, cannot be read or does not agree with its hash.
+    """
+    from rosbags.typesys import (
+        Stores,
+        TypesysError,
+        get_types_from_idl,
+        get_types_from_msg,
+        get_typestore,
+    )
+
+    if not topic.definition:
+        raise RecordError(f'the bag holds no definition of {topic.msgtype}')
+    store = get_typestore(Stores.EMPTY)
+    try:
+        if topic.encoding == 'ros2idl':
+            types = get_types_from_idl(topic.definition)
+        else:
+            types = get_types_from_msg(topic.definition, topic.msgtype)
+        store.register(types)
+        type_hash = store.hash_rihs01(topic.msgtype)
+    except (TypesysError, KeyError, ValueError, TypeError) as error:
+        reason = f'the stored definition of {topic.msgtype} cannot be read ({error})'
+        raise RecordError(reason) from None
+    if topic.type_hash not in ('', type_hash):
+        raise RecordError(f'the stored definition of {topic.msgtype} does not agree with its hash')
+    return types
 
 
 def _register_from_prefixes(store: Any, msgtype: str) -> None:

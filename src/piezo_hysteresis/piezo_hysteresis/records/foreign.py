@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import blocks_of
 from piezo_hysteresis.records.csv_files import UNITS
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.definitions import typestore
+from piezo_hysteresis.records.definitions import stored_types, typestore
 from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.sampling import Track, records_of
 from piezo_hysteresis.records.storage import Topic
@@ -142,7 +143,7 @@ def _decode(topic: Topic, payload: bytes, path: Path) -> Any:
 
     try:
         return _store(topic).deserialize_cdr(payload, topic.msgtype)
-    except (SerdeError, KeyError, ValueError, IndexError, AssertionError) as error:
+    except (SerdeError, KeyError, ValueError, IndexError, AssertionError, struct.error) as error:
         raise RecordError(
             f'{path}: a message of {topic.name} ({topic.msgtype}) cannot be read ({error!r})'
         ) from None
@@ -151,24 +152,12 @@ def _decode(topic: Topic, payload: bytes, path: Path) -> Any:
 @cache
 def _store(topic: Topic) -> Any:
     """Return a type store for a topic: of the definition in the bag, else of Jazzy."""
-    from rosbags.typesys import (
-        Stores,
-        TypesysError,
-        get_types_from_idl,
-        get_types_from_msg,
-        get_typestore,
-    )
+    from rosbags.typesys import Stores, get_typestore
 
     if not topic.definition:
         return typestore()
     store = get_typestore(Stores.EMPTY)
-    try:
-        if topic.encoding == 'ros2idl':
-            store.register(get_types_from_idl(topic.definition))
-        else:
-            store.register(get_types_from_msg(topic.definition, topic.msgtype))
-    except TypesysError as error:
-        raise RecordError(f'the definition of {topic.msgtype} cannot be read ({error})') from None
+    store.register(stored_types(topic))
     return store
 
 

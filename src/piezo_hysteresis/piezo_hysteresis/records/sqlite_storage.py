@@ -1,13 +1,19 @@
-"""Reads and writes the sqlite3 files of rosbag2."""
+"""Reads and writes the sqlite3 files of rosbag2.
+
+They are read with apsw, which rosbags brings along: it hands over rows twice as fast as the
+standard module.
+"""
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import apsw
 import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
@@ -66,19 +72,22 @@ class SqliteFile:
             return
         # Read-only and immutable: a bag is evidence, and may lie on a read-only medium.
         address = f'{self.path.resolve().as_uri()}?immutable=1'
+        flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
         try:
-            with closing(sqlite3.connect(address, uri=True)) as base:
-                base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
+            with closing(apsw.Connection(address, flags)) as base:
                 self._check(base)
                 self.topics = self._read_topics(base)
                 yield from self._messages(base)
-        except (sqlite3.Error, OverflowError) as error:
+        except (apsw.Error, UnicodeDecodeError) as error:
             self.log.add(self.path, f'the database is damaged ({error})')
 
-    def _check(self, base: sqlite3.Connection) -> None:
+    def _check(self, base: apsw.Connection) -> None:
         self._cut_off()
         # A whole-file check costs as much as reading; the quick one finds broken pages.
-        findings = [row[0] for row in base.execute('PRAGMA quick_check(3)')]
+        try:
+            findings = [row[0] for row in base.execute('PRAGMA quick_check(3)')]
+        except apsw.Error as error:
+            findings = [str(error)]
         if findings != ['ok']:
             finding = str(findings[0]).removeprefix('*** in database main ***')
             self.log.add(self.path, f'the database is damaged ({finding.strip()[:80]})')
@@ -96,7 +105,7 @@ class SqliteFile:
         if expected > size:
             self.log.add(self.path, f'the file is cut off, {expected - size} bytes are missing')
 
-    def _read_topics(self, base: sqlite3.Connection) -> dict[int, Topic]:
+    def _read_topics(self, base: apsw.Connection) -> dict[int, Topic]:
         columns = {row[1] for row in base.execute('PRAGMA table_info(topics)')}
         tables = {row[0] for row in base.execute('SELECT name FROM sqlite_master')}
         qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
@@ -106,26 +115,40 @@ class SqliteFile:
             rows = base.execute(
                 'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
             )
-            definitions = {row[0]: (row[1], row[2]) for row in rows}
+            definitions = {str(row[0]): (str(row[1]), str(row[2])) for row in rows}
         topics = {}
         query = f'SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics'
-        for number, name, msgtype, serialisation, profiles, type_hash in base.execute(query):
+        for number, *fields in base.execute(query):
+            # SQLite lets any value be in any column.
+            name, msgtype, serialisation, profiles, type_hash = map(str, fields)
             if serialisation != 'cdr':
                 self.log.add(self.path, f'topic {name} is stored as {serialisation!r}, not cdr')
             text, encoding = definitions.get(msgtype, ('', 'ros2msg'))
             topics[number] = Topic(name, msgtype, text, type_hash, profiles, encoding)
         return topics
 
-    def _messages(self, base: sqlite3.Connection) -> Generator[Block]:
-        rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+    def _messages(self, base: apsw.Connection) -> Generator[Block]:
+        rows = base.execute('SELECT topic_id, timestamp, data, id FROM messages ORDER BY id')
+        last = -1
         while True:
             batch, error = _fetch(rows)
             if batch:
+                last = batch[-1][3]
                 yield self._block(batch)
             if error is not None:
-                raise error
+                break
             if not batch:
                 return
+        self.log.add(self.path, f'the database is damaged behind message {last} ({error})')
+        # What lies behind the damaged pages is reached from the end.
+        query = 'SELECT topic_id, timestamp, data, id FROM messages WHERE id > ? ORDER BY id DESC'
+        behind: list[Any] = []
+        rows, error, batch = base.execute(query, (last,)), None, [()]
+        while batch and error is None:
+            batch, error = _fetch(rows)
+            behind += batch
+        if behind:
+            yield self._block(behind[::-1])
 
     def _block(self, batch: list[Any]) -> Block:
         """Return the rows of a batch that are messages: SQLite lets any value be in any column."""
@@ -139,21 +162,23 @@ class SqliteFile:
             return block_of(good)
 
 
-def _fetch(rows: sqlite3.Cursor) -> tuple[list[Any], sqlite3.Error | None]:
+def _fetch(rows: Iterator[Any]) -> tuple[list[Any], apsw.Error | None]:
     """Return the next rows, and the error that kept more from being read."""
+    batch: list[Any] = []
     try:
-        return rows.fetchmany(ROWS), None
-    except sqlite3.Error as error:
-        return [], error
+        batch.extend(islice(rows, ROWS))
+    except apsw.Error as error:
+        return batch, error  # with the rows in front of the damage
+    return batch, None
 
 
-def _plausible(row: tuple[Any, Any, Any]) -> bool:
+def _plausible(row: tuple[Any, ...]) -> bool:
     return type(row[2]) is bytes and type(row[1]) is int and type(row[0]) is int
 
 
-def block_of(rows: list[tuple[int, int, bytes]]) -> Block:
-    """Return messages (topic number, log time [ns], payload) as one block."""
-    topic, log_time, data = zip(*rows, strict=True) if rows else ((), (), ())
+def block_of(rows: list[tuple[int, int, bytes, int]]) -> Block:
+    """Return messages (topic number, log time [ns], payload, row) as one block."""
+    topic, log_time, data, _ = zip(*rows, strict=True) if rows else ((), (), (), ())
     length = np.fromiter(map(len, data), np.int64, len(rows))
     return Block(
         np.frombuffer(b''.join(data), np.uint8),

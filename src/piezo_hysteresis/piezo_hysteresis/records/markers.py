@@ -1,0 +1,105 @@
+"""The markers that cut what was recorded into records."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.definitions import MARKER, stored_types, typestore
+from piezo_hysteresis.records.record import RecordInfo
+from piezo_hysteresis.records.storage import Block, Topic
+
+NUMBERS = ('frequency', 'amplitude', 'warm_up', 'rate')
+
+
+@dataclass(frozen=True)
+class Marker:
+    """What a marker says.
+
+    Attributes
+    ----------
+    stamp : int
+        Header stamp: where its record begins [ns].
+    record : str
+        Name of the record; empty where the record before ends.
+    rate : float
+        Sampling rate [Hz].
+    info : RecordInfo
+        What is known besides.
+    """
+
+    stamp: int
+    record: str
+    rate: float
+    info: RecordInfo
+
+
+def decode_markers(path: Path, topic: Topic, block: Block, log: DamageLog) -> list[Marker]:
+    """Return the markers of a block, all of one topic.
+
+    Raises
+    ------
+    RecordError
+        If one cannot be read and the log does not salvage.
+    """
+    from rosbags.serde import SerdeError
+
+    try:
+        store = _store(topic)
+    except RecordError as error:
+        log.add(path, f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
+        store = typestore()
+    markers = []
+    for index in range(block.topic.size):
+        try:
+            message = store.deserialize_cdr(block.payload(index), MARKER)
+            markers.append(_marker(message, path, log))
+        except (SerdeError, ValueError, IndexError, AssertionError, struct.error) as error:
+            log.add(path, f'a marker on topic {topic.name} cannot be read ({error})', lost=1)
+    return markers
+
+
+@cache
+def _store(topic: Topic) -> Any:
+    """Return a type store that reads markers as the bag defines them.
+
+    Fields may have been added to ours, but none may be missing.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    if not topic.definition:
+        return typestore()
+    theirs = stored_types(topic)
+    ours = typestore().fielddefs[MARKER][1]
+    if not all(field in theirs[MARKER][1] for field in ours):
+        raise RecordError('the stored definition of the markers lacks agreed fields')
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register({MARKER: theirs[MARKER]})
+    return store
+
+
+def _marker(message: Any, path: Path, log: DamageLog) -> Marker:
+    numbers = {name: float(getattr(message, name)) for name in NUMBERS}
+    wrong = [name for name, value in numbers.items() if not np.isfinite(value) or value < 0]
+    if wrong:
+        log.add(path, f'the marker of record {message.record} has no usable {", ".join(wrong)}')
+        numbers |= dict.fromkeys(wrong, 0.0)
+    stamp = message.header.stamp
+    return Marker(
+        int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec),
+        message.record,
+        numbers.pop('rate'),
+        RecordInfo(
+            actuator=message.actuator,
+            excitation=message.excitation or 'unknown',
+            input_unit=message.input_unit or 'V',
+            **numbers,
+        ),
+    )
