@@ -1,0 +1,39 @@
+"""Which experiment to run next: what would separate what is still confused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from piezo_hysteresis.discovery.check import Check
+from piezo_hysteresis.models import described
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.discovery.workflow import Step
+
+DOUBT = 0.02
+
+
+def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:
+    """Return experiments, the most telling first."""
+    wanted: list[str] = []
+    for step in steps:
+        chances = step.contest.probabilities()
+        rivals = [name for name, chance in chances.items() if chance > DOUBT]
+        if len(rivals) < 2:
+            continue
+        for name in rivals:
+            told = described(name)[0].experiment
+            wanted.append(f'To tell {" from ".join(rivals)}: {told}')
+    named = {step.trial.effect for step in steps}
+    for names, advice in check.confounded:
+        if named & set(names) or (left and not steps):
+            wanted.append(f'To tell {", ".join(names)} apart: {advice}.')
+    if left:
+        wanted.append(
+            'Repeat the record in which most is left, unchanged: what does not come again is '
+            'disturbance, what does is the actuator.'
+        )
+    if not wanted:
+        wanted = [f'To look further: {advice}.' for advice in check.experiments()[:2]]
+    return list(dict.fromkeys(wanted))

@@ -1,0 +1,112 @@
+"""The model before anything is added: never the refitted one alone.
+
+A refit hides an effect in wrong parameters, so three versions are kept: the nominal one where a
+model file was given, one that saw the slowest records only, and the joint fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from piezo_hysteresis.discovery.dataset import Dataset, thinned
+from piezo_hysteresis.discovery.trial import (
+    Trial,
+    errors_of,
+    fit_trial,
+    offset_bounds,
+)
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.output_error import output_error, suited
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model, ModelFile
+from piezo_hysteresis.records import Record
+
+SLOWEST = 3
+START_SAMPLES = 60_000
+EVALUATIONS = 60
+
+
+@dataclass(frozen=True)
+class Baselines:
+    """The versions of the model that lacks something.
+
+    Attributes
+    ----------
+    joint : Trial
+        Fitted to all training views.
+    slow : Trial or None
+        Fitted to the slowest ones, judged on all.
+    nominal : Trial or None
+        As it was given, judged on all.
+    """
+
+    joint: Trial
+    slow: Trial | None
+    nominal: Trial | None
+
+
+def baselines(data: Dataset, given: Model | ModelFile) -> Baselines:
+    """Fit the baseline in its versions.
+
+    Raises
+    ------
+    IdentificationError
+        If it cannot be fitted to the records at all.
+    """
+    views = data.training
+    nominal, slow = None, None
+    if isinstance(given, ModelFile):
+        model, values = given.model, dict(given.values)
+        nominal = _judged(model, values, views)
+        starts = [values, *_from_data(data, suited(model, list(data.records)))]
+    else:
+        model = suited(given, list(data.records))
+        starts = _from_data(data, model)
+    short = thinned(views, START_SAMPLES, data.periods)
+    tried = [_fitted(model, start, short) for start in starts]
+    found = [trial for trial in tried if trial is not None]
+    if not found:
+        raise IdentificationError(
+            f'the baseline {model.name} cannot be fitted to these records: choose another one'
+        )
+    best = min(found, key=lambda t: t.square)
+    joint = _fitted(model, best.values, views) or best
+    slowest = _slowest(views)
+    if len(slowest) < len(views):
+        trial = _fitted(model, best.values, slowest)
+        slow = _judged(model, trial.values, views) if trial is not None else None
+    return Baselines(joint, slow, nominal)
+
+
+def _from_data(data: Dataset, model: Model) -> list[dict[str, float]]:
+    """Start values from output error on the training records, jointly and on the slowest."""
+    names = {v.name for v in data.training}
+    records = [r for r in data.records if r.name in names]
+    starts = []
+    for chosen in (records, _slow_records(records)):
+        try:
+            result = output_error(model, chosen, count=4, sampling_offset=False)
+        except IdentificationError:
+            continue
+        starts.append(dict(result.values))
+    return starts
+
+
+def _slow_records(records: Sequence[Record]) -> list[Record]:
+    driven = [r for r in records if r.info.frequency > 0]
+    return sorted(driven, key=lambda r: r.info.frequency)[:SLOWEST] or list(records)
+
+
+def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
+    driven = [v for v in views if v.frequency > 0]
+    return tuple(sorted(driven, key=lambda v: v.frequency)[:SLOWEST]) or tuple(views)
+
+
+def _fitted(model: Model, start: Mapping[str, float], views: Sequence[Target]) -> Trial | None:
+    bounds = offset_bounds(model, start, views[0].dt)
+    return fit_trial(model, start, views, evaluations=EVALUATIONS, offset=bounds)
+
+
+def _judged(model: Model, values: Mapping[str, float], views: Sequence[Target]) -> Trial:
+    return Trial(model, dict(values), errors_of(model, values, views), 0)

@@ -1,0 +1,170 @@
+"""What these data can and cannot tell, said before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.records import Record
+
+FEWEST_SAMPLES = 200
+FEWEST_FREQUENCIES = 5
+# A gain that differs by less than this over the swept band does not tell a lag from a delay.
+HIGH_FREQUENCY = 100.0
+CLIPPED_SHARE = 0.02
+LARGEST_STROKE = 5e-3
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was found.
+
+    Attributes
+    ----------
+    findings : tuple of str
+        What is wrong with the records, in words.
+    confounded : tuple of (tuple of str, str)
+        Effects that these records cannot tell apart, and what to record so that they can be.
+    """
+
+    findings: tuple[str, ...]
+    confounded: tuple[tuple[tuple[str, ...], str], ...]
+
+    def experiments(self) -> list[str]:
+        """Return what to record, without doubles."""
+        return list(dict.fromkeys(advice for _, advice in self.confounded))
+
+    def sentences(self) -> list[str]:
+        """Return everything in sentences."""
+        told = [f'{", ".join(names)} cannot be told apart: {a}' for names, a in self.confounded]
+        return [*self.findings, *told]
+
+
+def check(records: Sequence[Record]) -> Check:
+    """Look at rate, length, clipping, size and coverage of the records.
+
+    Raises
+    ------
+    IdentificationError
+        If nothing can be said from them; the message says why and what to record.
+    """
+    _refuse(records)
+    findings = [finding for record in records for finding in _findings(record)]
+    return Check(tuple(findings), tuple(_confounded(records)))
+
+
+def _refuse(records: Sequence[Record]) -> None:
+    if not records:
+        raise IdentificationError('there is no record: give at least one bag or CSV file')
+    names = [r.name for r in records]
+    if len(set(names)) < len(names):
+        raise IdentificationError('two records have the same name: give every record its own')
+    rates = {round(r.rate, 6) for r in records}
+    if max(rates) - min(rates) > 1e-6 * max(rates):
+        raise IdentificationError(
+            f'the records have different rates ({", ".join(f"{r:g} Hz" for r in sorted(rates))}): '
+            'give those of one rate at a time'
+        )
+    units = {r.info.input_unit for r in records}
+    if len(units) > 1:
+        raise IdentificationError('some records have a voltage and some a force as their input')
+    actuators = {r.info.actuator for r in records if r.info.actuator}
+    if len(actuators) > 1:
+        raise IdentificationError(
+            f'the records are of several actuators ({", ".join(sorted(actuators))}): discover one '
+            'at a time'
+        )
+    if all(float(np.ptp(r.voltage)) == 0.0 for r in records):
+        raise IdentificationError(
+            'the input is constant in every record: record at least one sine over the full range'
+        )
+    if max(float(np.ptp(r.displacement)) for r in records) == 0.0:
+        raise IdentificationError('the displacement never changes: check the sensor')
+    if max(len(r) for r in records) < FEWEST_SAMPLES:
+        raise IdentificationError(
+            f'no record has {FEWEST_SAMPLES} samples: record several periods of each excitation'
+        )
+
+
+def _findings(record: Record) -> list[str]:
+    found = []
+    span = float(np.ptp(record.displacement))
+    if span > LARGEST_STROKE:
+        found.append(f'{record.name}: a stroke of {span * 1e3:.3g} mm is unlikely; check the unit')
+    for what, signal in (('displacement', record.displacement), ('input', record.voltage)):
+        share = _clipped(signal)
+        if share > CLIPPED_SHARE and record.info.excitation not in _FLAT:
+            found.append(
+                f'{record.name}: the {what} rests at its largest or smallest value in '
+                f'{100 * share:.0f} % of the samples; it may be clipped'
+            )
+    if float(np.ptp(record.voltage)) > 0 and _correlation(record) < 0.2:
+        found.append(
+            f'{record.name}: input and displacement hardly move together; check that both come '
+            'from the same clock'
+        )
+    if _correlation(record) < -0.5:
+        found.append(f'{record.name}: the displacement runs against the input; check the polarity')
+    return found
+
+
+_FLAT = ('rest', 'step', 'staircase', 'unknown')
+
+
+def _clipped(signal: FloatArray) -> float:
+    if float(np.ptp(signal)) == 0.0:
+        return 0.0
+    top, bottom = signal == signal.max(), signal == signal.min()
+    return float(max(top.mean(), bottom.mean()))
+
+
+def _correlation(record: Record) -> float:
+    u, y = record.voltage - record.voltage.mean(), record.displacement - record.displacement.mean()
+    size = float(np.sqrt((u @ u) * (y @ y)))
+    return float(u @ y) / size if size > 0 else 1.0
+
+
+def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:
+    kinds = {r.info.excitation for r in records}
+    frequencies = sorted({r.info.frequency for r in records if r.info.frequency > 0})
+    amplitudes = {round(float(np.max(np.abs(r.voltage))), 3) for r in records if np.ptp(r.voltage)}
+    rich = kinds & {'multisine', 'chirp', 'unknown'}
+    found: list[tuple[tuple[str, ...], str]] = []
+    highest = max(frequencies, default=0.0)
+    if not rich and highest < HIGH_FREQUENCY:
+        found.append(
+            (
+                ('transport_delay', 'amplifier_lag', 'resonance'),
+                f'add a chirp above {HIGH_FREQUENCY:g} Hz: there a lag loses gain, a delay not',
+            )
+        )
+    if not rich and len(frequencies) < FEWEST_FREQUENCIES:
+        found.append(
+            (
+                ('transport_delay', 'creep', 'rate_dependence', 'resonance'),
+                f'sweep {FEWEST_FREQUENCIES} frequencies or more, from 1 Hz to the highest in use',
+            )
+        )
+    if len(amplitudes) < 2:
+        found.append(
+            (
+                ('stiffness', 'sensor_nonlinearity', 'saturation', 'hysteresis_exponent'),
+                'record the same frequencies at half the amplitude',
+            )
+        )
+    if 'rest' not in kinds and not any(np.ptp(r.voltage) == 0 for r in records):
+        found.append((('drift', 'mains_hum', 'offset'), 'record half a minute at 0 V'))
+    if not kinds & {'step', 'staircase'}:
+        found.append((('creep', 'drift', 'rate_dependence'), 'record a step and hold it for 30 s'))
+    if 'reversal_curves' not in kinds:
+        found.append(
+            (
+                ('nonlocal_memory', 'hysteresis_exponent'),
+                'record first-order reversal curves (small loops inside the large one)',
+            )
+        )
+    return found

@@ -1,0 +1,139 @@
+"""What is left when no known effect explains it, in words a person can act on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.dataset import Dataset
+from piezo_hysteresis.discovery.locate import places
+from piezo_hysteresis.identification.targets import Target
+
+# A line counts from this many times the local median of the spectrum.
+LINE = 60.0
+
+
+def describe(
+    data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray], floor: float
+) -> str:
+    """Return sentences on size, place, law and time scale of what is left."""
+    sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
+    total = float(np.sqrt(np.mean(np.concatenate([e**2 for e in errors]))))
+    said = [
+        f'What is left is {total * 1e6:.3g} um rms, {total / floor:.2g} times the noise floor.'
+    ]
+    worst = int(np.argmax(sizes))
+    said.append(
+        f'It is largest in {views[worst].name} ({sizes[worst] * 1e6:.3g} um) and smallest in '
+        f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} um).'
+    )
+    said += _harmonics(data, views, errors, floor)
+    said += _lines(data, views, errors)
+    said += _law(views, sizes, floor)
+    said += _bursts(views, errors, floor)
+    said += _trend(views, errors, floor)
+    return ' '.join(said)
+
+
+def _harmonics(
+    data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray], floor: float
+) -> list[str]:
+    power: dict[int, float] = {}
+    for place in places(data, views, errors):
+        power[place.harmonic] = power.get(place.harmonic, 0.0) + place.rms**2
+    whole = sum(power.values())
+    if whole <= 0.0:
+        return []
+    said = []
+    odd = sum(v for k, v in power.items() if k > 0 and k % 2 == 1) / whole
+    even = sum(v for k, v in power.items() if k > 0 and k % 2 == 0) / whole
+    aside = power.get(-1, 0.0) / whole
+    strongest = sorted((k for k in power if k > 0), key=lambda k: -power[k])[:3]
+    if odd + even > 0.3:
+        kind = 'odd' if odd > 3 * even else 'even' if even > 3 * odd else 'odd and even'
+        said.append(
+            f'{100 * (odd + even):.0f} % of its power lies on {kind} harmonics of the drive, most '
+            f'on order {", ".join(map(str, strongest))}.'
+        )
+    if aside > 0.3:
+        said.append(f'{100 * aside:.0f} % of its power is on no harmonic of the drive.')
+    if power.get(0, 0.0) / whole > 0.3:
+        said.append(f'{100 * power[0] / whole:.0f} % of its power is a shift of the mean.')
+    return said
+
+
+def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[str]:
+    found: list[float] = []
+    for view, error in zip(views, errors, strict=True):
+        if error.size < 1000:
+            continue
+        window = np.hanning(error.size)
+        power = np.abs(np.fft.rfft(window * (error - error.mean()))) ** 2
+        power[:3] = 0.0
+        frequency = np.fft.rfftfreq(error.size, view.dt)
+        if view.frequency > 0:
+            order = frequency / view.frequency
+            near = np.abs(order - np.round(order)) * view.frequency < 3.0 / (error.size * view.dt)
+            power[near] = 0.0
+        top = int(np.argmax(power))
+        if power[top] > LINE * float(np.median(power[power > 0])):
+            found.append(float(frequency[top]))
+    if len(found) < max(2, len(views) // 4):
+        return []
+    middle = float(np.median(found))
+    if np.median(np.abs(np.array(found) - middle)) < 0.02 * middle:
+        return [
+            f'A tone near {middle:.4g} Hz that is no harmonic stands out in {len(found)} records.'
+        ]
+    return ['Tones that are no harmonics stand out, at other frequencies in every record.']
+
+
+def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
+    rows = [
+        (v.frequency, float(np.max(np.abs(v.voltage))), float(s))
+        for v, s in zip(views, sizes, strict=True)
+        if v.frequency > 0 and s > 1.05 * floor
+    ]
+    if len(rows) < 3:
+        return []
+    said = []
+    clean = [(f, a, max(s**2 - floor**2, 1e-30) ** 0.5) for f, a, s in rows]
+    table = np.array(clean)
+    columns = [np.ones(len(table))]
+    names = []
+    for place, name in ((0, 'frequency'), (1, 'amplitude')):
+        if np.ptp(np.log(table[:, place])) > 0.3:
+            columns.append(np.log(table[:, place]))
+            names.append(name)
+    if not names:
+        return []
+    powers = np.linalg.lstsq(np.column_stack(columns), np.log(table[:, 2]), rcond=None)[0][1:]
+    for name, power in zip(names, powers, strict=True):
+        said.append(f'It grows about as {name} to the power {power:.1f}.')
+    return said
+
+
+def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) -> list[str]:
+    joined = np.concatenate([e**2 for e in errors])
+    top = np.sort(joined)[-max(1, joined.size // 100) :]
+    share = float(top.sum() / joined.sum())
+    if share > 0.5:
+        told = f'{100 * share:.0f} % of its power comes in 1 % of the samples'
+        return [f'{told}: bursts, jumps or drop-outs rather than a smooth effect.']
+    return []
+
+
+def _trend(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) -> list[str]:
+    changes = []
+    for view, error in zip(views, errors, strict=True):
+        count = error.size // 4
+        if count * view.dt < 0.25:
+            continue
+        changes.append(float(error[-count:].mean() - error[:count].mean()))
+    if changes and np.mean(np.abs(changes)) > 0.5 * floor:
+        return [
+            f'Within a record it wanders by {np.mean(np.abs(changes)) * 1e6:.3g} um on average.'
+        ]
+    return []

@@ -1,0 +1,80 @@
+"""Where simulation and measurement disagree: by record, frequency and harmonic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.dataset import Dataset
+from piezo_hysteresis.identification.targets import Target
+
+HIGHEST_ORDER = 12
+
+
+@dataclass(frozen=True)
+class Place:
+    """How large the gap is at one place.
+
+    Attributes
+    ----------
+    record : str
+        Name of the record.
+    frequency : float
+        Of the drive [Hz]; 0 where there is none.
+    harmonic : int
+        Order; 0 is the mean, -1 everything that is no harmonic.
+    rms : float
+        Rms of the difference there [m].
+    """
+
+    record: str
+    frequency: float
+    harmonic: int
+    rms: float
+
+
+def places(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[Place]:
+    """Return the gap by record and harmonic, largest first."""
+    found = []
+    for view, error in zip(views, errors, strict=True):
+        found += _of_view(view, error, data.periods[view.name])
+    return sorted(found, key=lambda place: -place.rms)
+
+
+def _of_view(view: Target, error: FloatArray, period: int) -> list[Place]:
+    frequency = view.frequency or (1.0 / (period * view.dt) if period else 0.0)
+    if frequency <= 0.0 or error.size * view.dt * frequency < 1.0:
+        level = float(error.mean())
+        rest = float(np.std(error))
+        return [
+            Place(view.name, view.frequency, 0, abs(level)),
+            Place(view.name, view.frequency, -1, rest),
+        ]
+    orders, phasors, left = harmonics(error, frequency, view.dt)
+    sizes = np.abs(phasors) / np.sqrt(2.0)
+    sizes[0] *= np.sqrt(2.0)
+    rows = [
+        Place(view.name, view.frequency, order, float(size))
+        for order, size in zip(orders, sizes, strict=True)
+    ]
+    return [*rows, Place(view.name, view.frequency, -1, left)]
+
+
+def harmonics(
+    error: FloatArray, frequency: float, dt: float
+) -> tuple[list[int], FloatArray, float]:
+    """Fit the harmonics of `frequency` to `error`; return orders, phasors and the rms left."""
+    highest = min(HIGHEST_ORDER, int(0.45 / (frequency * dt)))
+    orders = list(range(highest + 1))
+    phase = 2.0 * np.pi * frequency * dt * np.arange(error.size)
+    columns = [np.ones_like(phase)]
+    for order in orders[1:]:
+        columns += [np.cos(order * phase), np.sin(order * phase)]
+    basis = np.column_stack(columns)
+    solution = np.linalg.lstsq(basis, error, rcond=None)[0]
+    left = error - basis @ solution
+    phasors = np.concatenate([[solution[0]], solution[1::2] - 1j * solution[2::2]])
+    return orders, phasors, float(np.sqrt(np.mean(left**2)))

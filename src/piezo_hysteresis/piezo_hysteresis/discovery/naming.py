@@ -1,0 +1,153 @@
+"""Names, probabilities and evidence for what was accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from piezo_hysteresis.discovery.compete import Arena, Contest
+from piezo_hysteresis.discovery.trial import Trial
+from piezo_hysteresis.discovery.verdict import Alternative, NamedEffect, Number, Verdict
+from piezo_hysteresis.models import described
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.discovery.workflow import Step
+
+# Alternatives with less probability than this are not mentioned.
+WORTH_SAYING = 0.005
+# Drives whose harmonic comes this close to a mode are named with it.
+NEAR_MODE = 0.06
+
+
+def named_effects(steps: Sequence[Step], final: Trial, arena: Arena) -> tuple[NamedEffect, ...]:
+    """Return the accepted effects with everything that is known about them."""
+    found: dict[str, NamedEffect] = {}
+    for step in steps:
+        one = _named(step, final, arena)
+        before = found.get(one.name)
+        found[one.name] = one if before is None else _joined(before, one)
+    return tuple(found.values())
+
+
+def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
+    """Return one effect that took several elements to model."""
+    variant = (
+        first.variant if first.variant == more.variant else f'{first.variant}, {more.variant}'
+    )
+    return replace(
+        first,
+        variant=variant,
+        gap_after_rms_m=more.gap_after_rms_m,
+        parameters={**first.parameters, **more.parameters},
+        evidence=(*first.evidence, *more.evidence[1:]),
+    )
+
+
+def _named(step: Step, final: Trial, arena: Arena) -> NamedEffect:
+    contest = step.contest
+    chances = contest.probabilities()
+    winner = step.trial.effect
+    others = tuple(
+        Alternative(name, chance)
+        for name, chance in chances.items()
+        if name != winner and chance > WORTH_SAYING
+    )
+    return NamedEffect(
+        name=winner,
+        variant=step.trial.variant,
+        probability=chances[winner],
+        p_value=contest.gain.p_value,
+        gap_before_rms_m=contest.before.rms,
+        gap_after_rms_m=step.trial.rms,
+        parameters=_numbers(step, final),
+        alternatives=others,
+        evidence=tuple(_evidence(step, final, arena)),
+    )
+
+
+def _numbers(step: Step, final: Trial) -> dict[str, Number]:
+    known = set(step.contest.before.model.free_names)
+    names = [name for name in step.trial.model.free_names if name not in known]
+    units = {q.name: q.unit for q in final.model.parameters}
+    std = final.fitted.std if final.fitted is not None else {}
+    return {
+        name: Number(final.values[name], std.get(name), units[name])
+        for name in names
+        if name in units
+    }
+
+
+def _evidence(step: Step, final: Trial, arena: Arena) -> list[str]:
+    contest = step.contest
+    floor = arena.floor
+    effect = next(e for e in described(step.trial.effect) if e.variant == step.trial.variant)
+    gap = f'{contest.before.rms / floor:.3g} to {step.trial.rms / floor:.3g} noise floors'
+    trust = f'{contest.gain.ratio:.3g} standard errors, {contest.tried} candidates tried'
+    said = [effect.physics, f'It lowers the gap on the training records from {gap} ({trust}).']
+    if len(contest.finalists) > 1:
+        second = next((t for t in contest.finalists if t.effect != step.trial.effect), None)
+        if second is not None:
+            said.append(
+                f'The next best effect, {second.effect}, leaves {second.rms / floor:.3g} floors.'
+            )
+    said += _mode_evidence(final, arena)
+    return said
+
+
+def _mode_evidence(final: Trial, arena: Arena) -> list[str]:
+    """Say which harmonics of which drives land on a mode that was found."""
+    frequency = final.values.get('resonance_frequency')
+    if frequency is None:
+        return []
+    hits = []
+    for drive in sorted({r.info.frequency for r in arena.data.records if r.info.frequency > 0}):
+        order = round(frequency / drive)
+        if order > 1 and order % 2 == 1 and abs(order * drive / frequency - 1.0) < NEAR_MODE:
+            hits.append(f'{drive:g} Hz (order {order}, {order * drive:g} Hz)')
+    if not hits:
+        return []
+    return [
+        f'Odd harmonics of these drives land on the mode at {frequency:.4g} Hz: {", ".join(hits)}.'
+    ]
+
+
+def suspects(steps: Sequence[Step], last: Contest | None) -> tuple[Alternative, ...]:
+    """Return what an unknown effect looks like most, without being it."""
+    contests = [step.contest for step in steps] or ([last] if last is not None else [])
+    found: dict[str, float] = {}
+    for contest in contests:
+        assert contest is not None
+        for name, chance in contest.probabilities().items():
+            found[name] = max(found.get(name, 0.0), chance)
+    ordered = sorted(found.items(), key=lambda each: -each[1])
+    return tuple(Alternative(name, chance) for name, chance in ordered if chance > WORTH_SAYING)
+
+
+def summary_of(verdict: Verdict) -> str:
+    """Return the verdict in one sentence."""
+    held = verdict.held_out
+    gap = f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g} noise floors'
+    if verdict.verdict == 'none':
+        return (
+            f'The model {verdict.baseline} misses nothing that these records show: the held-out '
+            f'gap is {held.before_in_floors:.3g} noise floors.'
+        )
+    if verdict.verdict == 'unknown':
+        return (
+            f'The model {verdict.baseline} misses something that is none of the known effects: '
+            f'{held.after_in_floors:.3g} noise floors stay on held-out records.'
+        )
+    names = ' and '.join(_with_chance(effect) for effect in verdict.effects)
+    more = ' Something significant is left.' if verdict.unexplained.significant else ''
+    return (
+        f'The model {verdict.baseline} misses {names}; adding it lowers the held-out gap from '
+        f'{gap}.{more}'
+    )
+
+
+def _with_chance(effect: NamedEffect) -> str:
+    if effect.alternatives and effect.alternatives[0].probability > 0.1:
+        names = [effect.name, *(a.name for a in effect.alternatives if a.probability > 0.1)]
+        return f'{" or ".join(names)} (these records do not tell which)'
+    return effect.name

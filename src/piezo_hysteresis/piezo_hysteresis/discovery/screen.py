@@ -1,0 +1,162 @@
+"""Which effects are worth a full fit: what a small step towards each would explain.
+
+Every candidate is simulated once per start. The difference to the model before, together with
+the sensitivities of the model's own parameters, is fitted to the residual linearly; what that
+explains bounds what the effect can do near its start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.effect import Residual
+from piezo_hysteresis.discovery.trial import Trial, errors_of, simulate
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Candidate
+
+# Shares of a start at which a candidate is looked at: effects are not linear in their size.
+STEPS = (1.0, 0.2)
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What one candidate promises.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        The model with the effect.
+    starts : tuple of dict
+        Start values of all parameters, the most promising first.
+    explained : float
+        Share of the squared residual that the best start explains, 0..1.
+    """
+
+    candidate: Candidate
+    starts: tuple[dict[str, float], ...]
+    explained: float
+
+
+class Screen:
+    """The residual of a model with the sensitivities of its own parameters projected out.
+
+    Parameters
+    ----------
+    trial : Trial
+        The model, fitted to `views`.
+    views : sequence of Target
+        Short training views.
+    """
+
+    def __init__(self, trial: Trial, views: Sequence[Target]) -> None:
+        self._trial = trial
+        self._views = views
+        self._simulated = [simulate(trial.model, trial.values, v) for v in views]
+        self._residual = np.concatenate(
+            [v.measured - v.pick(y) for v, y in zip(views, self._simulated, strict=True)]
+        )
+        self._basis = self._own_basis()
+        self._left = self._project(self._residual)
+
+    def _own_basis(self) -> FloatArray:
+        columns = []
+        for name in self._trial.model.free_names:
+            column = self._difference(name)
+            if column is not None:
+                columns.append(column)
+        if not columns:
+            return np.zeros((self._residual.size, 0))
+        basis, triangle = np.linalg.qr(np.column_stack(columns))
+        size = np.abs(np.diag(triangle))
+        return np.asarray(basis[:, size > 1e-9 * max(float(size.max()), 1e-300)])
+
+    def _difference(self, name: str) -> FloatArray | None:
+        values = dict(self._trial.values)
+        row = next(q for q in self._trial.model.parameters if q.name == name)
+        step = 1e-4 * max(abs(values[name]), 1e-2 * row.scale)
+        values[name] += step if values[name] + step <= row.high else -step
+        try:
+            moved = self._flat(self._trial, values)
+        except PiezoError:
+            return None
+        size = float(np.linalg.norm(moved))
+        return moved / size if np.isfinite(size) and size > 0 else None
+
+    def _flat(self, trial: Trial, values: dict[str, float]) -> FloatArray:
+        errors = errors_of(trial.model, values, self._views)
+        return np.asarray(self._residual - np.concatenate(errors))
+
+    def _project(self, vector: FloatArray) -> FloatArray:
+        return np.asarray(vector - self._basis @ (self._basis.T @ vector))
+
+    def promise(self, candidate: Candidate) -> Promise:
+        """Return what `candidate` promises, with its starts ordered by it."""
+        before = self._trial.values
+        found: list[tuple[float, dict[str, float]]] = []
+        for start in (*self._guesses(candidate), *candidate.starts):
+            values = candidate.values(before, start)
+            values['sampling_offset'] = before.get('sampling_offset', 0.0)
+            found.append(self._best_step(candidate, values))
+        found.sort(key=lambda each: -each[0])
+        return Promise(candidate, tuple(each[1] for each in found), found[0][0])
+
+    def _guesses(self, candidate: Candidate) -> list[dict[str, float]]:
+        """Return starts that the residual itself suggests, where it is largest."""
+        if candidate.effect.guess is None:
+            return []
+        sizes = [
+            float(np.std(v.measured - v.pick(y)))
+            for v, y in zip(self._views, self._simulated, strict=True)
+        ]
+        guesses = []
+        for place in np.argsort(sizes)[::-1][:3]:
+            view, y = self._views[place], self._simulated[place]
+            residual = np.zeros_like(view.voltage)
+            residual[view.first :] = view.measured - y[view.first :]
+            seen = Residual(
+                view.voltage[view.first :],
+                y[view.first :],
+                residual[view.first :],
+                view.dt,
+                view.frequency,
+                view.first * view.dt,
+            )
+            guesses.append(candidate.guessed(seen))
+        return guesses
+
+    def _best_step(
+        self, candidate: Candidate, values: dict[str, float]
+    ) -> tuple[float, dict[str, float]]:
+        best, chosen = 0.0, values
+        neutral = candidate.neutral
+        for step in STEPS:
+            tried = {
+                name: neutral[name] + step * (value - neutral[name])
+                if name in neutral and abs(neutral[name]) < 1e3
+                else value
+                for name, value in values.items()
+            }
+            explained = self._explained(candidate, tried)
+            if explained > best:
+                best, chosen = explained, tried
+        return best, chosen
+
+    def _explained(self, candidate: Candidate, values: dict[str, float]) -> float:
+        try:
+            errors = errors_of(candidate.model, values, self._views)
+        except PiezoError:
+            return 0.0
+        moved = self._residual - np.concatenate(errors)
+        if not np.all(np.isfinite(moved)):
+            return 0.0
+        column = self._project(moved)
+        size = float(column @ column)
+        if size <= 1e-18 * float(moved @ moved):
+            return 0.0
+        gain = float(column @ self._left)
+        return gain**2 / size / max(float(self._residual @ self._residual), 1e-300)

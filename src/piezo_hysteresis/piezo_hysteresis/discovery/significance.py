@@ -1,0 +1,95 @@
+"""How sure a comparison of models is: by resampling blocks of whole periods.
+
+Errors of one record are alike, so samples must not be counted as if they were independent; blocks
+of whole periods nearly are. Blocks are drawn within their record, so that an effect that shows in
+one record alone is judged by how steadily it shows there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.trial import Trial
+
+# Resamples; fixed by the seed of the run.
+DRAWS = 2000
+
+BlockEdges = Sequence[Sequence[int]]
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """By how much one model is better than another.
+
+    Attributes
+    ----------
+    square : float
+        Decrease of the sum of squares [m^2].
+    ratio : float
+        Decrease over its standard error from block to block.
+    p_value : float
+        Probability of such a ratio if there were no improvement, times the number of models that
+        were tried; not below what the resampling can tell.
+    """
+
+    square: float
+    ratio: float
+    p_value: float
+
+
+def block_squares(errors: Sequence[FloatArray], edges: BlockEdges) -> list[FloatArray]:
+    """Return the sum of squares of every block, per view."""
+    return [
+        np.add.reduceat(e**2, np.asarray(marks[:-1], dtype=np.int64))
+        for e, marks in zip(errors, edges, strict=True)
+    ]
+
+
+def improvement(before: Trial, after: Trial, edges: BlockEdges, tried: int) -> Improvement:
+    """Compare two trials on the same views; `tried` models were looked at to find `after`."""
+    old, new = block_squares(before.errors, edges), block_squares(after.errors, edges)
+    total, variance = 0.0, 0.0
+    for a, b in zip(old, new, strict=True):
+        change = a - b
+        total += float(change.sum())
+        if change.size > 1:
+            variance += float(change.size * np.var(change, ddof=1))
+    if variance <= 0.0:
+        variance = (0.1 * total) ** 2 if total > 0 else 1.0
+    ratio = total / float(np.sqrt(variance))
+    p_value = min(1.0, max(float(norm.sf(ratio)) * max(tried, 1), 1.0 / DRAWS / 1e3))
+    return Improvement(total, ratio, p_value)
+
+
+def win_shares(
+    trials: Sequence[Trial], penalties: Sequence[float], edges: BlockEdges, seed: int
+) -> FloatArray:
+    """Return in which share of the resamples each trial is the best.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Competitors, judged on the same views.
+    penalties : sequence of float
+        Added to the logarithm of each trial's sum of squares: what its parameters cost.
+    edges : sequence of sequence of int
+        Block edges per view.
+    seed : int
+        Of the resampling.
+    """
+    generator = np.random.default_rng(seed)
+    squares = [block_squares(t.errors, edges) for t in trials]
+    sums = np.zeros((len(trials), DRAWS))
+    for view in range(len(edges)):
+        rows = np.array([s[view] for s in squares])
+        count = rows.shape[1]
+        weights = generator.multinomial(count, np.full(count, 1.0 / count), size=DRAWS)
+        sums += rows @ weights.T
+    scores = np.log(np.maximum(sums, 1e-300)) + np.asarray(penalties)[:, None]
+    winners = np.argmin(scores, axis=0)
+    return np.bincount(winners, minlength=len(trials)) / DRAWS

@@ -1,0 +1,244 @@
+"""The whole discovery: check, split, floor, baselines, locate, compete, name, prove, advise."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from piezo_hysteresis.discovery.advise import advise
+from piezo_hysteresis.discovery.baseline import Baselines, baselines
+from piezo_hysteresis.discovery.check import Check, check
+from piezo_hysteresis.discovery.compete import Arena, Contest
+from piezo_hysteresis.discovery.dataset import Dataset, split
+from piezo_hysteresis.discovery.describe import describe
+from piezo_hysteresis.discovery.floor import noise_floor
+from piezo_hysteresis.discovery.locate import places
+from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
+from piezo_hysteresis.discovery.prove import Proof, prove
+from piezo_hysteresis.discovery.trial import Trial
+from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
+from piezo_hysteresis.models import Model, ModelFile
+from piezo_hysteresis.records import Record
+
+Progress = Callable[[float, str], None]
+
+MOST_EFFECTS = 5
+# An improvement counts from so many standard errors,
+SURE = 5.0
+# if it takes at least this share of what is above the floor.
+SHARE = 0.25
+# What is left counts as explained up to this gap [floors].
+NEAR = 1.2
+# Effects that explain less than this of the excess, with more left than NEAR, name nothing.
+MOSTLY = 0.9
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted effect."""
+
+    contest: Contest
+    trial: Trial
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything that was found out.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        As in ``verdict.json``.
+    data : Dataset
+        The records, split.
+    floor : float
+        Noise rms [m].
+    baselines : Baselines
+        The model before.
+    steps : tuple of Step
+        Accepted effects in the order in which they were found.
+    final : Trial
+        The model with all of them, fitted jointly.
+    proof : Proof
+        Before and after on held-out records.
+    check : Check
+        What the data can tell.
+    """
+
+    verdict: Verdict
+    data: Dataset
+    floor: float
+    baselines: Baselines
+    steps: tuple[Step, ...]
+    final: Trial
+    proof: Proof
+    check: Check
+
+
+def discover(
+    records: Sequence[Record],
+    baseline: Model | ModelFile,
+    *,
+    name: str = '',
+    seed: int = 0,
+    workers: int = 1,
+    progress: Progress = lambda fraction, words: None,
+) -> Discovery:
+    """Find what `baseline` misses in `records`.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Of one actuator at one rate.
+    baseline : Model or ModelFile
+        The model that lacks something; a file also gives its nominal values.
+    name : str
+        What to call the baseline.
+    seed : int
+        Of every random choice: the same seed gives the same verdict.
+    workers : int
+        Threads; the verdict does not depend on it.
+    progress : callable
+        Told ``(fraction, words)``.
+
+    Raises
+    ------
+    IdentificationError
+        If nothing can be said from the records; the message says what to record.
+    """
+    began = time.monotonic()
+    found = check(records)
+    data = split(records)
+    floor = noise_floor(data)
+    progress(0.02, 'checked, split and noise measured')
+    base = baselines(data, baseline)
+    progress(0.12, 'baselines fitted')
+    arena = Arena(data, floor, seed, workers)
+    steps, last = _compete(arena, base.joint, progress)
+    steps, final = _pruned(arena, base.joint, steps)
+    progress(0.95, 'proving on held-out records')
+    proof = prove(data, base.joint, final)
+    discovery = Discovery(_placeholder(), data, floor, base, tuple(steps), final, proof, found)
+    verdict = _verdict(discovery, arena, last, name or base.joint.model.name, seed)
+    return replace(discovery, verdict=replace(verdict, seconds=time.monotonic() - began))
+
+
+def _compete(arena: Arena, start: Trial, progress: Progress) -> tuple[list[Step], Contest | None]:
+    """Add effects one by one until nothing significant is left."""
+    current = start
+    steps: list[Step] = []
+    contest: Contest | None = None
+    for place in range(MOST_EFFECTS):
+        if not arena.lacks_something(current):
+            return steps, None
+        begin, share = 0.12 + 0.8 * place / MOST_EFFECTS, 0.8 / MOST_EFFECTS
+
+        def told(fraction: float, words: str, begin: float = begin, share: float = share) -> None:
+            progress(begin + share * fraction, words)
+
+        contest = arena.contest(current, told)
+        if contest is None or not accepted(arena, contest):
+            return steps, contest
+        current = contest.best
+        steps.append(Step(contest, current))
+    return steps, contest
+
+
+def accepted(arena: Arena, contest: Contest) -> bool:
+    """Tell whether the winner of a contest is an effect: sure, and not a crumb."""
+    before, after = arena.excess(contest.before), arena.excess(contest.best)
+    share = (before - after) / max(before, 1e-12)
+    better = arena.score(contest.best) < arena.score(contest.before)
+    return better and contest.gain.ratio >= SURE and share >= SHARE
+
+
+def _pruned(arena: Arena, start: Trial, steps: list[Step]) -> tuple[list[Step], Trial]:
+    """Fit jointly, and drop effects that later ones made needless."""
+    if not steps:
+        return steps, start
+    final = arena.refit(steps[-1].trial)
+    if len(steps) == 1:
+        return steps, final
+    kept = list(steps)
+    for step in steps[:-1]:
+        without = arena.without(final, start, [s.trial for s in kept if s is not step])
+        if without is not None and arena.is_as_good(without, final):
+            kept.remove(step)
+            final = without
+    return kept, final
+
+
+def _placeholder() -> Verdict:
+    return Verdict(
+        '', 0, 0.0, HeldOut(0, 0, 0, 0), (), 'none', Unexplained(False, ''), (), (), {}, 0.0
+    )
+
+
+def _verdict(
+    found: Discovery, arena: Arena, last: Contest | None, name: str, seed: int
+) -> Verdict:
+    data, floor, proof = found.data, found.floor, found.proof
+    before, after = arena.excess(found.baselines.joint), arena.excess(found.final)
+    left = arena.lacks_something(found.final)
+    explained = 1.0 - after / before if before > 0 else 1.0
+    word = _word(bool(found.steps), left, found.final.rms / floor, explained)
+    description = describe(data, data.training, found.final.errors, floor) if left else ''
+    effects = named_effects(found.steps, found.final, arena)
+    doubts = suspects(found.steps, last) if word == 'unknown' else ()
+    verdict = Verdict(
+        baseline=name,
+        seed=seed,
+        noise_floor_rms_m=floor,
+        held_out=HeldOut(proof.before, proof.after, proof.before / floor, proof.after / floor),
+        effects=effects if word == 'named' else (),
+        verdict=word,
+        unexplained=Unexplained(left, description),
+        where=tuple(
+            {
+                'record': p.record,
+                'frequency_hz': p.frequency,
+                'harmonic': p.harmonic,
+                'rms_m': p.rms,
+            }
+            for p in places(data, data.training, found.baselines.joint.errors)[:20]
+        ),
+        next_experiments=tuple(advise(found.check, found.steps, left, description)),
+        records={
+            'training': [v.name for v in data.training],
+            'held_out': [v.name for v in data.held_out],
+        },
+        seconds=0.0,
+        suspects=doubts,
+        check=tuple(found.check.sentences()),
+        proof=tuple(
+            {
+                'record': r.record,
+                'frequency_hz': r.frequency,
+                'amplitude_v': r.amplitude,
+                'before_in_floors': r.before / floor,
+                'after_in_floors': r.after / floor,
+            }
+            for r in proof.rows
+        ),
+        baseline_gaps_rms_m=_gaps(found.baselines),
+        free_run_stable=proof.stable,
+    )
+    return replace(verdict, summary=summary_of(verdict))
+
+
+def _word(any_effect: bool, left: bool, floors: float, explained: float) -> str:
+    if not any_effect:
+        return 'unknown' if left else 'none'
+    if floors <= NEAR or explained >= MOSTLY:
+        return 'named'
+    return 'unknown'
+
+
+def _gaps(base: Baselines) -> dict[str, float]:
+    gaps = {'joint_fit': base.joint.rms}
+    if base.slow is not None:
+        gaps['low_frequency_fit'] = base.slow.rms
+    if base.nominal is not None:
+        gaps['nominal'] = base.nominal.rms
+    return gaps
