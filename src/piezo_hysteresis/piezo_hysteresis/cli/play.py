@@ -21,6 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--lock-step', action='store_true',
         help='send each message when the one before was taken, as fast as that goes',
     )  # fmt: skip
+    parser.add_argument('--clock', action='store_true', help='publish the time of the bag')
     parser.add_argument('--salvage', action='store_true', help='play what is readable')
 
 
@@ -30,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     switches = {
         '--loop': arguments.loop,
         '--lock-step': arguments.lock_step,
+        '--clock': arguments.clock,
         '--salvage': arguments.salvage,
     }
     words += [switch for switch, given in switches.items() if given]

@@ -16,7 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     parser.add_argument(
         'topics', nargs='*', metavar='TOPIC',
-        help='topics to record; all of the namespace where none are given',
+        help='topics to record (actuator/state, reference and record/marker)',
     )  # fmt: skip
     parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
     parser.add_argument('--namespace', default='piezo', help='of topics given without a slash')
