@@ -1,0 +1,70 @@
+"""The frame of the report: HTML and CSS for screen, phone and paper."""
+
+# Bokeh needs no more than inline scripts and styles and images made on the spot.
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:">
+<title>$title</title>
+<style>$style</style>
+$library
+</head>
+<body>
+<main>
+<h1>$title</h1>
+<p class="verdict">$verdict</p>
+$body
+<footer>piezo_hysteresis $version, $date. Plots: choose a tool above a plot to zoom or move; a click
+on a name in a legend hides its line.</footer>
+</main>
+$script
+<script>
+// A finger on a plot scrolls the page until a tool is chosen.
+if (matchMedia('(pointer: coarse)').matches) {
+  document.addEventListener('DOMContentLoaded', () => setTimeout(() => {
+    for (const page of window.Bokeh?.documents ?? [])
+      for (const root of page.roots())
+        for (const tool of root.toolbar?.tools ?? []) if (tool.active === true) tool.active = false;
+  }, 500));
+}
+</script>
+</body>
+</html>
+"""  # noqa: E501
+
+STYLE = """
+:root { color-scheme: light; --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --mark: #0072b2; }
+* { box-sizing: border-box; }
+body { margin: 0; background: #fff; color: var(--ink); overflow-wrap: break-word;
+  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
+main { max-width: 1200px; margin: 0 auto; padding: 1rem clamp(.75rem, 3vw, 2rem) 3rem; }
+h1 { font-size: 1.6rem; line-height: 1.25; margin: .6rem 0; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 .4rem; padding-top: .8rem;
+  border-top: 1px solid var(--line); }
+p, li { max-width: 75ch; }
+.verdict { font-size: 1.15rem; max-width: none; margin: .6rem 0 1rem; padding: .8rem 1rem;
+  background: #f2f8fc; border-left: 5px solid var(--mark); }
+.plots { display: grid; gap: 1.2rem; margin: .8rem 0;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 460px), 1fr)); }
+figure { margin: 0; min-width: 0; }
+figcaption, caption { color: var(--soft); font-size: .9rem; text-align: left; }
+caption { padding: .3rem 0; }
+.wide { overflow-x: auto; margin: .8rem 0; }
+table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
+  border-bottom: 1px solid var(--line); }
+th { border-bottom: 2px solid var(--soft); }
+.number { text-align: right; white-space: nowrap; }
+code { background: #f3f4f6; padding: .05em .3em; border-radius: 3px; font-size: .9em; }
+footer { margin-top: 2.5rem; color: var(--soft); font-size: .85rem; }
+@media print {
+  body { font-size: 10.5pt; }
+  main { max-width: none; padding: 0; }
+  figure, tr, .verdict { break-inside: avoid; }
+  h2 { break-after: avoid; }
+  .plots { grid-template-columns: 1fr 1fr; }
+  .wide { overflow: visible; }
+}
+"""

@@ -1,0 +1,51 @@
+"""Numbers as people read them: micrometres instead of metres, digits that are known."""
+
+from __future__ import annotations
+
+import math
+
+MICRO = 1e6
+
+_SHOWN = {
+    'm': ('µm', MICRO),
+    'm/V': ('µm/V', MICRO),
+    'm/V^2': ('µm/V²', MICRO),
+    'm/s': ('µm/s', MICRO),
+    'V/m': ('V/µm', 1 / MICRO),
+    '1/m': ('1/µm', 1 / MICRO),
+    '1/m^2': ('1/µm²', 1 / MICRO**2),
+    '1': ('', 1.0),
+}
+
+
+def shown(unit: str) -> tuple[str, float]:
+    """Return the unit that people read for an SI unit, and the factor to it."""
+    return _SHOWN.get(unit, (unit, 1.0))
+
+
+def micrometres(metres: float | None) -> str:
+    """Return a length [m] in micrometres with three significant digits, or a dash."""
+    if metres is None or not math.isfinite(metres):
+        return '–'
+    return f'{MICRO * metres:.3g}'
+
+
+def with_deviation(value: float, std: float | None) -> tuple[str, str]:
+    """Return a number with the digits that its standard deviation leaves, and the deviation.
+
+    Parameters
+    ----------
+    value : float
+        In the unit that is shown.
+    std : float or None
+        In the same unit; None or infinite where the data do not tell.
+    """
+    if std is None or math.isnan(std):
+        return f'{value:.5g}', 'held'
+    if math.isinf(std):
+        return f'{value:.2g}', 'not determined'
+    if std <= 0.0:
+        return f'{value:.6g}', f'{std:.1g}'
+    size = math.floor(math.log10(abs(value))) if value else -99
+    known = size - math.floor(math.log10(std)) + 2
+    return f'{value:.{min(max(known, 1), 9)}g}', f'{std:.2g}'
