@@ -1,0 +1,80 @@
+"""Find what a model misses in recorded data, name it and prove it.
+
+Leaves verdict.json, model.yaml (the baseline with what was found), params.yaml (for the nodes
+feedforward and gap_monitor), simulator.yaml (under the simulator's own names) and report.html.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from typing import Any
+
+from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.errors import IdentificationError
+
+HELP = 'find what a model misses, name it, prove it'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('--baseline', required=True, metavar='NAME|YAML', help='named model or model.yaml')
+    add('--out', required=True, metavar='DIR', help='folder of the results')
+    add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
+    add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
+    add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--actuator', help='which actuator, where a bag holds several')
+    add('--salvage', action='store_true', help='use what is readable of damaged data')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Discover and write the results."""
+    from dataclasses import replace
+
+    from piezo_hysteresis.discovery import discover
+    from piezo_hysteresis.models import ModelFile, named
+    from piezo_hysteresis.records import load
+    from piezo_hysteresis.reporting.discovery_folder import write_discovery
+
+    if arguments.workers < 0:
+        raise IdentificationError('--workers must be 0 (one per core) or more')
+    word = arguments.baseline
+    is_file = word.endswith(('.yaml', '.yml'))
+    baseline: Any = ModelFile.load(word) if is_file else named(word)
+    records = load(arguments.data, actuator=arguments.actuator, salvage=arguments.salvage)
+    if arguments.warm_up is not None:
+        records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
+    with progress_bar(f'discover, baseline {word}') as progress:
+        found = discover(
+            records,
+            baseline,
+            name=word,
+            seed=arguments.seed,
+            workers=arguments.workers or os.cpu_count() or 1,
+            progress=progress,
+        )
+    write_discovery(arguments.out, found, arguments.data)
+    _tell(found.verdict, arguments.out)
+    return 0
+
+
+def _tell(verdict: Any, out: str) -> None:
+    """Print the verdict, what is sure about it and what to do next."""
+    from piezo_hysteresis.identification.uncertainty import digits
+
+    print(verdict.summary)
+    for effect in verdict.effects:
+        chance = f'probability {effect.probability:.3g}, p {effect.p_value:.1e}'
+        print(f'  {effect.name} ({chance})')
+        for name, number in effect.parameters.items():
+            shown = digits(number.value, number.std) if number.std else f'{number.value:.4g}'
+            print(f'    {name} {shown} {number.unit}')
+        for other in effect.alternatives:
+            print(f'    or {other.name} (probability {other.probability:.3g})')
+    if verdict.unexplained.significant:
+        print(f'  left: {verdict.unexplained.description}')
+    for each in verdict.next_experiments:
+        print(f'  next: {each}')
+    print(f'written to {out} ({verdict.seconds:.1f} s); open {out}/report.html')

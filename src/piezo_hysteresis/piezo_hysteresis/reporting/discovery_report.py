@@ -1,0 +1,227 @@
+"""The discovery as a page that a colleague can read without us."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.discovery import Discovery, Verdict
+from piezo_hysteresis.discovery.trial import Trial, simulate
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.uncertainty import digits
+from piezo_hysteresis.reporting.page import Plot, Section, render, table
+from piezo_hysteresis.reporting.plots import (
+    Curve,
+    bars_before_after,
+    loop_figure,
+    spectrum_figure,
+    trace_figure,
+)
+
+MICRO = 1e6
+PERIODS = 3
+
+
+def discovery_page(found: Discovery) -> str:
+    """Return the report as HTML."""
+    verdict = found.verdict
+    sections = [
+        _proof(found),
+        _where(found),
+        _what(verdict),
+        _how_sure(verdict),
+        _next(verdict),
+        _model(found),
+    ]
+    title = f'What the model {verdict.baseline} misses'
+    return render(title, verdict.summary, [s for s in sections if s is not None])
+
+
+def _proof(found: Discovery) -> Section:
+    verdict, proof = found.verdict, found.proof
+    names = _unique([_label(r.record, r.frequency, r.amplitude) for r in proof.rows])
+    held = verdict.held_out
+    bars = bars_before_after(
+        names,
+        [r.before for r in proof.rows],
+        [r.after for r in proof.rows],
+        found.floor,
+        title='Gap on held-out records',
+        caption='Records that decided nothing. Where the bars reach the line only noise is left.',
+        labels=(f'{verdict.baseline} alone', 'with what was found'),
+    )
+    text = (
+        f'On {len(proof.rows)} held-out parts the gap between model and measurement is '
+        f'{held.before_in_floors:.3g} noise floors before and {held.after_in_floors:.3g} after. '
+        f'The noise floor is {MICRO * verdict.noise_floor_rms_m:.3g} um rms. The free run of the '
+        f'final model is {"stable" if verdict.free_run_stable else "NOT stable"} on all of them.'
+    )
+    rows = [
+        (
+            r.record,
+            r.frequency or None,
+            r.amplitude,
+            r.before / found.floor,
+            r.after / found.floor,
+        )
+        for r in proof.rows
+    ]
+    proof_table = table(
+        ('record', 'frequency [Hz]', 'amplitude', 'before [floors]', 'after [floors]'), rows
+    )
+    return Section('Before and after', text, (bars, *_pictures(found)), (proof_table,))
+
+
+def _pictures(found: Discovery) -> tuple[Plot, ...]:
+    """Draw the held-out record in which most was gained: loop and error over time."""
+    views = found.data.held_out
+    gains = [r.before - r.after for r in found.proof.rows]
+    name = found.proof.rows[int(np.argmax(gains))].record
+    view = next(v for v in views if v.name == name)
+    part = _part(view, found.data.periods[name])
+    before = simulate(found.baselines.joint.model, found.baselines.joint.values, view)
+    after = simulate(found.final.model, found.final.values, view)
+    measured = np.full_like(view.voltage, np.nan)
+    measured[view.first :] = view.measured
+    time = np.arange(view.voltage.size, dtype=np.float64) * view.dt
+    unit = found.data.records[0].info.input_unit
+    loops = loop_figure(
+        [
+            Curve('measured', view.voltage[part], measured[part]),
+            Curve('model before', view.voltage[part], before[part]),
+            Curve('model after', view.voltage[part], after[part]),
+        ],
+        f'Loop of {name}',
+        'Measured and simulated in free run.',
+        unit,
+    )
+    errors = trace_figure(
+        [
+            Curve('before', time[part], (measured - before)[part]),
+            Curve('after', time[part], (measured - after)[part]),
+        ],
+        f'Error of {name}',
+        'Measured minus simulated.',
+        'error',
+    )
+    return loops, errors
+
+
+def _part(view: Target, period: int) -> slice:
+    length = PERIODS * period if period else round(2.0 / view.dt)
+    return slice(max(view.first, view.voltage.size - length), view.voltage.size)
+
+
+def _where(found: Discovery) -> Section:
+    verdict = found.verdict
+    rows = [
+        (
+            place['record'],
+            place['frequency_hz'] or None,
+            _order(int(place['harmonic'])),
+            MICRO * place['rms_m'],
+        )
+        for place in verdict.where[:10]
+    ]
+    places = table(
+        ('record', 'drive [Hz]', 'harmonic', 'gap [um rms]'), rows, 'The ten largest places.'
+    )
+    views = found.data.training
+    sizes = [float(np.std(e)) for e in found.baselines.joint.errors]
+    worst = int(np.argmax(sizes))
+    spectrum = spectrum_figure(
+        [
+            ('before', found.baselines.joint.errors[worst]),
+            ('after', found.final.errors[worst]),
+        ],
+        views[worst].dt,
+        f'Spectrum of the error, {views[worst].name}',
+        'Amplitudes of what the model does not explain.',
+        fundamental=views[worst].frequency,
+    )
+    words = ', '.join(
+        f'{key.replace("_", " ")} {MICRO * value:.3g} um'
+        for key, value in verdict.baseline_gaps_rms_m.items()
+    )
+    text = f'Gap of the baseline on the training records: {words}.'
+    return Section('Where model and measurement disagree', text, (spectrum,), (places,))
+
+
+def _order(harmonic: int) -> str:
+    return {0: 'mean', -1: 'none (the rest)'}.get(harmonic, str(harmonic))
+
+
+def _what(verdict: Verdict) -> Section | None:
+    if not verdict.effects:
+        if verdict.verdict == 'none':
+            return None
+        doubts = ', '.join(f'{s.name} ({s.probability:.0%})' for s in verdict.suspects)
+        more = f' It looks most like {doubts}, without being it.' if doubts else ''
+        return Section('What is left', verdict.unexplained.description + more)
+    parts = []
+    rows = []
+    for effect in verdict.effects:
+        parts.append(f'`{effect.name}`: {" ".join(effect.evidence)}')
+        for name, number in effect.parameters.items():
+            shown = digits(number.value, number.std) if number.std else f'{number.value:.4g}'
+            rows.append((effect.name, name, shown, number.unit))
+    if verdict.unexplained.significant:
+        parts.append(f'Still left: {verdict.unexplained.description}')
+    found = table(('effect', 'parameter', 'value', 'unit'), rows, 'With one standard deviation.')
+    return Section('What is missing', '\n\n'.join(parts), (), (found,))
+
+
+def _how_sure(verdict: Verdict) -> Section | None:
+    if not verdict.effects:
+        return None
+    rows = []
+    for effect in verdict.effects:
+        rows.append((effect.name, f'{effect.probability:.3f}', f'{effect.p_value:.1e}'))
+        rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
+    text = (
+        'The probability is the share of resamples of the training records, block by block, in '
+        'which this effect explains them best. The p-value is that of the improvement, for all '
+        'candidates that were tried.'
+    )
+    return Section('How sure', text, (), (table(('effect', 'probability', 'p-value'), rows),))
+
+
+def _next(verdict: Verdict) -> Section:
+    lines = [f'- {each}' for each in verdict.next_experiments]
+    if verdict.check:
+        lines += ['', 'What these records cannot tell:', '', *(f'- {c}' for c in verdict.check)]
+    return Section('What to measure next', '\n'.join(lines))
+
+
+def _model(found: Discovery) -> Section:
+    final: Trial = found.final
+    std = final.fitted.std if final.fitted is not None else {}
+    units = {q.name: q.unit for q in final.model.parameters}
+    held = set(final.model.held)
+    rows = []
+    for name in final.model.parameter_names:
+        value = final.values[name]
+        shown = digits(value, std[name]) if std.get(name) else f'{value:.6g}'
+        rows.append((name, shown, units[name], 'held' if name in held else ''))
+    chain = ' -> '.join(block.name for block in final.model.blocks)
+    verdict = found.verdict
+    text = (
+        f'Chain: {chain}.\n\nTraining records: {", ".join(verdict.records["training"])}.\n\n'
+        f'Held out: {", ".join(verdict.records["held_out"])}.\n\n'
+        f'Seed {verdict.seed}; {verdict.seconds:.1f} s.'
+    )
+    return Section('The final model', text, (), (table(('parameter', 'value', 'unit', ''), rows),))
+
+
+def _label(record: str, frequency: float, amplitude: float) -> str:
+    return f'{frequency:g} Hz, {amplitude:.3g}' if frequency else record
+
+
+def _unique(names: Sequence[str]) -> list[str]:
+    seen: dict[str, int] = {}
+    found = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        found.append(name if seen[name] == 1 else f'{name} ({seen[name]})')
+    return found
