@@ -245,7 +245,7 @@ def test_the_start_is_smooth_for_a_reference_that_begins_away_from_rest():
 
 def test_selector_recovers_its_rows_and_follows_triangles():
     rows = [
-        InverseBoucWen(slope, 5e6, 2.5e6, 2e5, 3e4 * (1 + i))
+        InverseBoucWen(slope, 3e6, -2e6, 2e5, 3e4 * (1 + i))
         for i, slope in enumerate((1e-3, 3e-3))
     ]
     time = np.arange(4000) * 1e-5

@@ -18,7 +18,8 @@ from piezo_hysteresis.compensation.physical import structure_coefficients
 from piezo_hysteresis.compensation.structure_inverse import (
     CORNERS,
     STATE_SIZE,
-    invert_structure,
+    carry_ahead,
+    lift_droop,
 )
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
@@ -297,9 +298,10 @@ class ChainInverse(InverseLink):
 
     def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
         stages = self._stages
-        point, target = np.empty((3, 1)), np.empty(1)
+        ahead = np.empty((3, 1))
         for k in range(voltage.size):
-            d, v, a = (float(value) for value in reference[:, k])
+            carry_ahead(reference[:, k : k + 1], ahead, memory[2:], stages.lead, self.dt)
+            d, v, a = (float(value) for value in ahead[:, 0])
             d += stages.rest
             for solver in reversed(stages.back):
                 d = solver.solve(d)
@@ -307,9 +309,11 @@ class ChainInverse(InverseLink):
                 solver.commit(d)
                 v /= slope or solver.first_slope
                 a = (a - bend * v * v) / (slope or solver.first_slope)
-            point[0, 0], point[1, 0], point[2, 0] = d, v, a
-            invert_structure(point, target, memory[2:], stages.k1, stages.k2, stages.lead, self.dt)
-            u = float(target[0]) + stages.restoring_force(d + stages.lead * v)
+            place = voltage[k : k + 1]
+            place[0] = d + stages.k1 * v + stages.k2 * a
+            if stages.lead > 0.0:
+                lift_droop(place, memory[2:])
+            u = float(place[0]) + stages.restoring_force(d)
             for solver in reversed(stages.front):
                 u = solver.solve(u)
             if u > self._high or u < self._low:

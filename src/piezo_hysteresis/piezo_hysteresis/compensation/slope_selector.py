@@ -178,22 +178,23 @@ def fit_inverse(
 
     def model(p: FloatArray) -> FloatArray:
         answer = np.empty(x.size)
-        bouc_wen(x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], p[3]]), 1.0, 0.0)
+        gamma = p[3] * p[2]
+        bouc_wen(x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], gamma]), 1.0, 0.0)
         return answer
 
     def residual(p: FloatArray) -> FloatArray:
         missed: FloatArray = (model(p) + p[4] - u)[warm_up:]
         return missed
 
+    # With |gamma| below beta and a negative a the voltage rises with the displacement.
+    low, high = [1e-2, -50.0, 1e-2, -0.99, -np.inf], [10.0, 0.0, 100.0, 0.99, np.inf]
     fits = [
-        least_squares(residual, start, x_scale='jac')
-        for start in (
-            np.array([1.0, -0.2, 2.0, 0.5, u[0]]),
-            np.array([0.8, -0.3, 5.0, -0.5, u[0]]),
-        )
+        least_squares(residual, [*start, u[0]], bounds=(low, high), x_scale='jac')
+        for start in ([1.0, -0.2, 2.0, 0.2], [0.8, -1.0, 5.0, -0.5], [0.5, -2.0, 10.0, 0.5])
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
     if not np.all(np.isfinite(best.x)):
         raise CompensationError(f'the inverse at {slope:g} m/s could not be fitted')
-    c, a, b, g = (float(value) for value in best.x[:4])
+    c, a, b, ratio = (float(value) for value in best.x[:4])
+    g = ratio * b
     return InverseBoucWen(slope, c * swing / stroke, a * swing / stroke, b / stroke, g / stroke)

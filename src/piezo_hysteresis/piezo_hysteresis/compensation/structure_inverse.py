@@ -9,15 +9,66 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
 
 # Places in the state; the number of corners comes first.
-CORNERS, _SEEN, _D, _V, _A, _W1, _W2 = range(7)
-STATE_SIZE = 7
+CORNERS, _SEEN, _D, _V, _A, _SMOOTH, _W1, _W2 = range(8)
+STATE_SIZE = 8
 
 # A change of velocity is smooth if the accelerations explain it but for this share of them.
 _TOLERANCE = 0.25
+
+
+@jit
+def carry_ahead(
+    reference: FloatArray, ahead: FloatArray, state: FloatArray, lead: float, dt: float
+) -> None:
+    """Write the reference `lead` seconds later into `ahead`.
+
+    Rows of both are displacement, velocity and acceleration. The polynomial of fifth degree
+    through the last two ticks is carried on; behind a corner, which is counted, the derivatives
+    at the tick alone. Displacement and derivatives must belong together: a derivative that is
+    off by a thousandth is amplified by the polynomial.
+    """
+    for k in range(reference.shape[1]):
+        d, v, a = reference[0, k], reference[1, k], reference[2, k]
+        jerk = snap = crackle = 0.0
+        if state[_SEEN] > 0.0:
+            d0, v0, a0 = state[_D], state[_V], state[_A]
+            miss = abs(v - v0 - 0.5 * dt * (a + a0))
+            if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
+                # The first ticks of a reference that starts from rest are no corner.
+                if state[_SEEN] > 2.0:
+                    state[CORNERS] += 1.0
+                state[_SEEN] = state[_SMOOTH] = 0.0
+            else:
+                r0 = d0 - d + v * dt - 0.5 * a * dt * dt
+                r1 = (v0 - v + a * dt) * dt
+                r2 = (a0 - a) * dt * dt
+                jerk = -(60.0 * r0 + 24.0 * r1 + 3.0 * r2) / dt**3
+                snap = -(360.0 * r0 + 168.0 * r1 + 24.0 * r2) / dt**4
+                crackle = -(720.0 * r0 + 360.0 * r1 + 60.0 * r2) / dt**5
+        state[_D], state[_V], state[_A] = d, v, a
+        state[_SEEN] += 1.0
+        t = lead
+        here = d + t * (v + t * (a / 2.0 + t * (jerk / 6.0 + t * (snap / 24.0))))
+        ahead[0, k] = here + t**5 * crackle / 120.0
+        ahead[1, k] = v + t * (a + t * (jerk / 2.0 + t * (snap / 6.0 + t * crackle / 24.0)))
+        ahead[2, k] = a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0))
+
+
+@jit
+def lift_droop(target: FloatArray, state: FloatArray) -> None:
+    """Lift a target by the droop of the hold, ``(w dt)^2 / 24``, where it has been smooth."""
+    for k in range(target.size):
+        w = target[k]
+        if state[_SMOOTH] >= 3.0:
+            target[k] = w - (w - 2.0 * state[_W1] + state[_W2]) / 24.0
+        state[_W2], state[_W1] = state[_W1], w
+        state[_SMOOTH] += 1.0
 
 
 @jit
@@ -32,41 +83,15 @@ def invert_structure(
 ) -> None:
     """Answer the quasi-static displacement [m] that moves the structure along the reference.
 
-    Rows of `reference` are displacement, velocity and acceleration at the ticks. They are carried
-    ahead by `lead` seconds with the polynomial of fifth degree through the last two ticks; behind
-    a corner, which is counted, by the derivatives at the tick alone. Where there is a lead the
-    droop of the hold, ``(w dt)^2 / 24``, is lifted too.
+    The reference, rows displacement, velocity and acceleration, is carried ahead by `lead`
+    seconds; where there is a lead the droop of the hold is lifted too.
     """
+    ahead = np.empty((3, 1))
     for k in range(target.size):
-        d, v, a = reference[0, k], reference[1, k], reference[2, k]
-        jerk = snap = crackle = 0.0
-        if state[_SEEN] > 0.0:
-            d0, v0, a0 = state[_D], state[_V], state[_A]
-            miss = abs(v - v0 - 0.5 * dt * (a + a0))
-            if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
-                # The first ticks of a reference that starts from rest are no corner.
-                if state[_SEEN] > 2.0:
-                    state[CORNERS] += 1.0
-                state[_SEEN] = 0.0
-            else:
-                r0 = d0 - d + v * dt - 0.5 * a * dt * dt
-                r1 = (v0 - v + a * dt) * dt
-                r2 = (a0 - a) * dt * dt
-                jerk = -(60.0 * r0 + 24.0 * r1 + 3.0 * r2) / dt**3
-                snap = -(360.0 * r0 + 168.0 * r1 + 24.0 * r2) / dt**4
-                crackle = -(720.0 * r0 + 360.0 * r1 + 60.0 * r2) / dt**5
-        state[_D], state[_V], state[_A] = d, v, a
-        t = lead
-        here = d + t * (v + t * (a / 2.0 + t * (jerk / 6.0 + t * (snap / 24.0))))
-        rate = v + t * (a + t * (jerk / 2.0 + t * (snap / 6.0 + t * crackle / 24.0)))
-        bend = a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0))
-        w = here + t**5 * crackle / 120.0 + k1 * rate + k2 * bend
-        droop = 0.0
-        if state[_SEEN] >= 3.0 and lead > 0.0:
-            droop = (w - 2.0 * state[_W1] + state[_W2]) / 24.0
-        state[_SEEN] += 1.0
-        state[_W2], state[_W1] = state[_W1], w
-        target[k] = w - droop
+        carry_ahead(reference[:, k : k + 1], ahead, state, lead, dt)
+        target[k] = ahead[0, 0] + k1 * ahead[1, 0] + k2 * ahead[2, 0]
+        if lead > 0.0:
+            lift_droop(target[k : k + 1], state)
 
 
 def mode_coefficients(natural_frequency: float, damping_ratio: float) -> tuple[float, float]:
