@@ -77,9 +77,20 @@ def test_gaps(tmp_path):
     assert found.damage[0].count == 2
 
 
-def test_doubled_samples(tmp_path):
+def test_repeated_messages_cost_nothing(tmp_path):
     order = np.sort(np.concatenate([TICKS, [7, 8, 250]]))
     path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
+    found = survey([path])
+    (record,) = found.records
+    np.testing.assert_array_equal(record.voltage, TICKS)
+    assert not found.damage
+    assert [note.count for note in found.notes] == [3]
+
+
+def test_doubled_samples(tmp_path):
+    order = np.sort(np.concatenate([TICKS, [7, 8, 250]]))
+    stroke = 1e-9 * np.arange(order.size)  # the second of a pair says something else
+    path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, stroke)])
     found = refused(path, '3 samples come twice')
     (record,) = found.records
     np.testing.assert_array_equal(record.voltage, TICKS)

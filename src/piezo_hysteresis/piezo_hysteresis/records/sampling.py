@@ -133,6 +133,7 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         again[1:] = np.diff(track.time) < SAME_TIME
     else:
         again[1:] = np.diff(track.sample) == 0
+        track, again = _without_repeats(track, again, place, log)
     doubled = int(again.sum())
     if doubled:
         what = f'{doubled} samples come twice'
@@ -142,6 +143,19 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         log.add(place, what, count=doubled, lost=doubled, remedy=remedy)
         track = track.take(~again)
     return track
+
+
+def _without_repeats(
+    track: Track, again: BoolArray, place: str, log: DamageLog
+) -> tuple[Track, BoolArray]:
+    """Drop messages that say the same again: nodes repeat their last word when a loop stalls."""
+    same = again.copy()
+    for column in (track.time, *track.columns.values()):
+        same[1:] &= column[1:] == column[:-1]
+    repeats = int(same.sum())
+    if repeats:
+        log.note(place, f'{repeats} messages were repeated by their sender', count=repeats)
+    return track.take(~same), again[~same]
 
 
 def _steps(track: Track) -> FloatArray:
