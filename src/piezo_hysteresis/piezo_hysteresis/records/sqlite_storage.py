@@ -33,7 +33,6 @@ CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NUL
   type_description_hash TEXT NOT NULL);
 CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,
   timestamp INTEGER NOT NULL, data BLOB NOT NULL);
-CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 INSERT INTO schema(schema_version, ros_distro) VALUES (4, 'jazzy');
 """
 
@@ -243,6 +242,8 @@ class SqliteWriter:
 
     def close(self, metadata: str) -> None:
         """Write the metadata, commit and close."""
+        # Built at the end, the index costs a fraction of what it does row by row.
+        self._base.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
         self._base.execute('INSERT INTO metadata VALUES (1, 9, ?)', (metadata,))
         self._base.commit()
         self._base.close()
