@@ -11,6 +11,7 @@ import json
 import sys
 from typing import Any
 
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES, Model, ModelFile, named
@@ -33,12 +34,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
-    add('--model', required=True, metavar='NAME|YAML', help=f'one of {", ".join(NAMES)}; or a '
-        'model.yaml, whose values are the start')  # fmt: skip
+    add(
+        '--model',
+        required=True,
+        metavar='NAME[+BLOCK...]|YAML',
+        help=f'{", ".join(NAMES)}, with further blocks behind a +; or a model.yaml to start from',
+    )
     add('--out', required=True, metavar='DIR', help='folder of the results')
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
     add('--seed', type=int, default=0, help='seed of the searches')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add(
+        '--before',
+        nargs='+',
+        type=float,
+        default=[],
+        metavar='V',
+        help='extremes of the voltage before each record: its remanence',
+    )
     add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
     add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
     add('--weights', choices=('equal', 'relative'), help='errors in metres, or relative')
@@ -58,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from piezo_hysteresis.identification import METHODS, identify
+    from piezo_hysteresis.identification.history import preceded
     from piezo_hysteresis.records import load
 
     if arguments.method not in METHODS:
@@ -70,6 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     records = load(arguments.data, actuator=arguments.actuator)
     if arguments.warm_up is not None:
         records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
+    if arguments.before:
+        records = [preceded(record, arguments.before) for record in records]
     with progress_bar(f'{arguments.method} {model.name}') as progress:
         found = identify(
             records,
@@ -86,12 +102,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _model(word: str) -> tuple[Model, dict[str, float]]:
     """Model and start values that `word` names."""
-    if word in NAMES:
-        return named(word), {}
     if word.endswith(('.yaml', '.yml')):
         saved = ModelFile.load(word)
         return saved.model, {n: saved.values[n] for n in saved.model.free_names}
-    return named(word), {}
+    name, *blocks = word.split('+')
+    model = named(name)
+    for block in blocks:
+        model = model.with_block(named_block(block))
+    return model, {}
 
 
 def _pairs(words: list[str]) -> dict[str, float]:
