@@ -5,7 +5,16 @@ from setuptools import find_packages, setup
 package = 'piezo_hysteresis'
 
 # Every node and every verb of the command line is an executable of its own for `ros2 run`.
-nodes = ['attenuation', 'excitation', 'feedforward', 'identification', 'player', 'recorder']
+nodes = [
+    'attenuation',
+    'discovery',
+    'excitation',
+    'feedforward',
+    'gap_monitor',
+    'identification',
+    'player',
+    'recorder',
+]
 verbs = [
     'compensate',
     'demo',

@@ -79,12 +79,11 @@ def errors_of(model: Model, values: Values, views: Sequence[Target]) -> tuple[Fl
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 
-def offset_bounds(model: Model, values: Values, dt: float) -> tuple[float, float]:
-    """Return between what the sampling offset may lie without being an effect [s].
+def answers_at_once(model: Model, values: Values, dt: float) -> bool:
+    """Tell whether the chain answers the voltage of a tick at that tick.
 
-    A recording may have taken voltage and displacement of a tick together, or the displacement
-    before the voltage acted. A chain that answers at once stands for the first, one whose
-    structure holds the voltage for the second.
+    One whose structure holds the voltage answers at the next tick, as a measurement does that is
+    taken before the voltage acts.
     """
     own = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
     packed = model.pack(own)
@@ -92,8 +91,17 @@ def offset_bounds(model: Model, values: Values, dt: float) -> tuple[float, float
     answer = model.respond(step, packed, dt)
     rest = model.respond(np.zeros(4), packed, dt)
     moved = np.abs(answer - rest)
-    held = moved[0] < 1e-3 * max(float(moved.max()), 1e-300)
-    return (0.0, dt) if held else (-dt, 0.0)
+    return bool(moved[0] >= 1e-3 * max(float(moved.max()), 1e-300))
+
+
+def offset_bounds(model: Model, values: Values, dt: float) -> tuple[float, float]:
+    """Return between what the sampling offset may lie without being an effect [s].
+
+    A recording may have taken voltage and displacement of a tick together, or the displacement
+    before the voltage acted. A chain that answers at once stands for the first, one whose
+    structure holds the voltage for the second.
+    """
+    return (-dt, 0.0) if answers_at_once(model, values, dt) else (0.0, dt)
 
 
 def _scale(model: Model) -> float:

@@ -30,6 +30,8 @@ SURE = 5.0
 SHARE = 0.25
 # What is left counts as explained up to this gap [floors].
 NEAR = 1.2
+# Evaluations of a fit that is to end where nothing is left to gain.
+THOROUGH = 200
 # Effects that explain less than this of the excess, with more left than NEAR, name nothing.
 MOSTLY = 0.9
 
@@ -140,7 +142,8 @@ def _compete(arena: Arena, start: Trial, progress: Progress) -> tuple[list[Step]
         contest = arena.contest(current, told)
         if contest is None or not accepted(arena, contest):
             return steps, contest
-        current = contest.best
+        # A fit that stopped short would leave crumbs for which the next round finds a name.
+        current = arena.refit(contest.best, THOROUGH)
         steps.append(Step(contest, current))
     return steps, contest
 
@@ -157,7 +160,7 @@ def _pruned(arena: Arena, start: Trial, steps: list[Step]) -> tuple[list[Step], 
     """Fit jointly, and drop effects that later ones made needless."""
     if not steps:
         return steps, start
-    final = arena.refit(steps[-1].trial)
+    final = arena.refit(steps[-1].trial, THOROUGH)
     if len(steps) == 1:
         return steps, final
     kept = list(steps)

@@ -163,7 +163,9 @@ class ModelFile:
 
     def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:
         """Return flat node parameters: ``model.name``, ``model.chain``, ``model.<parameter>``."""
+        floor = self.provenance.noise_floor
         return {
+            f'{prefix}.noise_floor': 0.0 if floor is None else float(floor),
             f'{prefix}.name': self.model.name,
             f'{prefix}.chain': [block.name for block in self.model.blocks],
             f'{prefix}.held': sorted(self.model.held) or [''],
@@ -199,11 +201,13 @@ class ModelFile:
             if key.startswith(f'{prefix}.')
         }
         name, chain, held = own.pop('name', ''), own.pop('chain', None), own.pop('held', [])
+        floor = own.pop('noise_floor', 0.0)
         rows = {key: {'value': value} for key, value in own.items()}
         for key in held if isinstance(held, list) else []:
             if key:
                 rows.setdefault(key, {})['held'] = True
-        return _from_dict({'schema': SCHEMA, 'name': name, 'chain': chain, 'parameters': rows})
+        content = {'schema': SCHEMA, 'name': name, 'chain': chain, 'parameters': rows}
+        return _from_dict({**content, **({'provenance': {'noise_floor': floor}} if floor else {})})
 
 
 def _from_dict(content: object) -> ModelFile:

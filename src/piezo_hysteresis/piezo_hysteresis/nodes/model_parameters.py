@@ -21,6 +21,9 @@ HEAD = ParameterTable(
         ParameterSpec('model.name', '', 'Name of the loaded model; empty where there is none.'),
         ParameterSpec('model.chain', [''], 'Names of its blocks, from voltage to displacement.'),
         ParameterSpec('model.held', [''], 'Parameters that were not fitted.'),
+        ParameterSpec(
+            'model.noise_floor', 0.0, 'Noise of the data it was fitted to; 0 not known.', 'm', 0.0
+        ),
     )
 )
 
@@ -62,7 +65,7 @@ class ModelParameters:
     def load(self, loaded: ModelFile) -> None:
         """Make `loaded` the model of the node."""
         wanted = loaded.to_ros_parameters()
-        head = {name: wanted[name] for name in ('model.name', 'model.chain', 'model.held')}
+        head = {spec.name: wanted[spec.name] for spec in HEAD.specs}
         self._parameters.overwrite(head)
         self._parameters.overwrite({k: v for k, v in wanted.items() if k not in head})
         self._changed = True
@@ -86,7 +89,9 @@ class ModelParameters:
         )
 
     def _refuse_head(self, changes: dict[str, Value]) -> str:
-        names = changes.get('model.chain', [])
+        if 'model.chain' not in changes:
+            return ''
+        names = changes['model.chain']
         assert isinstance(names, list)
         try:
             Model('', tuple(named_block(str(name)) for name in names if name))
@@ -95,6 +100,7 @@ class ModelParameters:
         return ''
 
     def _head_changed(self, changes: dict[str, Value]) -> None:
+        self._changed = True
         if 'model.chain' in changes:
             self._follow_chain()
 

@@ -185,3 +185,20 @@ PLAYER = ParameterTable(
         ParameterSpec('wait', 10.0, 'Longest wait for a listener.', 's', above=0.0, high=3600.0),
     )
 )
+
+GAP_MONITOR = ParameterTable(
+    (
+        RATE,
+        ParameterSpec('model_file', '', 'Model file to compare with.'),
+        ParameterSpec('noise_floor', 0.0, 'Noise rms; 0 takes that of the model.', 'm', 0.0, 0.01),
+        ParameterSpec('window', 1.0, 'Time over which the gap is taken.', 's', 0.05, 600.0),
+    )
+)
+
+DISCOVERY = ParameterTable(
+    (
+        ParameterSpec(
+            'folder', '.', 'Folder in which data, baselines and results lie.', read_only=True
+        ),
+    )
+)

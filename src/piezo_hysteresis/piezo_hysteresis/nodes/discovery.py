@@ -1,0 +1,120 @@
+"""The ``discover`` action: what a model misses in recorded data, with feedback on the way."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+from rclpy.task import Future
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import NAMES, ModelFile, named
+from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.nodes.tables import DISCOVERY
+from piezo_interfaces.action import Discover
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.running import run_node
+
+
+class DiscoveryNode(Node):
+    """Runs one discovery at a time in a thread of its own."""
+
+    def __init__(self) -> None:
+        super().__init__('discovery')
+        self._params = NodeParameters(self, DISCOVERY, lambda _: None)
+        self._busy = False
+        self._server = ActionServer(
+            self,
+            Discover,
+            'discover',
+            execute_callback=self._execute,
+            goal_callback=self._judge,
+            cancel_callback=lambda _: CancelResponse.REJECT,
+        )
+
+    def _judge(self, goal: Discover.Goal) -> GoalResponse:
+        try:
+            self._paths(goal)
+            if self._busy:
+                raise PiezoError('another discovery is running; wait for it')
+        except PiezoError as error:
+            self.get_logger().error(f'discovery refused: {error}')
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _paths(self, goal: Discover.Goal) -> tuple[list[str], str, str]:
+        folder = self._params.text('folder')
+        data = [str(inside(folder, path)) for path in goal.data]
+        if not data:
+            raise PiezoError('give at least one bag or CSV file as data')
+        if goal.baseline not in NAMES:
+            return data, str(inside(folder, goal.baseline)), str(inside(folder, goal.out))
+        return data, goal.baseline, str(inside(folder, goal.out))
+
+    async def _execute(self, goal: Any) -> Discover.Result:
+        self._busy = True
+        done = Future()
+        result = Discover.Result()
+        thread = threading.Thread(
+            target=self._work, args=(goal, result, done), name='discovery', daemon=True
+        )
+        thread.start()
+        await done
+        self._busy = False
+        if result.success:
+            goal.succeed()
+        else:
+            goal.abort()
+        return result
+
+    def _work(self, goal: Any, result: Discover.Result, done: Future) -> None:
+        try:
+            self._discover(goal, result)
+        except PiezoError as error:
+            result.message = str(error)
+            self.get_logger().error(str(error))
+        finally:
+            self.executor.create_task(done.set_result, True)
+
+    def _discover(self, goal: Any, result: Discover.Result) -> None:
+        # Heavy imports stay out of the start of the node.
+        from piezo_hysteresis.discovery import discover
+        from piezo_hysteresis.records import load
+        from piezo_hysteresis.reporting.discovery_folder import write_discovery
+
+        request = goal.request
+        data, word, out = self._paths(request)
+        baseline = named(word) if word in NAMES else ModelFile.load(word)
+
+        def progress(fraction: float, words: str) -> None:
+            goal.publish_feedback(
+                Discover.Feedback(stage='discover', detail=words, fraction=fraction)
+            )
+
+        found = discover(
+            load(data),
+            baseline,
+            name=request.baseline,
+            seed=int(request.seed),
+            workers=int(request.workers) or os.cpu_count() or 1,
+            progress=progress,
+        )
+        write_discovery(out, found, list(request.data))
+        verdict = found.verdict
+        result.success = True
+        result.verdict = verdict.verdict
+        result.effects = [effect.name for effect in verdict.effects]
+        result.probabilities = [effect.probability for effect in verdict.effects]
+        result.before_in_floors = verdict.held_out.before_in_floors
+        result.after_in_floors = verdict.held_out.after_in_floors
+        result.report = f'{out}/report.html'
+        result.message = verdict.summary
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(DiscoveryNode))

@@ -1,0 +1,145 @@
+"""Runs the model beside the actuator and says how far apart they are."""
+
+from __future__ import annotations
+
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from piezo_hysteresis.discovery.monitor import GapMonitor, GapReport
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.nodes.model_parameters import ModelParameters
+from piezo_hysteresis.nodes.tables import GAP_MONITOR
+from piezo_interfaces.msg import ActuatorState, Gap
+from piezo_interfaces.srv import LoadModel
+from piezo_ros_common import topics
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.running import run_node
+from piezo_ros_common.table import Value
+
+
+class GapMonitorNode(Node):
+    """Compares every tick with the model and publishes the gap window by window."""
+
+    def __init__(self) -> None:
+        super().__init__('gap_monitor')
+        self._last_sample = -1
+        self._monitor: GapMonitor | None = None
+        self._loaded: ModelFile | None = None
+        self._params = NodeParameters(self, GAP_MONITOR, self._apply)
+        self._model_parameters = ModelParameters(self._params)
+        self._message = Gap()
+        self._publisher = self.create_publisher(Gap, topics.GAP, LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
+        self.create_service(LoadModel, '~/load_model', self._on_load_model)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._load_at_start(self._params.text('model_file'))
+
+    def _load_at_start(self, path: str) -> None:
+        try:
+            if path:
+                self._model_parameters.load(ModelFile.load(path))
+            self._follow_model()
+        except PiezoError as error:
+            self.get_logger().fatal(str(error))
+            raise SystemExit(2) from None
+
+    def _follow_model(self) -> None:
+        loaded = self._model_parameters.take()
+        if loaded is not None:
+            self._loaded = loaded
+            self._new_monitor()
+
+    def _new_monitor(self) -> None:
+        if self._loaded is None:
+            return
+        rate = self._params.number('rate')
+        window = max(8, round(self._params.number('window') * rate))
+        floor = self._params.number('noise_floor')
+        self._monitor = GapMonitor(self._loaded, 1.0 / rate, floor, window)
+        self._monitor.warm_up()
+        chain = ', '.join(self._loaded.model.block_names)
+        self.get_logger().info(f'comparing with {chain}, floor {self._monitor.floor:.3g} m')
+
+    def _apply(self, changes: dict[str, Value]) -> None:
+        if not changes.keys().isdisjoint(('noise_floor', 'window')):
+            self._new_monitor()
+
+    def _on_state(self, message: ActuatorState) -> None:
+        if message.sample <= self._last_sample:
+            return
+        self._last_sample = message.sample
+        try:
+            self._follow_model()
+        except PiezoError as error:
+            self.get_logger().error(f'{error} (the model before stays in force)')
+        if self._monitor is None:
+            return
+        report = self._monitor.add(message.voltage, message.displacement)
+        if report is not None:
+            self._publish(message, report)
+
+    def _publish(self, state: ActuatorState, report: GapReport) -> None:
+        assert self._monitor is not None
+        message = self._message
+        message.header = state.header
+        message.sample = state.sample
+        message.rms = report.rms
+        message.noise_floor = self._monitor.floor
+        message.floors = report.floors
+        message.frequency = report.frequency
+        message.orders = report.orders
+        message.harmonics = report.sizes
+        message.beyond_floor = report.beyond_floor
+        message.family = report.family
+        self._publisher.publish(message)
+        self._diagnose(report)
+
+    def _diagnose(self, report: GapReport) -> None:
+        status = DiagnosticStatus(name=self.get_fully_qualified_name())
+        if report.beyond_floor:
+            status.level = DiagnosticStatus.WARN
+            status.message = (
+                f'the model is {report.floors:.3g} noise floors away; it looks like '
+                f'{report.family}: record a sweep and run discover'
+            )
+        else:
+            status.level = DiagnosticStatus.OK
+            status.message = f'the model is {report.floors:.3g} noise floors away'
+        status.values = [
+            KeyValue(key='gap_rms_m', value=f'{report.rms:.6g}'),
+            KeyValue(key='floors', value=f'{report.floors:.6g}'),
+        ]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _on_load_model(
+        self, request: LoadModel.Request, response: LoadModel.Response
+    ) -> LoadModel.Response:
+        try:
+            loaded = (
+                ModelFile.parse(request.yaml) if request.yaml else ModelFile.load(request.path)
+            )
+            self._model_parameters.load(loaded)
+            self._follow_model()
+            response.success, response.message = True, f'comparing with {loaded.model.name} now'
+        except PiezoError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._monitor is not None:
+            self._monitor.reset()
+        response.success, response.message = True, 'the model is at rest'
+        return response
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(GapMonitorNode))
