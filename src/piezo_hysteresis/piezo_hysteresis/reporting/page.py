@@ -179,10 +179,10 @@ def _table(table: Table) -> str:
         )
         return f'<tr>{inner}</tr>'
 
-    caption = f'<caption>{_inline(table.caption)}</caption>' if table.caption else ''
+    caption = f'<p class="caption">{_inline(table.caption)}</p>\n' if table.caption else ''
     rows = '\n'.join(row(cells, 'td') for cells in table.rows)
     return (
-        f'<div class="wide"><table>{caption}\n<thead>{row(table.headers, "th")}</thead>\n'
+        f'{caption}<div class="wide"><table>\n<thead>{row(table.headers, "th")}</thead>\n'
         f'<tbody>{rows}</tbody></table></div>'
     )
 

@@ -21,14 +21,25 @@ on a name in a legend hides its line.</footer>
 </main>
 $script
 <script>
-// A finger on a plot scrolls the page until a tool is chosen.
-if (matchMedia('(pointer: coarse)').matches) {
-  document.addEventListener('DOMContentLoaded', () => setTimeout(() => {
-    for (const page of window.Bokeh?.documents ?? [])
-      for (const root of page.roots())
-        for (const tool of root.toolbar?.tools ?? []) if (tool.active === true) tool.active = false;
-  }, 500));
+const touch = matchMedia('(pointer: coarse)').matches;
+function suit(plot, width) {
+  // A finger on a plot scrolls the page until a tool is chosen.
+  if (touch) for (const tool of plot.toolbar.tools) if (tool.active === true) tool.active = false;
+  // As many names of a legend side by side as there is room for.
+  for (const legend of plot.above.filter((part) => part.type === 'Legend')) {
+    const longest = Math.max(...legend.items.map((item) => item.label.value.length));
+    legend.ncols = Math.max(1, Math.floor((width - 80) / (6.5 * longest + 44)));
+  }
 }
+document.addEventListener('DOMContentLoaded', () => {
+  const figures = [...document.querySelectorAll('figure')];
+  const timer = setInterval(() => {
+    const plots = (window.Bokeh?.documents ?? []).flatMap((page) => page.roots());
+    if (plots.length < figures.length) return;
+    clearInterval(timer);
+    plots.forEach((plot) => suit(plot, figures[0].clientWidth));
+  }, 50);
+});
 </script>
 </body>
 </html>
@@ -49,14 +60,16 @@ p, li { max-width: 75ch; }
 .plots { display: grid; gap: 1.2rem; margin: .8rem 0;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 460px), 1fr)); }
 figure { margin: 0; min-width: 0; }
-figcaption, caption { color: var(--soft); font-size: .9rem; text-align: left; }
-caption { padding: .3rem 0; }
-.wide { overflow-x: auto; margin: .8rem 0; }
-table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
+figcaption, .caption { color: var(--soft); font-size: .9rem; }
+.caption { margin: 1rem 0 0; }
+.wide { overflow-x: auto; margin: .3rem 0 .8rem; }
+table { border-collapse: collapse; width: max-content; font-size: .92rem;
+  font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
-  border-bottom: 1px solid var(--line); }
+  max-width: 46ch; border-bottom: 1px solid var(--line); }
 th { border-bottom: 2px solid var(--soft); }
-.number { text-align: right; white-space: nowrap; }
+.number { text-align: right; }
+td.number { white-space: nowrap; }
 code { background: #f3f4f6; padding: .05em .3em; border-radius: 3px; font-size: .9em; }
 footer { margin-top: 2.5rem; color: var(--soft); font-size: .85rem; }
 @media print {
@@ -64,7 +77,8 @@ footer { margin-top: 2.5rem; color: var(--soft); font-size: .85rem; }
   main { max-width: none; padding: 0; }
   figure, tr, .verdict { break-inside: avoid; }
   h2 { break-after: avoid; }
-  .plots { grid-template-columns: 1fr 1fr; }
+  .plots { grid-template-columns: 1fr; }  /* canvases keep their width on screen */
   .wide { overflow: visible; }
+  table { width: 100%; }
 }
 """

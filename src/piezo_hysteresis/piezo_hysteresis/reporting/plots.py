@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from bokeh.models import FactorRange, HoverTool, Label, Legend, LegendItem, Span
+from bokeh.models import FactorRange, HoverTool, Label, Legend, LegendItem, Range1d, Span
 from bokeh.plotting import figure
 from bokeh.transform import dodge
 
@@ -16,11 +16,10 @@ from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.signals import amplitude_spectrum, thinned
 
 #: Okabe and Ito: told apart with any colour vision, and by lightness in print.
-PALETTE = ('#000000', '#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
+PALETTE = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 GREY = '#8c959f'
 MICRO = 1e6
-_HEIGHT = 340
-_DASHES = ('solid', 'solid', 'dashed', 'dotdash', 'dotted', 'solid', 'dashed')
+_HEIGHT = 250
 _WIDE_LEGEND = 44  # characters that fit beside each other above a plot on a phone
 
 
@@ -59,16 +58,31 @@ def loop_figure(curves: Sequence[Curve], title: str, caption: str, input_unit: s
         'm': ('reference', MICRO, 'µm'),
     }[input_unit]
     plot = _axes(title, f'{name} [{unit}]', 'displacement [µm]')
-    _lines(plot, curves, factor, MICRO)
+    _lines(plot, curves, factor, MICRO, ground=True)
     return Plot(plot, caption)
 
 
 def trace_figure(
-    curves: Sequence[Curve], title: str, caption: str, y_label: str = 'displacement'
+    curves: Sequence[Curve],
+    title: str,
+    caption: str,
+    y_label: str = 'displacement',
+    *,
+    ground: bool = True,
 ) -> Plot:
-    """Draw displacements or errors [m] over time [s]."""
+    """Draw displacements or errors [m] over time [s].
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        What is measured or desired first.
+    title, caption, y_label : str
+        Words around the plot.
+    ground : bool
+        Whether the first curve is a broad grey ground for the others.
+    """
     plot = _axes(title, 'time [s]', f'{y_label} [µm]')
-    _lines(plot, curves, 1.0, MICRO)
+    _lines(plot, curves, 1.0, MICRO, ground=ground)
     return Plot(plot, caption)
 
 
@@ -102,6 +116,12 @@ def xy_figure(
     kinds = {'x_axis_type': 'log' if log_x else 'auto', 'y_axis_type': 'log' if log_y else 'auto'}
     plot = _axes(title, x_label, y_label, **kinds)
     _lines(plot, curves, 1.0, MICRO, markers=markers)
+    if floor and log_y:
+        # an axis never grows to hold an annotation
+        values = [MICRO * v for c in curves for v in np.asarray(c.y)[np.asarray(c.y) > 0]]
+        plot.y_range = Range1d(
+            min([MICRO * floor, *values]) / 2, max([MICRO * floor, *values]) * 2
+        )
     _floor(plot, floor)
     return Plot(plot, caption)
 
@@ -143,13 +163,13 @@ def spectrum_figure(
         frequency, amplitude = amplitude_spectrum(signal, dt)
         inside = frequency <= end
         curves.append(Curve(label, frequency[inside], np.maximum(amplitude[inside], 1e-13)))
-    _lines(plot, curves, 1.0, MICRO)
+    _lines(plot, curves, 1.0, MICRO, ground=True)
     for order in orders:
         if 0 < order * fundamental < end:
             _mark(plot, order * fundamental, f'{order}×')
     for words, place in (marks or {}).items():
         if 0 < place < end:
-            _mark(plot, place, words, colour=PALETTE[4], low=True)
+            _mark(plot, place, words, colour=PALETTE[3], low=True)
     return Plot(plot, caption)
 
 
@@ -192,7 +212,7 @@ def bars_before_after(
         source = {'x': names, 'top': [MICRO * v if np.isfinite(v) else bottom for v in rows]}
         bars = plot.vbar(
             x=dodge('x', -0.2 + 0.4 * k, range=places), top='top', bottom=bottom, width=0.36,
-            source=source, fill_color=(PALETTE[2], PALETTE[1])[k], line_color=None,
+            source=source, fill_color=(GREY, PALETTE[0])[k], line_color=None,
             hatch_pattern=(None, 'right_diagonal_line')[k], hatch_color='white', hatch_alpha=0.6,
         )  # fmt: skip
         items.append((label, bars))
@@ -205,7 +225,7 @@ def bars_before_after(
 
 def _axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:
     plot = figure(
-        title=title, x_axis_label=x_label, y_axis_label=y_label, height=_HEIGHT,
+        title=title, x_axis_label=x_label, y_axis_label=y_label, frame_height=_HEIGHT,
         sizing_mode='stretch_width', tools='pan,box_zoom,wheel_zoom,reset,save',
         active_drag='box_zoom', toolbar_location='above', min_border_right=18, **options,
     )  # fmt: skip
@@ -221,19 +241,33 @@ def _axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:
 
 
 def _lines(
-    plot: Any, curves: Sequence[Curve], x_factor: float, y_factor: float, *, markers: bool = False
+    plot: Any,
+    curves: Sequence[Curve],
+    x_factor: float,
+    y_factor: float,
+    *,
+    markers: bool = False,
+    ground: bool = False,
 ) -> None:
+    """Draw lines; a `ground` is broad and grey, so that what lies on it leaves it visible."""
+    ground = ground and len(curves) > 1
+    colours = (GREY, *PALETTE) if ground else PALETTE
     items = []
     for k, curve in enumerate(curves):
         x, y = thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
-        colour = PALETTE[k % len(PALETTE)]
-        data = {'x': x * x_factor, 'y': y * y_factor}
-        line = plot.line('x', 'y', source=data, color=colour, line_width=1.6,
-                         line_dash=_DASHES[k % len(_DASHES)])  # fmt: skip
+        colour = colours[k % len(colours)]
+        line = plot.line(
+            'x', 'y', source={'x': x * x_factor, 'y': y * y_factor}, color=colour,
+            line_width=4.0 if ground and k == 0 else 1.5, line_join='round',
+        )  # fmt: skip
         drawn = [line]
         if markers:
-            drawn.append(plot.scatter('x', 'y', source=line.data_source, color=colour, size=6,
-                                      marker=('circle', 'square', 'triangle')[k % 3]))  # fmt: skip
+            drawn.append(
+                plot.scatter(
+                    'x', 'y', source=line.data_source, color=colour, size=7,
+                    marker=('circle', 'square', 'triangle')[k % 3],
+                )
+            )  # fmt: skip
         items.append((curve.label, drawn))
     if len(items) > 1:
         _legend(plot, items)
@@ -245,11 +279,12 @@ def _legend(plot: Any, items: Sequence[tuple[str, Any]]) -> None:
         LegendItem(label=label, renderers=drawn if isinstance(drawn, list) else [drawn])
         for label, drawn in items
     ]
-    longest = max(len(label) for label, _ in items) + 6
+    longest = max(len(label) for label, _ in items) + 6  # the page refines it by its width
     plot.add_layout(
         Legend(
             items=rows, ncols=max(1, min(len(rows), _WIDE_LEGEND // longest)),
-            click_policy='hide', border_line_color=None, padding=2, margin=2, spacing=0,
+            click_policy='hide', border_line_color=None, padding=0, margin=4, spacing=14,
+            location='left',
             label_text_font_size='12px', glyph_width=26, label_height=14, glyph_height=14,
         ),
         'above',
@@ -270,11 +305,8 @@ def _floor(plot: Any, floor: float | None) -> None:
 
 
 def _mark(plot: Any, place: float, words: str, colour: str = GREY, low: bool = False) -> None:
-    plot.add_layout(
-        Span(location=place, dimension='height', line_dash='dotted', line_color=colour,
-             line_width=1, level='underlay')
-    )  # fmt: skip
-    plot.add_layout(
-        Label(x=place, y=4 if low else 222, y_units='screen', text=words, text_font_size='11px',
-              text_color=colour, x_offset=2)
-    )  # fmt: skip
+    look = {'line_dash': 'dotted', 'line_color': colour, 'line_width': 1, 'level': 'underlay'}
+    plot.add_layout(Span(location=place, dimension='height', **look))
+    height = 4 if low else _HEIGHT - 16
+    text = {'text': words, 'text_font_size': '11px', 'text_color': colour, 'x_offset': 2}
+    plot.add_layout(Label(x=place, y=height, y_units='screen', **text))

@@ -1,0 +1,122 @@
+"""Show the whole suite at work, or identify a record of your own.
+
+Without data: a simulated bimorph actuator is swept over live ROS 2 nodes into a bag, identified,
+and made to track a reference with and without compensation. With --data only the identification is
+run, on your records, and the model is chosen by itself. Leaves report.html, summary.json,
+model.yaml and params.yaml in the output folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.errors import IdentificationError
+
+HELP = 'record, identify, compensate and report; or identify your own record'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('--data', nargs='+', metavar='DATA', help='your own bags or CSV files, instead')
+    add('--out', default='out/demo', metavar='DIR', help='folder of the results (out/demo)')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo."""
+    # The children end in the same way whether the demo is interrupted or terminated.
+    signal.signal(signal.SIGTERM, _interrupt)
+    out = Path(arguments.out)
+    if arguments.data:
+        identify_own(arguments.data, out)
+    else:
+        show(out)
+    print(f'written to {out}: open {out / "report.html"}')
+    return 0
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def show(out: Path) -> None:
+    """Run the experiment on live nodes, print the table, write the results."""
+    from piezo_hysteresis.cli.demo_live import Plan, run_demo
+    from piezo_hysteresis.cli.demo_results import (
+        demo_summary,
+        replacing,
+        write_model,
+        write_summary,
+    )
+    from piezo_hysteresis.reporting.demo_report import write_demo_report
+
+    begun = time.perf_counter()
+    with replacing(out) as folder:
+        with progress_bar('demo') as progress:
+            demo = run_demo(Plan(), folder, progress)
+            progress(0.97, 'drawing the report')
+            write_demo_report(folder / 'report.html', demo.sweep, demo.found, demo.runs, demo.plan)
+        write_model(demo.found.model_file(['bags/sweep'], demo.sweep[0].rate), folder)
+        write_summary(demo_summary(demo, time.perf_counter() - begun), folder)
+    _print_runs(demo)
+    print(f'{time.perf_counter() - begun:.0f} s')
+
+
+def identify_own(data: Sequence[str], out: Path) -> None:
+    """Choose a model for the user's records, identify it, write the results."""
+    from piezo_hysteresis.cli.demo_results import replacing, write_model, write_summary
+    from piezo_hysteresis.identification.automatic import choose_model
+    from piezo_hysteresis.identification.identify import identify
+    from piezo_hysteresis.records import load
+    from piezo_hysteresis.reporting.demo_report import write_data_report
+
+    begun = time.perf_counter()
+    records = load(data)
+    if len({record.rate for record in records}) > 1:
+        raise IdentificationError('the records have different rates; give those of one rate')
+    with replacing(out) as folder:
+        with progress_bar('identifying') as progress:
+            choice = choose_model(records, lambda f, words: progress(0.7 * f, f'trying {words}'))
+            progress(0.7, f'fitting {choice.model.name}')
+            found = identify(records, choice.model, start=choice.start, count=1)
+            progress(0.95, 'drawing the report')
+            write_data_report(folder / 'report.html', records, found, choice.steps)
+        write_model(found.model_file([str(each) for each in data], records[0].rate), folder)
+        steps = [vars(step) for step in choice.steps]
+        seconds = round(time.perf_counter() - begun, 3)
+        write_summary({**found.summary(), 'choice': steps, 'seconds': seconds}, folder)
+    _print_fit(found)
+
+
+def _print_runs(demo: Any) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    orders = list(demo.runs[0].metrics.harmonics)
+    table = Table(title=f'Tracking error at {demo.plan.tracked:g} Hz [um]', title_justify='left')
+    table.add_column('run', no_wrap=True)
+    for words in ('RMSE', 'RMSE without mean', *(f'{order}x' for order in orders)):
+        table.add_column(words, justify='right')
+    for run in demo.runs:
+        m = run.metrics
+        numbers = (m.rms, m.rms_without_mean, *m.harmonics.values())
+        table.add_row(run.name, *(f'{1e6 * number:.3f}' for number in numbers))
+    Console().print(table)
+
+
+def _print_fit(found: Any) -> None:
+    print(f'{found.model.name}: {found.message}')
+    for row in found.records:
+        print(
+            f'  {row.record}: free run {1e6 * row.free_run_rms:.4g} um '
+            f'({row.nrmse_percent:.3g} % of its standard deviation)'
+        )
+    for warning in found.warnings:
+        print(f'warning: {warning}', file=sys.stderr)

@@ -1,0 +1,182 @@
+"""The experiment of the demo: sweep, identify, track a reference three times over live nodes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.cli.need_ros import node_module
+from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, tracking_metrics
+from piezo_hysteresis.identification.identify import Identification, identify
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record
+
+Progress = Callable[[float, str], None]
+
+PRESET = 'fdk_pzba_00030'
+MODEL = 'bouc_wen_mode'
+ATTENUATED = [0, 1, 2, 3, 5]
+REPORTED = (1, 2, 3, 5)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the demo runs.
+
+    Attributes
+    ----------
+    frequencies : sequence of float
+        Of the sweep [Hz]; around a third of the resonance they lie close, for there the third
+        harmonic tells where it is.
+    amplitude : float
+        Of the sweep [V].
+    seconds, warm_up : float
+        Length of each record of the sweep and the part that errors leave out [s].
+    tracked : float
+        Frequency of the reference [Hz]; its third harmonic falls on the resonance.
+    tracking_seconds, judged_seconds : float
+        Length of each tracking run and the part at its end that is judged [s].
+    """
+
+    frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)
+    amplitude: float = 1.0
+    seconds: float = 2.0
+    warm_up: float = 1.0
+    tracked: float = 23.0
+    tracking_seconds: float = 7.0
+    judged_seconds: float = 2.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One tracking run.
+
+    Attributes
+    ----------
+    name : str
+        What acted.
+    record : Record
+        With its reference.
+    metrics : TrackingMetrics
+        Of its judged part.
+    """
+
+    name: str
+    record: Record
+    metrics: TrackingMetrics
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Everything that the demo measured.
+
+    Attributes
+    ----------
+    plan : Plan
+        What was run.
+    sweep : tuple of Record
+        Open-loop records.
+    found : Identification
+        Model identified from them.
+    runs : tuple of Run
+        No compensation, feedforward, feedforward and attenuation.
+    seconds : dict of str to float
+        Wall time of each part [s].
+    """
+
+    plan: Plan
+    sweep: tuple[Record, ...]
+    found: Identification
+    runs: tuple[Run, ...]
+    seconds: dict[str, float]
+
+
+def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
+    """Run everything; leave ``model.yaml`` and the bags in `folder`.
+
+    Raises
+    ------
+    PiezoError
+        If ROS 2 is not there, a node dies or the sweep identifies nothing.
+    """
+    live = node_module('live')
+    clock = _Clock()
+    order = live.SweepOrder(plan.frequencies, [plan.amplitude], plan.seconds, plan.warm_up)
+    progress(0.0, 'starting the nodes')
+    sweep = live.record_sweep(
+        PRESET,
+        order,
+        folder / 'bags' / 'sweep',
+        progress=lambda fraction, words: progress(0.3 * fraction, f'sweep: {words}'),
+    )
+    clock.lap('sweep')
+    progress(0.3, f'identifying {MODEL}')
+    found = identify(sweep, named(MODEL))
+    found.model_file(['bags/sweep'], sweep[0].rate).save(folder / 'model.yaml')
+    clock.lap('identification')
+    gain = _gain(sweep, plan)
+    tracking = live.Tracking(
+        plan.tracked, gain * plan.amplitude, found.values['offset'], plan.tracking_seconds
+    )
+    runs = []
+    for k, (name, settings) in enumerate(_settings(found, gain, folder).items()):
+        progress(0.4 + 0.2 * k, f'tracking {plan.tracked:g} Hz: {name}')
+        bag = folder / 'bags' / name.replace(' + ', '_and_').replace(' ', '_')
+        record = live.track(PRESET, tracking, bag, **settings)
+        runs.append(Run(name, record, _metrics(record, plan)))
+        clock.lap(name)
+    return Demo(plan, tuple(sweep), found, tuple(runs), clock.laps)
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name], self._last = now - self._last, now
+
+
+def _gain(sweep: Sequence[Record], plan: Plan) -> float:
+    """Displacement per volt at the tracked frequency [m/V], as 000 chooses its reference."""
+    record = min(sweep, key=lambda r: abs(r.info.frequency - plan.tracked))
+    u, y = (x[record.warm_up_samples :] for x in (record.voltage, record.displacement))
+    return float((y - np.mean(y)) @ u / (u @ u))
+
+
+def _settings(found: Identification, gain: float, folder: Path) -> dict[str, dict[str, Any]]:
+    """Parameters of feedforward and attenuation for each run."""
+    inverse = {'model_file': str(folder / 'model.yaml')}
+    plant = {
+        'plant.gain': abs(found.values['A1'] - found.values['A']),
+        'plant.natural_frequency': found.values['natural_frequency'],
+        'plant.damping_ratio': found.values['damping_ratio'],
+    }
+    on = {'method': 'afc', 'orders': ATTENUATED, **plant}
+    off = {'enabled': False}
+    return {
+        'no compensation': {'feedforward': {'gain': gain}, 'attenuation': off},
+        'feedforward': {'feedforward': inverse, 'attenuation': off},
+        'feedforward + attenuation': {'feedforward': inverse, 'attenuation': on},
+    }
+
+
+def _metrics(record: Record, plan: Plan) -> TrackingMetrics:
+    assert record.reference is not None
+    seconds = np.arange(len(record), dtype=np.float64) * record.dt
+    result = LoopResult(
+        dt=record.dt,
+        reference=record.reference,
+        voltage=record.voltage,
+        displacement=record.displacement,
+        phase=np.asarray(2 * np.pi * plan.tracked * seconds, np.float64),
+        link_voltages=np.empty((0, len(record))),
+        counters={},
+    )
+    return tracking_metrics(result, record.duration - plan.judged_seconds, orders=REPORTED)

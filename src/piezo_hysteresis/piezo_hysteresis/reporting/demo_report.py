@@ -1,0 +1,242 @@
+"""The report of the demo: tracking before and after first, then the model behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.loop import TrackingMetrics
+from piezo_hysteresis.identification.automatic import Step
+from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.identification_report import (
+    choice_section,
+    fit_section,
+    parameter_section,
+    sentence_of,
+)
+from piezo_hysteresis.reporting.page import Plot, Section, table, write_report
+from piezo_hysteresis.reporting.plots import Curve, loop_figure, spectrum_figure, trace_figure
+from piezo_hysteresis.reporting.units import micrometres
+
+_DRAWN_PERIODS = 3
+
+
+class TrackingRun(Protocol):
+    """A tracking run as the report needs it."""
+
+    @property
+    def name(self) -> str:
+        """What acted."""
+
+    @property
+    def record(self) -> Record:
+        """What was recorded, with its reference."""
+
+    @property
+    def metrics(self) -> TrackingMetrics:
+        """Of the judged part."""
+
+
+class TrackingPlan(Protocol):
+    """What the report needs to know of the plan."""
+
+    @property
+    def tracked(self) -> float:
+        """Frequency of the reference [Hz]."""
+
+    @property
+    def judged_seconds(self) -> float:
+        """Part at the end that is judged [s]."""
+
+
+def write_demo_report(
+    path: Path,
+    sweep: Sequence[Record],
+    found: Identification,
+    runs: Sequence[TrackingRun],
+    plan: TrackingPlan,
+) -> None:
+    """Write the report of the demo.
+
+    Parameters
+    ----------
+    path : Path
+        HTML file to write.
+    sweep : sequence of Record
+        What the model was identified from.
+    found : Identification
+        The model.
+    runs : sequence of TrackingRun
+        The first one without compensation, the last one with everything.
+    plan : TrackingPlan
+        What was run.
+
+    Raises
+    ------
+    PiezoError
+        If the file cannot be written.
+    """
+    simulated = _simulated(sweep, found)
+    sections = [
+        _before_after(runs, plan),
+        _where(runs, plan, found.values.get('natural_frequency')),
+        fit_section(sweep, found, simulated),
+        parameter_section(found),
+        _next_after_demo(),
+    ]
+    title = f'Tracking {plan.tracked:g} Hz with a piezo actuator'
+    write_report(path, title, _verdict(runs, plan), sections)
+
+
+def write_data_report(
+    path: Path, records: Sequence[Record], found: Identification, steps: Sequence[Step]
+) -> None:
+    """Write the report of an identification whose model was chosen automatically.
+
+    Raises
+    ------
+    PiezoError
+        If the file cannot be written.
+    """
+    sections = [
+        fit_section(records, found, _simulated(records, found)),
+        choice_section(steps),
+        parameter_section(found),
+        _next_after_data(),
+    ]
+    names = ', '.join(record.name for record in records[:3])
+    more = f' and {len(records) - 3} more' if len(records) > 3 else ''
+    write_report(path, f'Identification of {names}{more}', sentence_of(found), sections)
+
+
+def _simulated(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
+    return {
+        each.name: free_run(found.model, found.values, each, found.sampling_offset)
+        for each in records
+    }
+
+
+def _verdict(runs: Sequence[TrackingRun], plan: TrackingPlan) -> str:
+    first, *others = runs
+    said = []
+    for run in others:
+        ratio = first.metrics.rms / run.metrics.rms
+        change = f'{ratio:.3g} times lower' if ratio > 1 else f'{1 / ratio:.3g} times higher'
+        said.append(f'{micrometres(run.metrics.rms)} µm with {run.name} ({change})')
+    return (
+        f'The rms tracking error at {plan.tracked:g} Hz is {micrometres(first.metrics.rms)} µm '
+        f'with {first.name}, {" and ".join(said)}.'
+    )
+
+
+def _errors(runs: Sequence[TrackingRun]) -> list[tuple[TrackingRun, FloatArray]]:
+    pairs = []
+    for run in runs:
+        assert run.record.reference is not None
+        pairs.append((run, run.record.displacement - run.record.reference))
+    return pairs
+
+
+def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> Section:
+    record = runs[0].record
+    shown = round(_DRAWN_PERIODS / plan.tracked / record.dt)
+    tail = slice(len(record) - shown, None)
+    assert record.reference is not None
+    traces = [Curve('reference', record.time[tail], record.reference[tail])]
+    traces += [Curve(r.name, r.record.time[tail], r.record.displacement[tail]) for r in runs]
+    loops = [Curve('reference', record.reference[tail], record.reference[tail])]
+    loops += [
+        Curve(r.name, r.record.reference[tail], r.record.displacement[tail])
+        for r in runs
+        if r.record.reference is not None
+    ]
+    orders = list(runs[0].metrics.harmonics)
+    rows = [
+        (
+            run.name,
+            micrometres(run.metrics.rms),
+            micrometres(run.metrics.rms_without_mean),
+            *(micrometres(run.metrics.harmonics[order]) for order in orders),
+        )
+        for run in runs
+    ]
+    headers = ('run', 'RMSE [µm]', 'without mean [µm]', *(f'{n}× [µm]' for n in orders))
+    caption = (
+        f'Tracking error over the last {plan.judged_seconds:g} s: rms, and amplitudes of the '
+        'fundamental and its harmonics.'
+    )
+    text = (
+        'Four ROS 2 processes in lock-step: excitation, feedforward, attenuation and the '
+        'simulated actuator. The reference is a sine; without compensation the voltage is the '
+        'reference divided by the gain of the actuator.'
+    )
+    figures = (
+        trace_figure(traces, 'Displacement', f'The last {_DRAWN_PERIODS} periods of each run.'),
+        loop_figure(
+            loops, 'Displacement over reference',
+            'A perfect actuator draws the straight line of the reference.', 'm',
+        ),
+    )  # fmt: skip
+    return Section('Before and after', text, figures, (table(headers, rows, caption),))
+
+
+def _where(runs: Sequence[TrackingRun], plan: TrackingPlan, resonance: float | None) -> Section:
+    errors = _errors(runs)
+    dt = runs[0].record.dt
+    judged = round(plan.judged_seconds / dt)
+    signals = [(run.name, error[-judged:]) for run, error in errors]
+    marks = {} if resonance is None else {'resonance': resonance}
+    figures: list[Plot] = [
+        spectrum_figure(
+            signals, dt, 'Spectrum of the tracking error',
+            f'Amplitudes over the last {plan.judged_seconds:g} s, multiples of the reference '
+            'marked.', fundamental=plan.tracked, orders=(1, 2, 3, 5), marks=marks,
+            highest=8 * plan.tracked,
+        ),
+        trace_figure(
+            [Curve(run.name, run.record.time, error) for run, error in errors[1:]],
+            'Tracking error of the compensated runs',
+            'The reference grows over the first second. Attenuation then learns the harmonics.',
+            'tracking error',
+            ground=False,
+        ),
+    ]  # fmt: skip
+    said = 'What is left, by multiple of the frequency of the reference.'
+    if resonance is not None:
+        nearest = max(1, round(resonance / plan.tracked))
+        said += (
+            f' The {_ordinal(nearest)} harmonic of {plan.tracked:g} Hz lies at '
+            f'{nearest * plan.tracked:g} Hz, beside the resonance at {resonance:.2f} Hz, which '
+            'amplifies what hysteresis leaves there (odd-harmonic oscillation).'
+        )
+    return Section('Where does the error sit?', said, tuple(figures))
+
+
+def _ordinal(n: int) -> str:
+    return {1: 'first', 2: 'second', 3: 'third', 5: 'fifth'}.get(n, f'{n}th')
+
+
+def _next_after_demo() -> Section:
+    text = (
+        '- `python -m piezo_hysteresis discover out/demo/bags/sweep --baseline bouc_wen_mode '
+        '--out out/discover` names what the model still misses.\n'
+        '- `make demo DATA=my_record.csv` identifies an actuator of your own.\n'
+        '- `params.yaml` beside this page goes into the running feedforward node with '
+        '`ros2 param load /piezo/feedforward params.yaml`.'
+    )
+    return Section('What next?', text)
+
+
+def _next_after_data() -> Section:
+    text = (
+        '- `python -m piezo_hysteresis discover DATA --baseline model.yaml --out DIR` says what '
+        'the model still misses, with probabilities and alternatives.\n'
+        '- `python -m piezo_hysteresis validate OTHER_DATA --model model.yaml --out DIR` judges '
+        'the model on records that it has never seen: do that before you trust it.\n'
+        '- `ros2 param load /piezo/feedforward params.yaml` makes the feedforward node invert it.'
+    )
+    return Section('What next?', text)
