@@ -1,0 +1,153 @@
+"""The blind proof of the discovery: hidden effects of random size, found from the records alone.
+
+    python bench/discovery.py --kind all --sets 100 --workers 2
+
+Every set is made by `piezo_sim`, written as a bag and handed to `python -m piezo_hysteresis
+discover` in a process of its own that is told the bag and the baseline, nothing else. The answer
+stays in the memory of this process and is written (out/discovery/results.jsonl) only after the
+verdict is there. A run that was interrupted goes on where it stopped; --table prints what is
+there already.
+
+What an effect of the simulator may be called is stated in `discovery_worlds.KNOBS`: backlash is
+friction, a second mode a resonance, floor vibration a tone (mains_hum), both creep laws creep, a
+play bank or Preisach plane that a Bouc-Wen baseline meets is nonlocal_memory and one that a linear
+baseline meets is hysteresis, the bandwidth of the sensor a lag.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from discovery_scores import calibration, confusion, named, summary
+from discovery_worlds import Hidden, draw, records_of
+
+from piezo_hysteresis.records import write_bag
+
+KINDS = ('single', 'pair', 'null', 'unknown')
+# So long may one set take before it counts as a failure [s].
+PATIENCE = 1800
+
+
+def discover(bag: Path, baseline: str, seed: int, threads: int) -> dict[str, Any]:
+    """Run the command on a bag in a process of its own and return its verdict."""
+    out = bag.parent / 'verdict'
+    command = [sys.executable, '-m', 'piezo_hysteresis', 'discover', str(bag)]
+    command += ['--baseline', baseline, '--out', str(out), '--seed', str(seed)]
+    command += ['--workers', str(threads)]
+    done = subprocess.run(
+        command, cwd=bag.parent, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    if done.returncode != 0:
+        return {'verdict': 'refused', 'effects': [], 'said': (done.stderr or done.stdout)[-2000:]}
+    found: dict[str, Any] = json.loads((out / 'verdict.json').read_text(encoding='utf-8'))
+    return found
+
+
+def examine(hidden: Hidden, seed: int, threads: int) -> dict[str, Any]:
+    """Make a set, have it examined, and put verdict and answer side by side."""
+    records = records_of(hidden)
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / 'records'
+        write_bag(bag, records)
+        verdict = discover(bag, hidden.world.baseline, seed, threads)
+    row: dict[str, Any] = {
+        'key': hidden.key,
+        'kind': hidden.kind,
+        'design': hidden.design,
+        'world': hidden.world.name,
+        'baseline': hidden.world.baseline,
+        'hidden': hidden.effects,
+        'names': hidden.names,
+        'size_in_floors': hidden.floors,
+        'noise_db': hidden.noise_db,
+        'samples': sum(len(record) for record in records),
+        'overrides': dict(hidden.world.overrides),
+    }
+    empty = {'held_out': {'after_in_floors': float('inf')}, 'seconds': float('nan')}
+    kept = ('verdict', 'effects', 'held_out', 'seconds', 'summary', 'suspects', 'unexplained')
+    return row | empty | {key: verdict[key] for key in (*kept, 'said') if key in verdict}
+
+
+def wanted(kinds: Iterable[str], sets: int, seed: int, design: str) -> list[tuple[Any, ...]]:
+    """Return (kind, index, seed, design) of every set, kinds in turn."""
+    return [(kind, index, seed, design) for index in range(sets) for kind in kinds]
+
+
+def told(row: dict[str, Any]) -> str:
+    """Return one line about a set."""
+    hidden = ' + '.join(row['hidden']) or 'nothing'
+    sizes = ' '.join(f'{size:.3g}' for size in row['size_in_floors'])
+    gap = row['held_out'].get('before_in_floors', float('nan'))
+    return (
+        f'{row["key"]:26} {row["world"]:10} {hidden} ({sizes}) -> {" + ".join(named(row))}; '
+        f'{gap:.3g} -> {row["held_out"]["after_in_floors"]:.3g} floors, {row["seconds"]:.0f} s'
+    )
+
+
+def run(todo: Sequence[tuple[Any, ...]], results: Path, workers: int, threads: int) -> None:
+    """Examine sets side by side and append what comes out."""
+
+    def one(task: tuple[Any, ...]) -> dict[str, Any]:
+        return examine(draw(*task), 0, threads)
+
+    with ThreadPoolExecutor(workers) as pool, results.open('a', encoding='utf-8') as file:
+        for row in pool.map(one, todo):
+            file.write(json.dumps(row) + '\n')
+            file.flush()
+            print(told(row), flush=True)
+
+
+def load(results: Path) -> list[dict[str, Any]]:
+    """Return the rows that are there already."""
+    if not results.is_file():
+        return []
+    return [json.loads(line) for line in results.read_text(encoding='utf-8').splitlines()]
+
+
+def main() -> int:
+    """Run what is missing and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add('--sets', type=int, default=10, help='of each kind')
+    add('--kind', choices=[*KINDS, 'all'], default='all')
+    add('--design', choices=['careful', 'poor'], default='careful')
+    add('--seed', type=int, default=1)
+    add('--only', help='sets that hide this effect')
+    add('--workers', type=int, default=os.cpu_count() or 1, help='sets at a time')
+    add('--threads', type=int, default=1, help='of each')
+    add('--out', type=Path, default=Path('out/discovery'))
+    add('--table', action='store_true', help='only print what is there')
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    results = arguments.out / 'results.jsonl'
+    kinds = KINDS if arguments.kind == 'all' else (arguments.kind,)
+    if not arguments.table:
+        known = {row['key'] for row in load(results)}
+        todo = [
+            task
+            for task in wanted(kinds, arguments.sets, arguments.seed, arguments.design)
+            if f'{task[0]}-{task[3]}-{task[2]}-{task[1]}' not in known
+        ]
+        if arguments.only:
+            todo = [task for task in todo if arguments.only in draw(*task).effects]
+        run(todo, results, arguments.workers, arguments.threads)
+    rows = load(results)
+    table = '\n'.join([*summary(rows), '', *calibration(rows), '', *confusion(rows)])
+    (arguments.out / 'table.txt').write_text(table + '\n', encoding='utf-8')
+    print(table)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
