@@ -1,9 +1,7 @@
-"""Processes and listeners of their own for every test, in a ROS domain of their own."""
+"""Processes and listeners of their own for every test or module, each in its own ROS domain."""
 
 from __future__ import annotations
 
-import itertools
-import os
 from collections.abc import Iterator
 
 import pytest
@@ -14,17 +12,41 @@ rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "ma
 
 from listening import Listener  # noqa: E402
 
-_domains = itertools.count(os.getpid() % 90)
-
 
 @pytest.fixture
 def processes() -> Iterator[NodeProcesses]:
-    with NodeProcesses(domain=1 + next(_domains) % 100) as group:
+    with NodeProcesses() as group:
         yield group
 
 
 @pytest.fixture
 def listener(processes: NodeProcesses) -> Iterator[Listener]:
-    ear = Listener(processes.domain)
+    ear = Listener(processes)
     yield ear
     ear.close()
+
+
+@pytest.fixture(scope='module')
+def shared_processes() -> Iterator[NodeProcesses]:
+    with NodeProcesses() as group:
+        yield group
+
+
+@pytest.fixture(scope='module')
+def shared_listener(shared_processes: NodeProcesses) -> Iterator[Listener]:
+    ear = Listener(shared_processes)
+    yield ear
+    ear.close()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Show what the nodes printed where a test fails."""
+    report = yield
+    if report.failed:
+        for group in getattr(item, 'funcargs', {}).values():
+            if isinstance(group, NodeProcesses):
+                for node in group.nodes:
+                    title = f'{node.name} (code {node.returncode})'
+                    report.sections.append((title, node.tail(20).replace(' | ', '\n')))
+    return report

@@ -7,11 +7,15 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter_client import AsyncParameterClient
+from rclpy.parameter import Parameter, parameter_value_to_python
 
+from piezo_interfaces.msg import ActuatorState, VoltageCommand
+from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
 
@@ -20,16 +24,18 @@ class Listener:
 
     Parameters
     ----------
-    domain : int
-        ROS domain of the processes under test.
+    processes : NodeProcesses
+        The processes under test; that one of them dies fails whoever waits.
     """
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, processes: NodeProcesses) -> None:
+        self._processes = processes
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
+        rclpy.init(context=self._context, domain_id=processes.domain)
         self.node = Node('listener', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
         self.heard: dict[str, list[Any]] = {}
 
     def close(self) -> None:
@@ -38,44 +44,90 @@ class Listener:
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def listen(self, kind: type, topic: str, *, latched: bool = False) -> None:
-        """Collect every message of `topic` in ``heard[topic]``."""
+    def listen(self, kind: type, topic: str, *, latched: bool = False) -> list[Any]:
+        """Collect every message of `topic` in the list that is returned, ``heard[topic]``."""
         book = self.heard.setdefault(topic, [])
         self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
+        return book
 
-    def until(self, condition: Callable[[], bool], timeout: float = 20.0) -> None:
+    def until(self, condition: Callable[[], Any], timeout: float = 30.0) -> None:
         """Serve until `condition` holds.
 
         Raises
         ------
         AssertionError
             If it does not within `timeout` seconds.
+        ProcessError
+            If a node dies meanwhile.
         """
         end = time.monotonic() + timeout
         while not condition():
+            self._processes.check()
             assert time.monotonic() < end, 'the awaited condition did not come true'
             self._executor.spin_once(timeout_sec=0.05)
 
-    def matched(self, topic: str, timeout: float = 20.0) -> None:
+    def serve(self, seconds: float) -> None:
+        """Serve for a while; only where nothing is meant to happen."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def matched(self, topic: str, timeout: float = 30.0) -> None:
         """Serve until somebody publishes `topic`."""
         self.until(lambda: self.node.count_publishers(topic) > 0, timeout)
 
-    def call(self, kind: type, service: str, request: Any, timeout: float = 20.0) -> Any:
+    def call(self, kind: type, service: str, request: Any, timeout: float = 30.0) -> Any:
         """Call a service and return its response."""
-        client = self.node.create_client(kind, service)
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.create_client(kind, service)
         self.until(client.service_is_ready, timeout)
         future = client.call_async(request)
         self.until(future.done, timeout)
-        self.node.destroy_client(client)
         return future.result()
 
-    def set_parameters(
-        self, node: str, values: dict[str, Any], timeout: float = 20.0
-    ) -> list[Any]:
+    def set_parameters(self, node: str, values: dict[str, Any]) -> list[SetParametersResult]:
         """Set parameters over the node's service, as ``ros2 param set`` does; return results."""
-        client = AsyncParameterClient(self.node, node)
-        self.until(client.services_are_ready, timeout)
-        parameters = [rclpy.Parameter(name, value=value) for name, value in values.items()]
-        future = client.set_parameters(parameters)
-        self.until(future.done, timeout)
-        return list(future.result().results)
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        request = SetParameters.Request(parameters=[p.to_parameter_msg() for p in parameters])
+        return list(self.call(SetParameters, f'{node}/set_parameters', request).results)
+
+    def set_one(self, node: str, name: str, value: Any) -> str:
+        """Set one parameter; return '' or the reason why it was refused."""
+        (result,) = self.set_parameters(node, {name: value})
+        assert result.successful or result.reason, 'refused without a reason'
+        return '' if result.successful else str(result.reason)
+
+    def get_parameter(self, node: str, name: str) -> Any:
+        """Return the value of a parameter, None where there is none."""
+        request = GetParameters.Request(names=[name])
+        values: list[ParameterValue] = self.call(
+            GetParameters, f'{node}/get_parameters', request
+        ).values
+        return parameter_value_to_python(values[0]) if values else None
+
+
+class Driver:
+    """Takes the place of the whole chain: commands a lock-step simulator tick by tick."""
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        self.states = listener.listen(ActuatorState, 'actuator/state')
+        self._publisher = listener.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
+        listener.matched('actuator/state')
+        listener.until(lambda: self._publisher.get_subscription_count() > 0)
+        self.tick = 0
+
+    def send(self, sample: int, voltage: float) -> None:
+        """Publish one command."""
+        self._publisher.publish(VoltageCommand(sample=sample, voltage=voltage))
+
+    def step(self, voltage: float) -> ActuatorState:
+        """Command `voltage` for the next tick and return its state."""
+        count = len(self.states)
+        self.send(self.tick, voltage)
+        self._listener.until(lambda: len(self.states) > count)
+        state: ActuatorState = self.states[-1]
+        assert state.sample == self.tick
+        self.tick += 1
+        return state

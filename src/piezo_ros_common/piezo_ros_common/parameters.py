@@ -12,7 +12,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -83,11 +83,12 @@ class NodeParameters:
             self._node.undeclare_parameter(spec.name)
             del self.values[spec.name]
 
-    def overwrite(self, values: Mapping[str, Value]) -> None:
-        """Set several parameters at once from within the node."""
-        self._node.set_parameters_atomically(
+    def overwrite(self, values: Mapping[str, Value]) -> str:
+        """Set several parameters at once from within the node; return '' or why it is refused."""
+        result = self._node.set_parameters_atomically(
             [Parameter(name, value=value) for name, value in values.items()]
         )
+        return '' if result.successful else str(result.reason)
 
     def __getitem__(self, name: str) -> Value:
         return self.values[name]
@@ -157,6 +158,9 @@ class NodeParameters:
         coerced = []
         for parameter in parameters:
             spec = self._spec(parameter.name)
+            if spec is None and not self._node.has_parameter(parameter.name):
+                # Said here because rclpy itself forgets to name it.
+                raise ParameterNotDeclaredException(parameter.name)
             value = parameter.value if spec is None else spec.coerce(parameter.value)
             if value is parameter.value:
                 coerced.append(parameter)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import IO
 
 from ament_index_python.packages import get_package_prefix
 
@@ -107,11 +109,12 @@ class NodeProcesses:
     Parameters
     ----------
     domain : int, optional
-        ROS domain; a free one in 1..101 by the process number where it is not given.
+        ROS domain; where it is not given, one of 1..100 that no other group on this machine has.
     """
 
     def __init__(self, domain: int | None = None) -> None:
-        self.domain = 1 + os.getpid() % 100 if domain is None else domain
+        self._claim: IO[str] | None = None
+        self.domain = self._claim_domain() if domain is None else domain
         self.environment = {
             **os.environ,
             'ROS_DOMAIN_ID': str(self.domain),
@@ -120,6 +123,21 @@ class NodeProcesses:
         }
         self._folder = tempfile.TemporaryDirectory(prefix='piezo_')
         self._running: list[NodeProcess] = []
+
+    def _claim_domain(self) -> int:
+        """Return a domain that is ours until we end: two loops in one domain would mix."""
+        for k in range(100):
+            domain = 1 + (os.getpid() + k) % 100
+            with contextlib.suppress(OSError):
+                file = (Path(tempfile.gettempdir()) / f'piezo_domain_{domain}.lock').open('w')
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except OSError:
+                    file.close()
+                    continue
+                self._claim = file
+                return domain
+        raise ProcessError('all ROS domains 1..100 are in use; end some experiments first')
 
     def __enter__(self) -> NodeProcesses:
         return self
@@ -132,6 +150,8 @@ class NodeProcesses:
     ) -> None:
         self.stop()
         self._folder.cleanup()
+        if self._claim is not None:
+            self._claim.close()
 
     def start(
         self,
@@ -152,6 +172,11 @@ class NodeProcesses:
         node = NodeProcess(package, executable, arguments, self.environment, log)
         self._running.append(node)
         return node
+
+    @property
+    def nodes(self) -> tuple[NodeProcess, ...]:
+        """Every node that was started."""
+        return tuple(self._running)
 
     def check(self) -> None:
         """Raise where a node died by itself.

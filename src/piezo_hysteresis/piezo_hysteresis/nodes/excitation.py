@@ -6,27 +6,43 @@ import sys
 import time
 from typing import Any
 
-import yaml
 from rclpy.node import Node
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation_plan import Experiment
 from piezo_hysteresis.nodes.messages import point_into
-from piezo_hysteresis.nodes.sweep_plan import waveform_of
+from piezo_hysteresis.nodes.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.nodes.sweep_server import SweepServer
 from piezo_hysteresis.nodes.tables import EXCITATION
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 from piezo_ros_common import topics
+from piezo_ros_common.order import started_anew
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
 from piezo_ros_common.table import Value
+from piezo_ros_common.timers import wall_timer
 
 # The last message is repeated after so much silence [s].
 REPEAT_AFTER = 0.2
+
+# Parameters that shape the waveform.
+_SHAPE = (
+    'waveform',
+    'waveform_options',
+    'frequency',
+    'reference.amplitude',
+    'reference.offset',
+    'voltage.amplitude',
+    'voltage.offset',
+    'ramp',
+)
+
+# The process ends with this code where the actuator or the chain was silent.
+NO_ANSWER = 3
 
 
 class Excitation(Node):
@@ -55,30 +71,47 @@ class Excitation(Node):
         )
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
-        self._sweeps = SweepServer(
-            self, self._rate, lambda: self._params.text('actuator'), self._begin
-        )
-        self.create_timer(0.5, self._watch)
-        self.create_timer(REPEAT_AFTER, self._repeat)
+        self._sweeps = SweepServer(self, self._params, self._begin)
+        reason = self._refuse({})
+        if reason:
+            self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
+            raise SystemExit(2)
+        wall_timer(self, 0.5, self._watch)
+        wall_timer(self, REPEAT_AFTER, self._repeat)
 
     # --- ticks ---------------------------------------------------------------------------------
 
     def _on_status(self, message: LoopStatus) -> None:
         # Tells where an actuator waits that has no state to answer yet, or had it before.
+        self._follow_restart(message.sample - 1)
+        self._sweeps.note_refused(message.refused)
         if message.sample > self._newest_state + 1 or self._newest_state < 0:
             self._newest_state = message.sample - 1
             self._ready = True
             self._emit(message.sample)
 
     def _on_state(self, message: ActuatorState) -> None:
+        self._follow_restart(message.sample)
         if message.sample <= self._newest_state:
             return
         self._newest_state = message.sample
         self._heard = time.monotonic()
         self._emit(message.sample + 1)
 
+    def _follow_restart(self, sample: int) -> None:
+        """Begin again where the actuator was started anew."""
+        if not started_anew(max(sample, 0), self._newest_state):
+            return
+        self.get_logger().warning('the actuator was started anew: the experiment begins again')
+        self._newest_state = self._emitted = sample
+        self._experiment = None
+        self._last = None
+        if self._sweeps.active:
+            self._sweeps.give_up('the actuator was started anew during the sweep; run it again')
+
     def _begin(self) -> None:
         """Answer the newest state, in case the loop waits for it."""
+        self.exit_code = 0
         self._heard = time.monotonic()
         if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
@@ -176,32 +209,31 @@ class Excitation(Node):
         }
         if values['duration'] > 0:
             wanted['duration'] = values['duration']
-        options = yaml.safe_load(values['waveform_options']) or {}
-        return waveform_of(values['waveform'], wanted, options)
+        options = parse_options(values['waveform_options'])
+        return waveform_of(values['waveform'], wanted, options, self._params.number('rate'))
 
     def _refuse(self, changes: dict[str, Value]) -> str:
+        if not hasattr(self, '_sweeps'):
+            return ''
+        if changes.get('mode', 'idle') != 'idle' and self._sweeps.busy:
+            return 'mode: a sweep is running; cancel it first'
         try:
-            if hasattr(self, '_params'):
-                self._waveform(changes)
-        except (PiezoError, yaml.YAMLError, TypeError) as error:
+            self._waveform(changes)
+        except PiezoError as error:
             return f'waveform: {error}'
         return ''
 
-    def _size(self) -> tuple[float, float]:
-        kind = self._params.text('mode')
-        value = self._params.number
-        return value(f'{kind}.amplitude'), value(f'{kind}.offset')
-
     def _apply(self, changes: dict[str, Value]) -> None:
-        if not changes.keys().isdisjoint(('mode', 'waveform', 'waveform_options')):
+        if 'mode' in changes:
             self._experiment = None
             self._begin()
-        elif self._experiment is not None and self._params.text('mode') != 'idle':
-            amplitude, offset = self._size()
-            frequency = self._params.number('frequency')
-            self._experiment.retuned(frequency, amplitude, offset, self._emitted + 1)
-            length = round(self._params.number('duration') * self._rate)
-            self._experiment.length = length
+        experiment = self._experiment
+        if experiment is None:
+            return
+        if not changes.keys().isdisjoint(_SHAPE):
+            ramp = self._params.number('ramp')
+            experiment.change(self._waveform({}), self._emitted + 1, ramp)
+        experiment.length = round(self._params.number('duration') * self._rate)
 
     def _watch(self) -> None:
         silent = time.monotonic() - self._heard
@@ -214,7 +246,7 @@ class Excitation(Node):
             'or a link of the chain is not running; start it and set mode again'
         )
         self.get_logger().error(reason)
-        self.exit_code = 3
+        self.exit_code = NO_ANSWER
         if self._sweeps.active:
             self._sweeps.give_up(reason)
         self._end()

@@ -7,8 +7,67 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import ReferencePoint
 from piezo_hysteresis.waveforms import Sine, Waveform
+from piezo_hysteresis.waveforms.base import Samples, smooth_ramp
+
+
+@dataclass(frozen=True)
+class Delayed:
+    """A waveform that begins `delay` seconds later."""
+
+    waveform: Waveform
+    delay: float
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return self.delay + self.waveform.duration
+
+    def sample(self, time: FloatArray) -> Samples:
+        """Answer the waveform at `time` [s], any shape."""
+        return self.waveform.sample(time - self.delay)
+
+
+@dataclass(frozen=True)
+class Blend:
+    """One waveform going over into another: value, velocity and acceleration are continuous.
+
+    Attributes
+    ----------
+    old, new : Waveform
+        From which, to which; frequency and phase are those of the new one.
+    start, length : float
+        When the change begins and how long it takes [s].
+    """
+
+    old: Waveform
+    new: Waveform
+    start: float
+    length: float
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return self.new.duration
+
+    def sample(self, time: FloatArray) -> Samples:
+        """Answer the waveform at `time` [s], any shape."""
+        a, b = self.old.sample(time), self.new.sample(time)
+        share, rate, bend = smooth_ramp(time - self.start, self.length)
+        gap, gap_rate = b.value - a.value, b.velocity - a.velocity
+        gap_acceleration = b.acceleration - a.acceleration
+        return Samples(
+            value=a.value + share * gap,
+            velocity=a.velocity + rate * gap + share * gap_rate,
+            acceleration=a.acceleration
+            + bend * gap
+            + 2.0 * rate * gap_rate
+            + share * gap_acceleration,
+            frequency=b.frequency,
+            phase=b.phase,
+        )
 
 
 @dataclass
@@ -38,8 +97,7 @@ class Experiment:
 
     def point(self, sample: int) -> ReferencePoint:
         """Return the waveform at tick `sample`, in its own unit."""
-        time = np.array([(sample - self.first) * (1.0 / self.rate)])
-        s = self.waveform.sample(time)
+        s = self.waveform.sample(np.array([self._time(sample)]))
         return ReferencePoint(
             sample,
             float(s.value[0]),
@@ -49,17 +107,26 @@ class Experiment:
             float(s.phase[0]),
         )
 
-    def retuned(self, frequency: float, amplitude: float, offset: float, sample: int) -> None:
-        """Change a sinusoid from tick `sample` on; its phase stays continuous."""
-        sine = self.waveform
-        if not isinstance(sine, Sine):
-            return
-        elapsed = (sample - self.first) * (1.0 / self.rate)
-        turned = 2.0 * math.pi * (sine.frequency - frequency) * elapsed
-        self.waveform = replace(
-            sine,
-            frequency=frequency,
-            amplitude=amplitude,
-            offset=offset,
-            phase=sine.phase + turned,
-        )
+    def change(self, waveform: Waveform, sample: int, length: float) -> None:
+        """Go over to `waveform` from tick `sample` on, within `length` seconds.
+
+        A sinusoid that follows another keeps the phase; everything else begins at its start.
+        """
+        now = self._time(sample)
+        old = self._settled(now)
+        if isinstance(old, Sine) and isinstance(waveform, Sine):
+            turned = 2.0 * math.pi * (old.frequency - waveform.frequency) * now
+            new: Waveform = replace(waveform, phase=old.phase + turned)
+        else:
+            new = Delayed(waveform, now)
+        self.waveform = Blend(old, new, now, length)
+
+    def _time(self, sample: int) -> float:
+        return (sample - self.first) * (1.0 / self.rate)
+
+    def _settled(self, now: float) -> Waveform:
+        """Return the waveform without a change that is over by `now`."""
+        waveform = self.waveform
+        if isinstance(waveform, Blend) and now >= waveform.start + waveform.length:
+            return waveform.new
+        return waveform

@@ -7,14 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import yaml
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import RecordInfo
-from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
+from piezo_hysteresis.waveforms import Waveform, WaveformError, from_spec, has_setting
 
 # After a record the voltage goes back to rest over this time [s].
 RETURN = 0.1
+
+# Every voltage of a sweep is kept, so it must not be endless.
+LARGEST = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class Sweep:
         for amplitude in amplitudes:
             for frequency in frequencies:
                 wanted = {'frequency': frequency, 'amplitude': amplitude, 'duration': seconds}
-                shape = waveform_of(waveform, wanted, options or {})
+                shape = waveform_of(waveform, wanted, options or {}, rate)
                 info = RecordInfo(
                     excitation=waveform, frequency=frequency, amplitude=amplitude, warm_up=warm_up
                 )
@@ -164,16 +168,44 @@ class Sweep:
         return sample - (self._start or 0)
 
 
-def waveform_of(kind: str, wanted: Mapping[str, float], options: Mapping[str, object]) -> Waveform:
+def waveform_of(
+    kind: str, wanted: Mapping[str, float], options: Mapping[str, object], rate: float
+) -> Waveform:
     """Return the waveform called `kind` with those of the `wanted` settings that it has.
 
     Raises
     ------
     WaveformError
-        If there is no such kind or an option is impossible.
+        If there is no such kind, an option is impossible, or a frequency cannot be sampled at
+        `rate` [Hz].
     """
     known = {name: value for name, value in wanted.items() if has_setting(kind, name)}
-    return from_spec({'kind': kind, **known, **options})
+    merged = {**known, **options}
+    for name in ('frequency', 'highest'):
+        value = merged.get(name, 0.0)
+        if isinstance(value, int | float) and value >= 0.5 * rate:
+            raise WaveformError(
+                f'{name} = {value:g} Hz cannot be sampled at {rate:g} Hz: stay below '
+                f'{0.5 * rate:g} Hz'
+            )
+    return from_spec({'kind': kind, **merged})
+
+
+def parse_options(text: str) -> dict[str, object]:
+    """Return the settings of a waveform that were written as YAML; none for no text.
+
+    Raises
+    ------
+    WaveformError
+        If it is no mapping.
+    """
+    try:
+        options = yaml.safe_load(text) if text.strip() else {}
+    except yaml.YAMLError as error:
+        raise WaveformError(f'the options are no YAML: {" ".join(str(error).split())}') from None
+    if not isinstance(options, dict) or not all(isinstance(name, str) for name in options):
+        raise WaveformError(f'the options are a mapping such as {{seed: 3}}, got {text!r}')
+    return options
 
 
 def _voltages(waveform: Waveform, seconds: float, rate: float) -> FloatArray:
@@ -198,8 +230,5 @@ def _check(
         )
     if round(seconds * rate) < 2:
         raise RecordError(f'records of {seconds:g} s at {rate:g} Hz are empty: give more seconds')
-    highest = max(frequencies)
-    if highest >= 0.5 * rate:
-        raise RecordError(
-            f'{highest:g} Hz cannot be sampled at {rate:g} Hz: stay below {0.5 * rate:g} Hz'
-        )
+    if seconds * rate * len(frequencies) * len(amplitudes) > LARGEST:
+        raise RecordError(f'a sweep of more than {LARGEST} samples: give fewer or shorter records')

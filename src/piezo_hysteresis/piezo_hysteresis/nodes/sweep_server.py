@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-import yaml
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.sweep_plan import Sweep, SweepRecord
+from piezo_hysteresis.nodes.sweep_plan import Sweep, SweepRecord, parse_options
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import RecordMarker
 from piezo_ros_common import topics
+from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LOOP
 from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
 
@@ -28,26 +29,27 @@ class SweepServer:
     ----------
     node : Node
         Whose action it is.
-    rate : float
-        Sampling rate [Hz].
-    actuator : callable
-        Returns the name of the actuator.
+    parameters : NodeParameters
+        Of the node: ``rate``, ``actuator``, ``mode``.
     begin : callable
         Called when a sweep is accepted, so that the node starts to emit.
     """
 
-    def __init__(self, node: Node, rate: float, actuator: Any, begin: Any) -> None:
+    def __init__(self, node: Node, parameters: NodeParameters, begin: Callable[[], None]) -> None:
         self._node = node
-        self._rate = rate
-        self._actuator = actuator
+        self._parameters = parameters
+        self._rate = parameters.number('rate')
         self._begin = begin
+        self._busy = False
         self._sweep: Sweep | None = None
         self._goal: Any = None
         self._done: Future | None = None
         self._newest = -1
         self._first = -1
         self._reason = ''
-        self._marker = RecordMarker(rate=rate)
+        self._records_run = 0
+        self._refused = self._refused_before = 0
+        self._marker = RecordMarker(rate=self._rate)
         self._markers = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
         self._server = ActionServer(
             node,
@@ -63,6 +65,11 @@ class SweepServer:
         """Whether a sweep runs."""
         return self._sweep is not None
 
+    @property
+    def busy(self) -> bool:
+        """Whether a sweep runs or is about to."""
+        return self._busy
+
     def voltage(self, sample: int) -> float | None:
         """Return the voltage of tick `sample`, or None when the sweep is over."""
         sweep = self._sweep
@@ -70,7 +77,7 @@ class SweepServer:
         if self._first < 0:
             self._first = sample
             sweep.start(sample)
-        if self._goal.is_cancel_requested:
+        if self._goal.is_cancel_requested or self._reason:
             sweep.cancel(sample)
         if sweep.over(sample):
             self._end_record(sample)
@@ -91,19 +98,33 @@ class SweepServer:
         self._reason = reason
         self._finish(self._newest)
 
+    def note_refused(self, refused: int) -> None:
+        """Note how many commands the actuator has refused; return to rest if it is one of ours."""
+        if self.active and refused > self._refused_before and not self._reason:
+            self._reason = (
+                f'the actuator refused {refused - self._refused_before} commands: the amplitude '
+                'is beyond its range'
+            )
+        self._refused = refused
+
     def _judge(self, goal: RunSweep.Goal) -> GoalResponse:
-        try:
-            self._planned(goal)
-        except (PiezoError, yaml.YAMLError, TypeError) as error:
-            self._node.get_logger().error(f'sweep refused: {error}')
+        reason = ''
+        if self._busy:
+            reason = 'another one is running; cancel it first'
+        elif self._parameters.text('mode') != 'idle':
+            reason = 'an experiment is running; set mode to idle first'
+        else:
+            try:
+                self._planned(goal)
+            except PiezoError as error:
+                reason = str(error)
+        if reason:
+            self._node.get_logger().error(f'sweep refused: {reason}')
             return GoalResponse.REJECT
-        if self.active:
-            self._node.get_logger().error('sweep refused: another one is running; cancel it first')
-            return GoalResponse.REJECT
+        self._busy = True
         return GoalResponse.ACCEPT
 
     def _planned(self, goal: RunSweep.Goal) -> Sweep:
-        options = yaml.safe_load(goal.options) if goal.options else {}
         return Sweep(
             list(goal.frequencies),
             list(goal.amplitudes),
@@ -112,13 +133,14 @@ class SweepServer:
             warm_up=goal.warm_up,
             pause=goal.pause,
             waveform=goal.waveform or 'sine',
-            options=options,
+            options=parse_options(goal.options),
         )
 
     async def _execute(self, goal: Any) -> RunSweep.Result:
         self._goal = goal
         self._first = -1
         self._reason = ''
+        self._refused_before = self._refused
         self._done = Future()
         self._sweep = self._planned(goal.request)
         self._begin()
@@ -144,12 +166,13 @@ class SweepServer:
         assert self._done is not None
         ran = sample - self._first
         self._records_run = sum(record.last <= ran for record in sweep.records)
+        self._busy = False
         self._done.set_result(True)
 
     def _mark(self, record: SweepRecord, sample: int) -> None:
         marker = self._marker
         marker.record = record.name
-        marker.actuator = self._actuator()
+        marker.actuator = self._parameters.text('actuator')
         marker.excitation = record.info.excitation
         marker.frequency = record.info.frequency
         marker.amplitude = record.info.amplitude

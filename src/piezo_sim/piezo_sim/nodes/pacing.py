@@ -5,6 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+COUNTS = ('late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns')
+
+# A command this many ticks ahead of the next one is meant for another run of the loop.
+AHEAD = 1000
+
 
 @dataclass
 class CommandBook:
@@ -18,6 +23,10 @@ class CommandBook:
         Where the voltage goes when commands stay away [V].
     ramp : float
         How fast it goes there [V/s].
+    voltage : float
+        The command that is held [V].
+    counts : dict of str to int
+        What happened so far, by the names of `COUNTS`.
     """
 
     low: float
@@ -25,9 +34,9 @@ class CommandBook:
     safe_voltage: float = 0.0
     ramp: float = 1.0
     voltage: float = 0.0
-    counts: dict[str, int] = field(
-        default_factory=lambda: {'late': 0, 'missed': 0, 'refused': 0, 'doubled': 0}
-    )
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
+    _newest: int = -1
+    _heard: int = -1
 
     def accept(self, voltage: float) -> bool:
         """Take `voltage` as the newest command, or refuse and count it."""
@@ -37,8 +46,31 @@ class CommandBook:
         self.voltage = voltage
         return True
 
-    def ramp_to_safe(self, dt: float) -> None:
-        """Move the held voltage one interval of `dt` seconds towards the safe voltage."""
+    def arrive(self, sample: int, voltage: float, tick: int) -> None:
+        """Take a command for tick `sample`, while `tick` is the next to be simulated."""
+        if sample <= self._newest:
+            self.counts['doubled'] += 1
+        elif sample > tick + AHEAD:
+            self.counts['refused'] += 1
+        else:
+            self._newest = sample
+            self.counts['late'] += sample < tick
+            if self.accept(voltage):
+                self._heard = tick
+
+    def hold(self, tick: int, dt: float, timeout: float) -> None:
+        """Hold the command for `tick`, or after `timeout` seconds of silence ramp it to safety.
+
+        A tick without its command is missed; once the commands are taken to have ended, none is.
+        """
+        silence = (tick - self._heard) * dt
+        if silence > timeout:
+            self.counts['timeouts'] += self._newest >= 0 and silence - dt <= timeout
+            self._ramp_to_safe(dt)
+        elif 0 <= self._newest < tick:
+            self.counts['missed'] += 1
+
+    def _ramp_to_safe(self, dt: float) -> None:
         step = self.ramp * dt
         away = self.safe_voltage - self.voltage
         self.voltage += max(-step, min(step, away))
@@ -61,3 +93,8 @@ class Pace:
         """Return the number of the newest tick that is due at `now` [s]."""
         elapsed = (now - self._origin) * self.rate * self.speed_factor
         return self._origin_tick + math.floor(elapsed)
+
+    @property
+    def interval(self) -> float:
+        """Real time between two ticks [s]."""
+        return 1.0 / (self.rate * self.speed_factor)

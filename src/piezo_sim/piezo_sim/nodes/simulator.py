@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 
 from rclpy.node import Node
+from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -17,6 +19,7 @@ from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
 from piezo_ros_common.table import Value
+from piezo_ros_common.timers import wall_timer
 from piezo_sim.errors import SimulationError
 from piezo_sim.nodes.pacing import CommandBook, Pace
 from piezo_sim.nodes.tables import command_range, plant_table, simulator_table
@@ -24,6 +27,9 @@ from piezo_sim.plant import Plant
 
 # No more than this many ticks at a time, so that parameters and commands are served in between.
 CATCH_UP = 50
+
+# The clock of real time never asks more often than this [s].
+SHORTEST_WAIT = 2e-4
 
 
 class Simulator(Node):
@@ -35,39 +41,26 @@ class Simulator(Node):
         self._tick = 0
         self._waiting_since: float | None = None
         self._newest_command = -1
-        self._last_command_tick = -1
-        self._missed_in_a_row = 0
         self._table = simulator_table()
-        self._params = NodeParameters(self, self._table, self._apply)
+        self._params = NodeParameters(self, self._table, self._apply, self._refuse)
         value = self._params
-        self._plant = self._make_plant(value.text('preset'))
-        self._params.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
         self._rate = value.number('rate')
+        self._preset = value.text('preset')
+        self._plant = _plant(value.values)
+        self._params.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
+        self._plant.set_parameters(_for_plant(self._params.values, self._plant))
         self._plant.exchange(0.0)  # compiles the plant before the first tick
         self._plant.reset()
-        limits = command_range(self._plant)
-        self._book = CommandBook(
-            limits[0], limits[1], value.number('safe_voltage'), value.number('ramp')
-        )
+        low, high = command_range(self._plant)
+        self._book = CommandBook(low, high, value.number('safe_voltage'), value.number('ramp'))
         self._pace = Pace(self._rate, value.number('speed_factor'))
         self._lock_step = value.text('clock') == 'lock_step'
         self._make_topics()
         self._make_timers()
         self.get_logger().info(
             f'{value.text("preset")} at {self._rate:g} Hz, {value.text("clock")}, commands '
-            f'{limits[0]:g} .. {limits[1]:g} V'
+            f'{low:g} .. {high:g} V'
         )
-
-    def _make_plant(self, preset: str) -> Plant:
-        try:
-            return Plant.from_preset(
-                preset,
-                rate=self._params.number('rate'),
-                seed=self._params.integer('seed'),
-            )
-        except SimulationError as error:
-            self.get_logger().fatal(str(error))
-            raise SystemExit(2) from None
 
     def _make_topics(self) -> None:
         self._state = ActuatorState()
@@ -84,29 +77,31 @@ class Simulator(Node):
     def _make_timers(self) -> None:
         self._status_tick, self._status_time = 0, time.monotonic()
         self._publish_status()
-        self.create_timer(1.0, self._watch)
+        wall_timer(self, 1.0, self._watch)
+        self._pacer: Timer | None = None
         if not self._lock_step:
-            self._pace.restart(time.monotonic(), 0)
-            self.create_timer(0.5 / (self._rate * self._pace.speed_factor), self._run_due)
+            self._restart_pace()
+
+    def _restart_pace(self) -> None:
+        if self._pacer is not None:
+            self.destroy_timer(self._pacer)
+        self._pace.restart(time.monotonic(), self._tick)
+        period = max(0.5 * self._pace.interval, SHORTEST_WAIT)
+        self._pacer = wall_timer(self, period, self._run_due)
 
     # --- ticks ---------------------------------------------------------------------------------
 
     def _on_command(self, message: VoltageCommand) -> None:
-        sample = message.sample
-        if sample <= self._newest_command:
-            self._answer_again(sample)
-            return
-        if self._lock_step:
-            self._step_with(sample, message.voltage)
-            return
-        self._newest_command = sample
-        self._book.counts['late'] += sample < self._tick
-        if self._book.accept(message.voltage):
-            self._last_command_tick = self._tick
+        if not self._lock_step:
+            self._book.arrive(message.sample, message.voltage, self._tick)
+        elif message.sample <= self._newest_command:
+            self._answer_again(message.sample)
+        else:
+            self._step_with(message.sample, message.voltage)
 
     def _answer_again(self, sample: int) -> None:
-        """Repeat the state of a command that came again in lock-step: somebody missed it."""
-        if self._lock_step and sample == self._state.sample:
+        """Repeat the state of a command that came again: somebody missed it."""
+        if sample == self._state.sample:
             self._state_publisher.publish(self._state)
         else:
             self._book.counts['doubled'] += 1
@@ -133,17 +128,12 @@ class Simulator(Node):
         return bool(self._state_publisher.get_subscription_count() >= wanted)
 
     def _run_due(self) -> None:
-        due = self._pace.due(time.monotonic())
-        for _ in range(min(due - self._tick, CATCH_UP)):
-            self._hold_or_ramp()
+        due = self._pace.due(time.monotonic()) - self._tick
+        self._book.counts['overruns'] += max(0, min(due, CATCH_UP) - 1)
+        for _ in range(min(due, CATCH_UP)):
+            timeout = self._params.number('command_timeout')
+            self._book.hold(self._tick, 1.0 / self._rate, timeout)
             self._advance()
-
-    def _hold_or_ramp(self) -> None:
-        if self._newest_command < self._tick and self._newest_command >= 0:
-            self._book.counts['missed'] += 1
-        silent = (self._tick - self._last_command_tick) / self._rate
-        if silent > self._params.number('command_timeout'):
-            self._book.ramp_to_safe(1.0 / self._rate)
 
     def _advance(self) -> None:
         voltage = self._book.voltage
@@ -173,11 +163,11 @@ class Simulator(Node):
 
     def _publish_status(self) -> None:
         now = time.monotonic()
+        counts = dict(self._book.counts)
         status = LoopStatus(sample=self._tick)
-        status.late = self._book.counts['late']
-        status.missed = self._book.counts['missed']
-        status.refused = self._book.counts['refused']
-        status.doubled = self._book.counts['doubled']
+        for name in ('late', 'missed', 'refused', 'doubled'):
+            setattr(status, name, counts.pop(name))
+        status.names, status.counts = ','.join(counts), list(counts.values())
         if now > self._status_time:
             status.rate = (self._tick - self._status_tick) / (now - self._status_time)
         self._status_tick, self._status_time = self._tick, now
@@ -185,22 +175,43 @@ class Simulator(Node):
 
     # --- parameters and services ---------------------------------------------------------------
 
+    def _refuse(self, changes: dict[str, Value]) -> str:
+        known = self._params.values if hasattr(self, '_params') else {}
+        try:
+            if 'preset' in changes:
+                _plant({**known, **changes})
+        except SimulationError as error:
+            return str(error)
+        return ''
+
     def _apply(self, changes: dict[str, Value]) -> None:
         self._book.safe_voltage = self._params.number('safe_voltage')
         self._book.ramp = self._params.number('ramp')
+        # Reading a saved parameter file back names the preset too, and must not undo the rest.
+        if changes.get('preset', self._preset) != self._preset:
+            self._become_preset()
         if 'speed_factor' in changes:
             self._pace.speed_factor = self._params.number('speed_factor')
-            self._pace.restart(time.monotonic(), self._tick)
+            if not self._lock_step:
+                self._restart_pace()
+
+    def _become_preset(self) -> None:
+        """Be the actuator of the parameter, at rest; its numbers become the parameters."""
+        self._preset = self._params.text('preset')
+        self._plant = _plant(self._params.values)
+        self._book.voltage = 0.0
+        self._params.overwrite(dict(self._plant.parameters))
+        self._book.low, self._book.high = command_range(self._plant)
 
     def _refuse_plant(self, changes: dict[str, Value]) -> str:
         try:
-            self._plant.check(_for_plant(changes))
+            self._plant.check(_for_plant(changes, self._plant))
         except SimulationError as error:
             return str(error)
         return ''
 
     def _apply_plant(self, changes: dict[str, Value]) -> None:
-        self._plant.set_parameters(_for_plant(changes))
+        self._plant.set_parameters(_for_plant(changes, self._plant))
         self._book.low, self._book.high = command_range(self._plant)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -212,17 +223,11 @@ class Simulator(Node):
     def _on_load_preset(
         self, request: LoadPreset.Request, response: LoadPreset.Response
     ) -> LoadPreset.Response:
-        try:
-            plant = Plant.from_preset(
-                request.preset, rate=self._rate, seed=self._params.integer('seed')
-            )
-        except SimulationError as error:
-            response.success, response.message = False, str(error)
-            return response
-        self._plant = plant
-        self._book.low, self._book.high = command_range(plant)
-        self._params.overwrite(dict(plant.parameters))
-        response.success, response.message = True, f'{request.preset} loaded, at rest'
+        self._preset = ''
+        reason = self._params.overwrite({'preset': request.preset})
+        self._preset = self._params.text('preset')
+        response.success = not reason
+        response.message = reason or f'{request.preset} loaded, at rest'
         return response
 
     def _on_inject_fault(
@@ -236,8 +241,15 @@ class Simulator(Node):
         return response
 
 
-def _for_plant(changes: dict[str, Value]) -> dict[str, float | bool]:
-    return {name: value for name, value in changes.items() if isinstance(value, bool | float)}
+def _plant(values: Mapping[str, Value]) -> Plant:
+    rate, seed = values['rate'], values['seed']
+    assert isinstance(rate, float)
+    assert isinstance(seed, int)
+    return Plant.from_preset(str(values['preset']), rate, seed)
+
+
+def _for_plant(values: dict[str, Value], plant: Plant) -> dict[str, Value]:
+    return {name: value for name, value in values.items() if name in plant.parameters}
 
 
 def main() -> None:

@@ -11,10 +11,12 @@ def simulator_table() -> ParameterTable:
     return ParameterTable(
         (
             ParameterSpec(
-                'preset', 'fdk_pzba_00030', 'Actuator that is simulated at start.', read_only=True
+                'preset',
+                'fdk_pzba_00030',
+                'Actuator that is simulated; setting it loads all its numbers, at rest.',
             ),
             ParameterSpec(
-                'rate', 1000.0, 'Sampling rate.', 'Hz', above=0.0, high=1e5, read_only=True
+                'rate', 1000.0, 'Sampling rate.', 'Hz', low=1.0, high=1e5, read_only=True
             ),
             ParameterSpec(
                 'clock',

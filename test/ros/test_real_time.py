@@ -1,0 +1,96 @@
+"""The simulator's own clock: ticks without gaps, every late or missing command counted."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from listening import Listener
+from rosgraph_msgs.msg import Clock
+
+from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
+from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.qos import LOOP
+
+pytestmark = pytest.mark.ros
+
+RATE = 250.0
+TIMEOUT = 0.2
+RAMP = 20.0
+SAFE = 0.5
+SETTINGS = {
+    'clock': 'real_time',
+    'rate': RATE,
+    'speed_factor': 2.0,
+    'command_timeout': TIMEOUT,
+    'ramp': RAMP,
+    'safe_voltage': SAFE,
+    'publish_clock': True,
+}
+
+
+def nanoseconds(stamp) -> int:
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def answer(listener: Listener, states, publisher, count: int) -> int:
+    """Command -1 V for the tick behind every state; return the last tick that was commanded."""
+    first = done = len(states)
+    while done < first + count:
+        listener.until(lambda seen=done: len(states) > seen)
+        for state in states[done:]:
+            publisher.publish(VoltageCommand(sample=state.sample + 1, voltage=-1.0))
+        done = len(states)
+    return states[done - 1].sample + 1
+
+
+def test_real_time(processes: NodeProcesses, listener: Listener) -> None:
+    states = listener.listen(ActuatorState, 'actuator/state')
+    clock = listener.listen(Clock, '/clock')
+    status = listener.listen(LoopStatus, 'loop/status', latched=True)
+    publisher = listener.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
+    processes.start('piezo_sim', 'simulator', SETTINGS)
+    listener.until(lambda: states and publisher.get_subscription_count())
+
+    # Answer every state, as an excitation does; what comes too late is counted, not lost.
+    last = answer(listener, states, publisher, 300)
+    listener.until(lambda: states[-1].voltage == -1.0)
+    publisher.publish(VoltageCommand(sample=0, voltage=-3.0))  # doubled: long over
+    publisher.publish(VoltageCommand(sample=last + 10**9, voltage=-3.0))  # of another run
+
+    # Silence: the voltage is held for the timeout, then goes to safety at the ramp.
+    listener.until(lambda: states[-1].voltage == SAFE)
+    held = [state for state in states if state.sample >= last]
+    steps = [b.voltage - a.voltage for a, b in pairwise(held)]
+    assert min(state.voltage for state in states) == -1.0
+    assert max(steps) <= RAMP / RATE * (1 + 1e-9)
+    assert min(steps) >= 0.0
+    begun = next(state.sample for state in held if state.voltage > -1.0)
+    assert begun - last >= TIMEOUT * RATE - 1
+
+    behind = states[-1].sample - 20
+    assert behind > last
+    publisher.publish(VoltageCommand(sample=behind, voltage=0.25))
+    listener.until(lambda: states[-1].voltage == 0.25)
+    taken = states[-1].sample
+    listener.until(lambda: status[-1].sample > taken)
+    known = dict(zip(status[-1].names.split(','), status[-1].counts, strict=True))
+    assert status[-1].late >= 1
+    assert status[-1].doubled == 1
+    assert status[-1].refused == 1
+    assert known['timeouts'] >= 1
+    # One missed tick at least for each that the voltage was held, none once it is taken for over.
+    silent = status[-1].sample - last
+    assert TIMEOUT * RATE - 2 <= status[-1].missed < silent
+
+    # Another pace, while it runs: no tick is left out, and time goes by the number of the tick.
+    assert listener.set_one('simulator', 'speed_factor', 1) == ''
+    count = len(states)
+    listener.until(lambda: len(states) > count + 50)
+    samples = [state.sample for state in states]
+    assert samples == list(range(samples[0], samples[0] + len(samples)))
+    stamps = [nanoseconds(state.header.stamp) for state in states]
+    assert stamps == [round(sample * 1e9 / RATE) for sample in samples]
+    times = [nanoseconds(each.clock) for each in clock]
+    assert len(set(times) & set(stamps)) > 200
+    assert times == sorted(set(times))

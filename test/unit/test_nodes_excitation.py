@@ -1,0 +1,83 @@
+"""The parts of the excitation node that know no ROS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.excitation_plan import Experiment
+from piezo_hysteresis.nodes.sweep_plan import Sweep, parse_options, waveform_of
+from piezo_hysteresis.waveforms import KINDS, Sine, from_spec
+
+RATE = 1000.0
+
+
+def test_a_change_of_waveform_is_smooth_and_its_derivatives_are_true() -> None:
+    experiment = Experiment(Sine(1e-4, 5.0, 10.0), first=7, rate=RATE)
+    experiment.change(Sine(2e-4, 8.0, 10.0, offset=1e-5), sample=307, length=0.2)
+    later = {'kind': 'chirp', 'amplitude': 5e-5, 'frequency': 3.0, 'highest': 6.0}
+    experiment.change(from_spec(later), sample=407, length=0.1)
+    points = np.array([experiment.point(7 + k)[1:4] for k in range(700)])
+    value, velocity, acceleration = points.T
+    inner = slice(1, -1)
+    np.testing.assert_allclose(np.gradient(value, 1e-3)[inner], velocity[inner], atol=3e-5)
+    np.testing.assert_allclose(np.gradient(velocity, 1e-3)[inner], acceleration[inner], atol=5e-3)
+    assert np.abs(velocity).max() > 5e-3
+    expected = from_spec(later).sample(np.array([0.25])).value[0]
+    assert experiment.point(7 + 400 + 250).displacement == expected
+
+
+def test_the_phase_of_a_sine_is_continuous_over_a_change_of_frequency() -> None:
+    experiment = Experiment(Sine(1.0, 5.0, 10.0), first=0, rate=RATE)
+    experiment.change(Sine(1.0, 9.0, 10.0), sample=333, length=0.0)
+    phase = np.array([experiment.point(k).phase for k in range(700)])
+    assert np.abs(np.diff(phase)).max() <= 2 * np.pi * 9.0 / RATE * (1 + 1e-9)
+
+
+@pytest.mark.parametrize('kind', [name for name in KINDS if name != 'sequence'])
+def test_every_waveform_makes_a_sweep(kind: str) -> None:
+    sweep = Sweep([2.0], [0.5], 1.0, RATE, waveform=kind)
+    expected = waveform_of(kind, {'frequency': 2.0, 'amplitude': 0.5, 'duration': 1.0}, {}, RATE)
+    time = np.arange(1000) * (1.0 / RATE)
+    np.testing.assert_array_equal(sweep.records[0].voltages, expected.sample(time).value)
+
+
+def test_a_sweep_ends_and_is_cancelled_at_rest() -> None:
+    sweep = Sweep([3.0, 7.0], [0.4, 1.0], 0.5, RATE, pause=0.05)
+    sweep.start(100)
+    voltage = np.array([sweep.voltage(100 + k) for k in range(sweep.length)])
+    assert voltage[-1] == 0.0
+    assert sweep.over(100 + sweep.length)
+    fastest = 2 * np.pi * 7.0 * 1.0 / RATE
+    assert np.abs(np.diff(voltage)).max() <= fastest
+    sweep.cancel(900)
+    assert not sweep.over(900)
+    tail = [sweep.voltage(899 + k) for k in range(102)]
+    assert tail[-1] == 0.0
+    assert np.abs(np.diff(tail)).max() <= fastest
+    assert sweep.over(1000)
+
+
+@pytest.mark.parametrize('text', ['[1, 2]', '3', 'a: [', '{1: 2}', '!!python/object:os.system {}'])
+def test_options_that_are_no_mapping_are_refused_in_one_line(text: str) -> None:
+    with pytest.raises(PiezoError) as caught:
+        parse_options(text)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('frequencies', 'amplitudes', 'seconds', 'options'),
+    [
+        ([], [1.0], 1.0, {}),
+        ([1.0], [], 1.0, {}),
+        ([500.0], [1.0], 1.0, {}),
+        ([1.0], [float('nan')], 1.0, {}),
+        ([1.0], [1.0], 0.0, {}),
+        ([1.0], [1.0], 1e9, {}),
+        ([1.0], [1.0], 1.0, {'colour': 'red'}),
+    ],
+)
+def test_impossible_sweeps_are_refused(frequencies, amplitudes, seconds, options) -> None:
+    with pytest.raises(PiezoError):
+        Sweep(frequencies, amplitudes, seconds, RATE, options=options)

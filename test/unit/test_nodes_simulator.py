@@ -1,0 +1,71 @@
+"""The parts of the simulator node that know no ROS."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from piezo_ros_common.order import REORDERED, started_anew
+from piezo_sim.nodes.pacing import AHEAD, CommandBook, Pace
+
+DT = 1e-3
+
+
+def test_each_command_is_counted_once() -> None:
+    book = CommandBook(-1.0, 1.0)
+    book.arrive(0, 0.5, tick=0)
+    book.arrive(0, 0.6, tick=1)
+    book.arrive(1, 0.7, tick=3)
+    book.arrive(4, math.nan, tick=4)
+    book.arrive(5, 1.1, tick=5)
+    book.arrive(5 + AHEAD + 1, 0.1, tick=5)
+    assert book.voltage == 0.7
+    assert book.counts == {
+        'late': 1, 'missed': 0, 'refused': 3, 'doubled': 1, 'timeouts': 0, 'overruns': 0,
+    }  # fmt: skip
+
+
+def test_silence_is_missed_ticks_and_then_one_timeout() -> None:
+    book = CommandBook(-1.0, 1.0, safe_voltage=0.2, ramp=100.0)
+    book.hold(0, DT, timeout=0.01)
+    assert book.counts['missed'] == 0
+    book.arrive(1, 0.9, tick=1)
+    voltages = []
+    for tick in range(1, 40):
+        book.hold(tick, DT, timeout=0.01)
+        voltages.append(book.voltage)
+    assert book.counts['missed'] == 10
+    assert book.counts['timeouts'] == 1
+    assert voltages[:11] == [0.9] * 11
+    assert voltages[-1] == 0.2
+    assert max(abs(b - a) for a, b in pairwise(voltages)) <= 0.1 + 1e-12
+    book.arrive(40, 0.3, tick=40)
+    assert book.voltage == 0.3
+
+
+def test_refused_commands_do_not_keep_the_watch_quiet() -> None:
+    book = CommandBook(-1.0, 1.0, safe_voltage=0.0, ramp=1000.0)
+    book.arrive(0, 0.9, tick=0)
+    for tick in range(1, 20):
+        book.arrive(tick, math.nan, tick)
+        book.hold(tick, DT, timeout=0.01)
+    assert book.voltage == 0.0
+
+
+def test_ticks_are_due_at_their_time_at_any_speed() -> None:
+    pace = Pace(1000.0, 2.0)
+    pace.restart(10.0, 100)
+    assert pace.due(10.0) == 100
+    assert pace.due(10.0 + 5.2 * pace.interval) == 105
+    assert pace.interval == pytest.approx(0.5e-3)
+
+
+def test_a_restart_is_told_from_disorder() -> None:
+    assert started_anew(0, 3)
+    assert started_anew(100, 101 + REORDERED)
+    assert not started_anew(100, 100 + REORDERED)
+    assert not started_anew(7, 7)
+    assert not started_anew(0, 0)
+    assert not started_anew(9, 7)
