@@ -22,7 +22,8 @@ lint: setup
 	@$(run) ruff check . && ruff format --check . && mypy
 
 test: lint
-	@$(run) python -m pytest
+	@$(run) python -m pytest -n 2 test/unit test/property test/docs
+	@$(run) python -m pytest test/ros test/blind
 
 clean:
 	rm -rf build install log .venv out
