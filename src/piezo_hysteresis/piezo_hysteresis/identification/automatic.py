@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.models import Model, add_effect, described, named
@@ -21,6 +22,7 @@ LADDER = ('mode', 'creep', 'nonlocal_memory', 'amplifier_lag', 'electrostriction
 
 TRAINED = 0.7  # share of each record that is fitted; the rest decides
 _GAIN = 0.98  # an effect must lower the error below this share of what it was
+_TRIAL, _POLISH = 15, 100  # evaluations of each start, and of the best of them
 _TOLERATED = 1.01  # and may never raise the held-out error above this share
 
 
@@ -90,32 +92,42 @@ def choose_model(
     require_usable(records)
     cuts = [max(round(TRAINED * len(record)), 2) for record in records]
     training = [r.section(0, cut) for r, cut in zip(records, cuts, strict=True)]
-    model = named('modified')
     progress(0.0, 'hysteresis')
-    best = output_error(model, training, count=2)
-    errors = _errors(best, records, cuts)
+    best = output_error(named('modified'), training, count=2)
+    model, errors = named('modified'), _errors(best, records, cuts)
     steps = [Step('hysteresis', len(best.free), *errors, True)]
     for k, effect in enumerate(LADDER, start=1):
         progress(k / (len(LADDER) + 1), effect)
-        tried = _with(model, effect)
-        known = {name: best.values[name] for name in tried.free_names if name in best.values}
-        result = output_error(tried, training, start=known, count=3 if effect == 'mode' else 1)
+        larger, result = _larger(model, best, effect, training)
         trained, held_out = _errors(result, records, cuts)
         kept = held_out <= _TOLERATED * errors[1] and (
             held_out <= _GAIN * errors[1] or trained <= _GAIN * errors[0]
         )
         steps.append(Step(effect, len(result.free), trained, held_out, kept))
         if kept:
-            model, best, errors = tried, result, (trained, held_out)
+            model, best, errors = larger, result, (trained, held_out)
     start = {name: best.values[name] for name in model.free_names}
     return Choice(model, start, tuple(steps))
 
 
-def _with(model: Model, effect: str) -> Model:
+def _larger(
+    model: Model, best: FitResult, effect: str, training: Sequence[Record]
+) -> tuple[Model, FitResult]:
+    """Return `model` with an effect, in its reference scale, and a fit of it."""
     if effect == 'mode':
-        return named('bouc_wen_mode').free('A0')
-    # scaled to the range of the records by output_error, so not here
-    return add_effect(model, described(effect)[0]).model
+        larger = named('bouc_wen_mode').free('A0')
+        known = {name: best.values[name] for name in larger.free_names if name in best.values}
+        return larger, output_error(larger, training, start=known, count=3)
+    description = described(effect)[0]
+    voltage = max(float(np.max(np.abs(r.voltage))) for r in training)
+    span = max(float(np.ptp(r.displacement)) for r in training)
+    # best.model is scaled to the records already, and so must be what is added to it
+    candidate = add_effect(best.model, description, voltage, span / 2)
+    starts = [candidate.values(best.values, each) for each in candidate.starts]
+    tried = [fit(candidate.model, training, s, max_evaluations=_TRIAL) for s in starts]
+    first = min(tried, key=lambda each: each.cost)
+    result = fit(candidate.model, training, first.values, max_evaluations=_POLISH)
+    return add_effect(model, description).model, result
 
 
 def _errors(fit: FitResult, records: Sequence[Record], cuts: Sequence[int]) -> tuple[float, float]:

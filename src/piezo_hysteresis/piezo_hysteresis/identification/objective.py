@@ -15,6 +15,7 @@ from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.factor import inner, triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model
 
 #: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
@@ -30,17 +31,41 @@ def shifted(rows: FloatArray, samples: float) -> FloatArray:
     """
     whole = floor(samples)
     f = samples - whole
-    taps = (
-        (whole - 1, -f * (f - 1) * (f - 2) / 6),
-        (whole, (f + 1) * (f - 1) * (f - 2) / 2),
-        (whole + 1, -(f + 1) * f * (f - 2) / 2),
-        (whole + 2, (f + 1) * f * (f - 1) / 6),
+    weights = np.array(
+        [
+            -f * (f - 1) * (f - 2) / 6,
+            (f + 1) * (f - 1) * (f - 2) / 2,
+            -(f + 1) * f * (f - 2) / 2,
+            (f + 1) * f * (f - 1) / 6,
+        ]
     )
-    place = np.arange(rows.shape[-1])
-    total = np.zeros_like(rows)
-    for lag, weight in taps:
-        if weight != 0.0:
-            total += weight * rows[..., np.clip(place + lag, 0, rows.shape[-1] - 1)]
+    flat = np.ascontiguousarray(np.atleast_2d(rows), dtype=np.float64)
+    return _interpolated(flat, whole - 1, weights).reshape(rows.shape)
+
+
+@jit
+def _interpolated(rows: FloatArray, first: int, weights: FloatArray) -> FloatArray:
+    """Return the weighted sum of four neighbours, the first `first` samples later."""
+    n = rows.shape[1]
+    total = np.empty_like(rows)
+    inside = max(0, min(n, -first))
+    outside = max(inside, min(n, n - 3 - first))
+    for j in range(rows.shape[0]):
+        row = rows[j]
+        for k in range(inside, outside):
+            i = k + first
+            total[j, k] = (
+                weights[0] * row[i]
+                + weights[1] * row[i + 1]
+                + weights[2] * row[i + 2]
+                + weights[3] * row[i + 3]
+            )
+        for part in range(2):
+            for k in range(0 if part == 0 else outside, inside if part == 0 else n):
+                sum_ = 0.0
+                for i in range(4):
+                    sum_ += weights[i] * row[min(max(k + first + i, 0), n - 1)]
+                total[j, k] = sum_
     return total
 
 

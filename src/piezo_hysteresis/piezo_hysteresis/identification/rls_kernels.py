@@ -6,7 +6,7 @@ they are on; `p` the covariance, `w` work space, `m` the memory and `c` the sett
 
 from __future__ import annotations
 
-from math import cos, isfinite, nan, sin
+from math import cos, isfinite, nan, sin, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
@@ -66,16 +66,30 @@ def _gain(
             g[i] += p[j, i] * x[j]
     for i in range(n):
         s += g[i] * x[i]
-    step = 1.0 / s
+    step = error / s
+    root = sqrt(1.0 / s)
+    for i in range(n):
+        theta[i] += g[i] * step
+        g[i] *= root
+    for i in range(n):
+        for j in range(n):
+            p[i, j] -= g[i] * g[j]
+    if forgetting < 1.0:
+        _forget(p, forgetting)
+
+
+@jit
+def _forget(p: FloatArray, forgetting: float) -> None:
+    """Inflate P; it rests above a bound, because without excitation it would grow for ever."""
+    n = p.shape[0]
     trace = 0.0
     for i in range(n):
         trace += p[i, i]
-    # Forgetting without excitation inflates P exponentially; it rests above this bound.
-    grow = 1.0 / forgetting if trace < _TRACE_MAX * n else 1.0
-    for i in range(n):
-        theta[i] += g[i] * step * error
-        for j in range(n):
-            p[i, j] = (p[i, j] - g[i] * g[j] * step) * grow
+    if trace < _TRACE_MAX * n:
+        grow = 1.0 / forgetting
+        for i in range(n):
+            for j in range(n):
+                p[i, j] *= grow
 
 
 @jit

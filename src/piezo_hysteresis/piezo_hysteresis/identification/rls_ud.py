@@ -42,7 +42,8 @@ class UdSettings:
     natural_frequency, damping_ratio : float
         The frozen mode [Hz], [1]; a frequency of 0 leaves it out.
     forgetting : float
-        Forgetting factor in (0, 1]; its memory ``1/(1 - forgetting)`` should hold two periods.
+        Forgetting factor in (0, 1]; while the voltage moves slowly it forgets more slowly, so
+        that the memory always holds four full cycles.
     quiet : float
         Speed of the voltage below which nothing is learnt, in ranges per second.
     dt : float

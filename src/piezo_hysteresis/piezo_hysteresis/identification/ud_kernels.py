@@ -22,7 +22,8 @@ BOUC_WEN, PLAY_BANK = 0.0, 1.0
 MARGIN = 0.05  # smallest slope of the model after a reversal, over its gain
 _BOX = 50.0  # bound of gain and shape in units of the ranges
 _STEP = 0.02  # largest relative change of the shape in one update
-_SHORT, _GROWTH = 8.0, 0.25  # memory at the start [ranges travelled], and its growth
+_SHORTEST = 16.0  # memory that forgetting always leaves [ranges travelled]: four full cycles
+_FIRST, _GROWTH = 8.0, 0.25  # memory at the start [ranges travelled], and its growth
 _SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is learnt
 
 
@@ -177,10 +178,12 @@ def _learn(
 ) -> None:
     n = theta.size
     gain = w[1]
-    forgetting = c[FORGETTING]
+    # a few cycles determine a loop, less does not, so the memory never gets shorter
+    speed = min(m[ACTIVITY], 1.0)
+    forgetting = max(c[FORGETTING], 1.0 - speed / _SHORTEST)
     if c[KIND] == BOUC_WEN:
         # what was learnt while the shape was wrong is forgotten faster (Ljung)
-        forgetting *= 1.0 - min(m[ACTIVITY] / (_SHORT + _GROWTH * m[TRAVEL]), 0.1)
+        forgetting *= 1.0 - speed / (_FIRST + _GROWTH * m[TRAVEL])
     divisor = bierman(theta, factor, d, w[2], w, forgetting)
     step = error / divisor
     if c[KIND] == BOUC_WEN:
