@@ -1,6 +1,6 @@
 """The blind proof of the discovery: hidden effects of random size, found from the records alone.
 
-    python bench/discovery.py --kind all --sets 100 --workers 2
+    python -m bench.discovery --kind all --sets 100 --workers 2
 
 Every set is made by `piezo_sim`, written as a bag and handed to `python -m piezo_hysteresis
 discover` in a process of its own that is told the bag and the baseline, nothing else. The answer
@@ -27,9 +27,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from discovery_scores import calibration, confusion, named, summary
-from discovery_worlds import Hidden, draw, records_of
-
+from bench.discovery_scores import calibration, confusion, named, summary
+from bench.discovery_worlds import Hidden, draw, records_of
 from piezo_hysteresis.records import write_bag
 
 KINDS = ('single', 'pair', 'null', 'unknown')
