@@ -178,6 +178,11 @@ class NodeProcesses:
         """Every node that was started."""
         return tuple(self._running)
 
+    def forget(self, node: NodeProcess) -> None:
+        """End `node` for good and expect nothing of it any more."""
+        node.stop()
+        self._running.remove(node)
+
     def check(self) -> None:
         """Raise where a node died by itself.
 

@@ -102,12 +102,11 @@ class Excitation(Node):
         """Begin again where the actuator was started anew."""
         if not started_anew(max(sample, 0), self._newest_state):
             return
-        self.get_logger().warning('the actuator was started anew: the experiment begins again')
+        self.get_logger().warning('the actuator was started anew')
         self._newest_state = self._emitted = sample
         self._experiment = None
         self._last = None
-        if self._sweeps.active:
-            self._sweeps.give_up('the actuator was started anew during the sweep; run it again')
+        self._sweeps.follow_restart()
 
     def _begin(self) -> None:
         """Answer the newest state, in case the loop waits for it."""

@@ -80,7 +80,6 @@ class SweepServer:
         if self._goal.is_cancel_requested or self._reason:
             sweep.cancel(sample)
         if sweep.over(sample):
-            self._end_record(sample)
             self._finish(sample)
             return None
         record = sweep.starting(sample)
@@ -96,7 +95,15 @@ class SweepServer:
     def give_up(self, reason: str) -> None:
         """End the sweep because the actuator does not answer."""
         self._reason = reason
+        self._end_record(self._newest + 1)
         self._finish(self._newest)
+
+    def follow_restart(self) -> None:
+        """Begin again with an actuator that was started anew, unless some of it has been run."""
+        if self.active and self._newest > self._first:
+            self.give_up('the actuator was started anew during the sweep; run it again')
+        else:
+            self._first = -1
 
     def note_refused(self, refused: int) -> None:
         """Note how many commands the actuator has refused; return to rest if it is one of ours."""
@@ -138,7 +145,7 @@ class SweepServer:
 
     async def _execute(self, goal: Any) -> RunSweep.Result:
         self._goal = goal
-        self._first = -1
+        self._first = self._newest = -1
         self._reason = ''
         self._refused_before = self._refused
         self._done = Future()

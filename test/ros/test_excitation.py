@@ -1,0 +1,209 @@
+"""Sweeps and experiments of the excitation node on a live simulator in lock-step."""
+
+from __future__ import annotations
+
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from listening import Listener
+from rclpy.action import ActionClient
+
+from piezo_hysteresis.nodes.sweep_plan import Sweep
+from piezo_hysteresis.waveforms import from_spec
+from piezo_interfaces.action import RunSweep
+from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+RATE = 1000.0
+
+
+class Loop:
+    """A simulator and an excitation, and what a user does with them."""
+
+    def __init__(self, processes: NodeProcesses, listener: Listener) -> None:
+        self.listener = listener
+        self.states = listener.listen(ActuatorState, 'actuator/state')
+        self.markers = listener.listen(RecordMarker, 'record/marker')
+        self.feedback: list[RunSweep.Feedback] = []
+        self.simulator = self.start_simulator(processes)
+        self.excitation = processes.start(
+            'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'deadline': 2.0}
+        )
+        self._client = ActionClient(listener.node, RunSweep, 'run_sweep')
+        listener.matched('actuator/state')
+        listener.matched('record/marker')
+        listener.until(self._client.server_is_ready)
+
+    @staticmethod
+    def start_simulator(processes: NodeProcesses) -> NodeProcess:
+        return processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2})
+
+    def send(self, **goal: Any) -> Any:
+        """Send a goal; return the handle."""
+        self.feedback.clear()
+        future = self._client.send_goal_async(
+            RunSweep.Goal(**goal), feedback_callback=lambda m: self.feedback.append(m.feedback)
+        )
+        self.listener.until(future.done)
+        return future.result()
+
+    def result(self, handle: Any) -> Any:
+        """Wait for the end of a goal."""
+        future = handle.get_result_async()
+        self.listener.until(future.done)
+        return future.result()
+
+    def resting(self) -> None:
+        """Wait until the loop stands still, at rest."""
+        count = -1
+        while len(self.states) > count:
+            count = len(self.states)
+            self.listener.serve(0.1)
+        assert self.states[-1].voltage == 0.0
+
+
+@pytest.fixture(scope='module')
+def loop(shared_processes: NodeProcesses, shared_listener: Listener) -> Loop:
+    return Loop(shared_processes, shared_listener)
+
+
+GOAL: dict[str, Any] = {
+    'frequencies': [10.0, 20.0],
+    'amplitudes': [0.5, 1.0],
+    'seconds': 0.2,
+    'warm_up': 0.05,
+}
+
+
+def test_a_sweep_is_what_was_ordered(loop: Loop) -> None:
+    result = loop.result(loop.send(**GOAL))
+    assert result.status == GoalStatus.STATUS_SUCCEEDED
+    assert result.result.success
+    assert result.result.records == 4
+    loop.resting()
+
+    plan = Sweep([10.0, 20.0], [0.5, 1.0], 0.2, RATE, warm_up=0.05)
+    expected = [plan.voltage(k) for k in range(plan.length)]
+    assert [state.voltage for state in loop.states] == expected
+    assert result.result.samples == plan.length
+    named = [marker for marker in loop.markers if marker.record]
+    assert [marker.record for marker in named] == [record.name for record in plan.records]
+    assert {marker.actuator for marker in named} == {'bender'}
+    assert [marker.frequency for marker in named] == [10.0, 20.0, 10.0, 20.0]
+    assert {marker.warm_up for marker in named} == {0.05}
+    ends = [marker.header.stamp for marker in loop.markers if not marker.record]
+    stamps = [state.header.stamp for state in loop.states]
+    assert [stamps.index(end) for end in ends] == [record.last for record in plan.records]
+
+    left = [each.seconds_left for each in loop.feedback]
+    assert left
+    assert left == sorted(left, reverse=True)
+    assert all(0.0 <= each.fraction <= 1.0 for each in loop.feedback)
+    assert {each.record for each in loop.feedback} <= {record.name for record in plan.records}
+    assert all(each.frequency in (10.0, 20.0) for each in loop.feedback)
+
+
+def test_one_thing_at_a_time(loop: Loop) -> None:
+    long = {**GOAL, 'seconds': 60.0}
+    handle = loop.send(**long)
+    assert handle.accepted
+    assert not loop.send(**GOAL).accepted
+    assert 'sweep' in loop.listener.set_one('excitation', 'mode', 'voltage')
+
+    count = len(loop.states)
+    loop.listener.until(lambda: len(loop.states) > count + 130)
+    loop.listener.until(handle.cancel_goal_async().done)
+    result = loop.result(handle)
+    assert result.status == GoalStatus.STATUS_CANCELED
+    assert not result.result.success
+    assert 'at rest' in result.result.message
+    assert result.result.records == 0
+    loop.resting()
+    steps = np.abs(np.diff([state.voltage for state in loop.states[count:]]))
+    assert steps.max() < 1.0 * 2 * np.pi * 20.0 / RATE
+    assert not loop.markers[-1].record
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'waveform': 'sawtooth'},
+        {'frequencies': [600.0]},
+        {'frequencies': []},
+        {'amplitudes': [float('nan')]},
+        {'seconds': -1.0},
+        {'options': '[1]'},
+        {'options': 'a: ['},
+    ],
+)
+def test_impossible_sweeps_are_refused(loop: Loop, wrong: dict[str, Any]) -> None:
+    assert not loop.send(**{**GOAL, **wrong}).accepted
+    assert 'sweep refused: ' in loop.excitation.tail(1)
+
+
+def test_an_amplitude_beyond_the_actuator_ends_the_sweep_with_the_reason(loop: Loop) -> None:
+    result = loop.result(loop.send(**{**GOAL, 'amplitudes': [6.0], 'seconds': 60.0}))
+    assert result.status == GoalStatus.STATUS_ABORTED
+    assert 'beyond its range' in result.result.message
+    loop.resting()
+    assert max(abs(state.voltage) for state in loop.states) <= 5.0
+
+
+def test_an_experiment_plays_any_waveform_and_changes_without_a_jump(loop: Loop) -> None:
+    def accept(name: str, value: Any) -> None:
+        assert loop.listener.set_one('excitation', name, value) == ''
+
+    for name, value in {
+        'waveform': 'multisine',
+        'waveform_options': '{seed: 3, highest: 40.0}',
+        'frequency': 5.0,
+        'voltage.amplitude': 0.5,
+        'ramp': 0.1,
+    }.items():
+        accept(name, value)
+    start = len(loop.states)
+    accept('mode', 'voltage')
+    assert not loop.send(**GOAL).accepted
+    loop.listener.until(lambda: len(loop.states) > start + 300)
+    accept('voltage.amplitude', 0.8)
+    accept('frequency', 7)
+    loop.listener.until(lambda: len(loop.states) > start + 900)
+    assert 'sampled' in loop.listener.set_one('excitation', 'frequency', 500.0)
+    assert 'colour' in loop.listener.set_one('excitation', 'waveform_options', '{colour: red}')
+    accept('mode', 'idle')
+    loop.listener.serve(0.1)
+
+    voltage = np.array([state.voltage for state in loop.states[start:]])
+    spec = {'kind': 'multisine', 'seed': 3, 'highest': 40.0, 'frequency': 5.0, 'amplitude': 0.5}
+    expected = from_spec({**spec, 'ramp': 0.1}).sample(np.arange(250) * (1.0 / RATE)).value
+    np.testing.assert_allclose(voltage[:250], expected, rtol=0, atol=1e-12)
+    steepest = 0.8 * 2 * np.pi * 42.0 / RATE
+    assert np.abs(np.diff(voltage)).max() < 1.5 * steepest
+
+
+def test_a_dead_simulator_ends_the_sweep_with_the_reason(
+    loop: Loop, shared_processes: NodeProcesses
+) -> None:
+    handle = loop.send(**{**GOAL, 'seconds': 60.0})
+    count = len(loop.states)
+    loop.listener.until(lambda: len(loop.states) > count + 50)
+    loop.simulator.signal(signal.SIGKILL)
+    shared_processes.forget(loop.simulator)
+    result = loop.result(handle)
+    assert result.status == GoalStatus.STATUS_ABORTED
+    assert 'no actuator/state' in result.result.message
+    assert 'Traceback' not in loop.excitation.tail(100)
+
+    # A new simulator counts from 0 again; the excitation follows without being restarted.
+    loop.start_simulator(shared_processes)
+    status = loop.listener.listen(LoopStatus, 'loop/status', latched=True)
+    loop.listener.until(lambda: status and status[-1].sample == 0)
+    count = len(loop.states)
+    result = loop.result(loop.send(**GOAL))
+    assert result.result.success, result.result.message
+    assert loop.states[count].sample == 0
