@@ -122,6 +122,13 @@ def _creep(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
+def _electrostriction(v: Mapping[str, float]) -> SimulatorValues:
+    return {
+        'effects.electrostriction': True,
+        'electrostriction.coefficient': v['electrostriction'] / v['A1'],
+    }
+
+
 def _offset(v: Mapping[str, float]) -> SimulatorValues:
     return {'effects.offset': v['offset'] != 0.0, 'sensor.offset': v['offset']}
 
@@ -139,7 +146,7 @@ TABLE: dict[str, Translation] = {
     'transport_delay': _switched('transport_delay', delay='amplifier__delay'),
     'amplifier_lag': _switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),
     'slew_limit': _switched('slew_limit', slew_rate='amplifier__slew_rate'),
-    'square_law': _switched('electrostriction', square_law='electrostriction__coefficient'),
+    'electrostriction': _electrostriction,
     'drift': _switched('drift', drift_rate='drift__rate'),
     'backlash': _switched('backlash', backlash='backlash__half_width'),
     'logarithmic_creep': _switched(
@@ -170,5 +177,7 @@ def simulator_parameters(found: ModelFile) -> SimulatorParameters:
             missing.append(name)
             continue
         used.add(name)
-        values.update(translate(model.block_values(found.values, name)))
+        # A strain is counted against the gain of the actuator there.
+        gain = {'A1': found.values['A1']} if 'A1' in found.values else {}
+        values.update(translate({**gain, **model.block_values(found.values, name)}))
     return SimulatorParameters(values, tuple(missing))

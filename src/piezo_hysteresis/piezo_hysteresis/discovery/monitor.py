@@ -8,14 +8,18 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.locate import harmonics
-from piezo_hysteresis.discovery.trial import answers_at_once
-from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.identification.objective import shifted
+from piezo_hysteresis.models import ModelFile, answers_at_once
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 
 # Above the floor by this factor in this many windows running, the gap is real.
 BEYOND = 1.3
 PATIENCE = 2
-# Share of the power above the floor that makes a family.
+# Share of the power above the floor that makes a family; of harmonics little is telling.
 MOST = 0.5
+TELLING = 0.02
+# Ticks by which the comparison lags, so that the model can be read between its samples.
+MARGIN = 3
 
 
 @dataclass(frozen=True)
@@ -70,13 +74,12 @@ class GapMonitor:
         self._dt = dt
         self._floor = floor if floor > 0 else float(loaded.provenance.noise_floor or 0.0)
         self._window = window
-        # A tick holds the displacement before its voltage acts; a chain that answers at once is
-        # one tick ahead of that.
-        self._late = answers_at_once(loaded.model, loaded.values, dt)
-        self._last = 0.0
+        self._late = _late(loaded, dt)
         self._voltage: list[float] = []
         self._measured: list[float] = []
         self._state = self._model.initial_state(dt)
+        self._simulated_tail = np.zeros(2 * MARGIN)
+        self._measured_tail = np.zeros(MARGIN)
         self._streak = 0
 
     @property
@@ -93,7 +96,8 @@ class GapMonitor:
         self._voltage.clear()
         self._measured.clear()
         self._state = self._model.initial_state(self._dt)
-        self._last = 0.0
+        self._simulated_tail = np.zeros(2 * MARGIN)
+        self._measured_tail = np.zeros(MARGIN)
         self._streak = 0
 
     def add(self, voltage: float, displacement: float) -> GapReport | None:
@@ -105,18 +109,19 @@ class GapMonitor:
         u, y = np.array(self._voltage), np.array(self._measured)
         self._voltage.clear()
         self._measured.clear()
-        return self._report(u, y - self._simulated(u))
+        return self._report(u, self._error(u, y))
 
-    def _simulated(self, u: FloatArray) -> FloatArray:
-        frequency = fundamental(u, self._dt)
+    def _error(self, u: FloatArray, y: FloatArray) -> FloatArray:
+        """Return measured minus simulated, `MARGIN` ticks behind, where both are known."""
         answer = self._model.respond(
-            u, self._packed, self._dt, state=self._state, frequency=frequency
+            u, self._packed, self._dt, state=self._state, frequency=fundamental(u, self._dt)
         )
-        if not self._late:
-            return answer
-        shifted = np.concatenate([[self._last], answer[:-1]])
-        self._last = float(answer[-1])
-        return shifted
+        simulated = np.concatenate([self._simulated_tail, answer])
+        measured = np.concatenate([self._measured_tail, y])
+        self._simulated_tail = simulated[-2 * MARGIN :]
+        self._measured_tail = measured[-MARGIN:]
+        read = shifted(simulated, self._late / self._dt)[MARGIN:-MARGIN]
+        return np.asarray(measured[: u.size] - read)
 
     def _report(self, u: FloatArray, error: FloatArray) -> GapReport:
         rms = float(np.sqrt(np.mean(error**2)))
@@ -131,6 +136,18 @@ class GapMonitor:
         beyond = self._streak >= PATIENCE
         family = family_of(orders, sizes, rms, self._floor) if beyond else ''
         return GapReport(rms, floors, frequency, orders, sizes, beyond, family)
+
+
+def _late(loaded: ModelFile, dt: float) -> float:
+    """Return by how much later than the model the displacement of a tick is sampled [s].
+
+    A tick holds the displacement before its voltage acts: that is one tick before a chain that
+    answers at once. Data that were fitted know it better than the convention.
+    """
+    fitted = float(loaded.provenance.notes.get(OFFSET_NOTE, 0.0))
+    if fitted:
+        return fitted
+    return -dt if answers_at_once(loaded.model, loaded.values, dt) else 0.0
 
 
 def fundamental(voltage: FloatArray, dt: float) -> float:
@@ -149,19 +166,20 @@ def fundamental(voltage: FloatArray, dt: float) -> float:
 
 
 def family_of(orders: list[int], sizes: list[float], rms: float, floor: float) -> str:
-    """Return the effects that a gap with these harmonics comes from, in words."""
+    """Return the effects that a gap with these harmonics comes from, in words.
+
+    Nearly every effect moves the fundamental; the other orders say more, even when they are small.
+    """
     power = max(rms**2 - floor**2, 1e-300)
     by_order = {order: size**2 / power for order, size in zip(orders, sizes, strict=True)}
     odd = sum(v for k, v in by_order.items() if k >= 3 and k % 2 == 1)
     even = sum(v for k, v in by_order.items() if k >= 2 and k % 2 == 0)
-    found = {
-        'drift, offset or asymmetry': by_order.get(0, 0.0),
-        'transport_delay, amplifier_lag, creep, gain_decay or rate_dependence': by_order.get(
-            1, 0.0
-        ),
-        'electrostriction or sensor_nonlinearity': even,
-        'resonance, saturation, stiffness, friction or the shape of the hysteresis': odd,
-    }
-    found['mains_hum or another disturbance'] = 1.0 - sum(found.values())
-    family, share = max(found.items(), key=lambda each: each[1])
-    return family if share >= MOST else f'mostly {family}'
+    if 1.0 - sum(by_order.values()) > MOST:
+        return 'mains_hum or another disturbance'
+    if even > TELLING and even > odd:
+        return 'electrostriction, sensor_nonlinearity or asymmetry'
+    if odd > TELLING:
+        return 'resonance, saturation, stiffness, friction or the shape of the hysteresis'
+    if by_order.get(0, 0.0) > MOST:
+        return 'drift, offset or asymmetry'
+    return 'transport_delay, amplifier_lag, creep, gain_decay or rate_dependence'

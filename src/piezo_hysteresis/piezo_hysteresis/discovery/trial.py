@@ -13,7 +13,7 @@ from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, shifted
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import Model
+from piezo_hysteresis.models import Model, answers_at_once
 
 Values = Mapping[str, float]
 
@@ -67,7 +67,9 @@ class Trial:
 def simulate(model: Model, values: Values, view: Target) -> FloatArray:
     """Return what `model` says about the whole drive of `view` [m], shape (n,)."""
     own = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
-    y = model.respond(view.voltage, model.pack(own), view.dt, frequency=view.frequency)
+    state = model.initial_state(view.dt, view.start)
+    packed = model.pack(own)
+    y = model.respond(view.voltage, packed, view.dt, state=state, frequency=view.frequency)
     late = values.get(SAMPLING_OFFSET, 0.0) / view.dt
     return shifted(y, late) if late else y
 
@@ -79,21 +81,6 @@ def errors_of(model: Model, values: Values, views: Sequence[Target]) -> tuple[Fl
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 
-def answers_at_once(model: Model, values: Values, dt: float) -> bool:
-    """Tell whether the chain answers the voltage of a tick at that tick.
-
-    One whose structure holds the voltage answers at the next tick, as a measurement does that is
-    taken before the voltage acts.
-    """
-    own = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
-    packed = model.pack(own)
-    step = np.full(4, 1e-3 * _scale(model))
-    answer = model.respond(step, packed, dt)
-    rest = model.respond(np.zeros(4), packed, dt)
-    moved = np.abs(answer - rest)
-    return bool(moved[0] >= 1e-3 * max(float(moved.max()), 1e-300))
-
-
 def offset_bounds(model: Model, values: Values, dt: float) -> tuple[float, float]:
     """Return between what the sampling offset may lie without being an effect [s].
 
@@ -101,11 +88,8 @@ def offset_bounds(model: Model, values: Values, dt: float) -> tuple[float, float
     before the voltage acted. A chain that answers at once stands for the first, one whose
     structure holds the voltage for the second.
     """
-    return (-dt, 0.0) if answers_at_once(model, values, dt) else (0.0, dt)
-
-
-def _scale(model: Model) -> float:
-    return max([q.scale for q in model.parameters if q.unit == 'V'], default=1.0)
+    own = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
+    return (-dt, 0.0) if answers_at_once(model, own, dt) else (0.0, dt)
 
 
 def fit_trial(

@@ -12,6 +12,7 @@ from piezo_hysteresis.models.effects import (
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
 from piezo_hysteresis.models.named import NAMES, RECIPES, named
 from piezo_hysteresis.models.scaling import for_range
+from piezo_hysteresis.models.timing import answers_at_once
 
 __all__ = [
     'EFFECT_NAMES',
@@ -23,6 +24,7 @@ __all__ = [
     'Provenance',
     'State',
     'add_effect',
+    'answers_at_once',
     'applicable',
     'candidates',
     'described',

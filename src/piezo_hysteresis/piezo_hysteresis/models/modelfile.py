@@ -16,6 +16,8 @@ from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.plain import mapping, number, read_yaml, refuse_stray, write_yaml
 
 SCHEMA = 'piezo_hysteresis/model/1'
+#: Note on when the fitted data had sampled the displacement, later than our convention [s].
+OFFSET_NOTE = 'sampling_offset_s'
 
 RosParameters = dict[str, float | str | list[str]]
 
@@ -166,6 +168,7 @@ class ModelFile:
         floor = self.provenance.noise_floor
         return {
             f'{prefix}.noise_floor': 0.0 if floor is None else float(floor),
+            f'{prefix}.sampling_offset': float(self.provenance.notes.get(OFFSET_NOTE, 0.0)),
             f'{prefix}.name': self.model.name,
             f'{prefix}.chain': [block.name for block in self.model.blocks],
             f'{prefix}.held': sorted(self.model.held) or [''],
@@ -201,13 +204,16 @@ class ModelFile:
             if key.startswith(f'{prefix}.')
         }
         name, chain, held = own.pop('name', ''), own.pop('chain', None), own.pop('held', [])
-        floor = own.pop('noise_floor', 0.0)
+        floor, late = own.pop('noise_floor', 0.0), own.pop('sampling_offset', 0.0)
         rows = {key: {'value': value} for key, value in own.items()}
         for key in held if isinstance(held, list) else []:
             if key:
                 rows.setdefault(key, {})['held'] = True
         content = {'schema': SCHEMA, 'name': name, 'chain': chain, 'parameters': rows}
-        return _from_dict({**content, **({'provenance': {'noise_floor': floor}} if floor else {})})
+        provenance: dict[str, object] = {'noise_floor': floor} if floor else {}
+        if late:
+            provenance['notes'] = {OFFSET_NOTE: late}
+        return _from_dict({**content, **({'provenance': provenance} if provenance else {})})
 
 
 def _from_dict(content: object) -> ModelFile:

@@ -24,6 +24,14 @@ HEAD = ParameterTable(
         ParameterSpec(
             'model.noise_floor', 0.0, 'Noise of the data it was fitted to; 0 not known.', 'm', 0.0
         ),
+        ParameterSpec(
+            'model.sampling_offset',
+            0.0,
+            'By how much later than the convention those data were sampled; 0 not known.',
+            's',
+            -1.0,
+            1.0,
+        ),
     )
 )
 

@@ -1,0 +1,89 @@
+"""What is handed to the simulator under its own names makes it do what the model does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.discovery.apply import TABLE, simulator_parameters
+from piezo_hysteresis.models import Model, ModelFile, answers_at_once
+from piezo_sim.plant import Plant
+
+RATE = 1000.0
+BASE = {'A1': 1.4e-4, 'A': 5e-5, 'beta': 1.1, 'gamma': 0.2}
+
+# Every translated block, with values that show, and the share of the stroke that two different
+# integrations of the same physics may differ by.
+CASES = {
+    'bouc_wen_exact': ({}, 1e-3),
+    'bouc_wen': ({}, 2e-2),
+    'bouc_wen_power': ({'exponent': 1.6}, 1e-3),
+    'mode': ({'natural_frequency': 150.0, 'damping_ratio': 0.05}, 1e-3),
+    'resonance': (
+        {'resonance_frequency': 120.0, 'resonance_damping': 0.05, 'resonance_share': 1.0},
+        1e-3,
+    ),
+    # The hum is read at the tick itself, not one later as the answer to the voltage is.
+    'mains_hum': ({'hum_frequency': 50.0, 'hum_sine': 2e-6, 'hum_cosine': 1e-6}, 4e-3),
+    'saturation': ({'saturation_high': 0.8, 'saturation_low': 0.7}, 1e-3),
+    'creep': ({'creep_share': 0.04, 'creep_time': 0.5}, 2e-3),
+    'offset': ({'offset': 4e-6}, 1e-3),
+    'transport_delay': ({'delay': 0.004}, 1e-3),
+    # The block answers the mean over each sample, half a sample ahead of the value at its end.
+    'amplifier_lag': ({'lag_time': 0.003}, 1e-2),
+    'slew_limit': ({'slew_rate': 20.0}, 3e-3),
+    'electrostriction': ({'electrostriction': 6e-6}, 1e-3),
+    'drift': ({'drift_rate': 2e-6}, 1e-3),
+    'backlash': ({'backlash': 2e-6}, 1e-3),
+    'logarithmic_creep': ({'creep_per_decade': 0.02, 'creep_onset': 0.05}, 1e-2),
+    'sensor_nonlinearity': ({'sensor_quadratic': 200.0, 'sensor_cubic': 1e6}, 1e-3),
+    'gain_decay': ({'gain_loss': 0.2, 'gain_loss_time': 2.0}, 2e-3),
+}
+
+
+def chain_with(name: str) -> Model:
+    block = named_block(name)
+    if name.startswith('bouc_wen'):
+        return Model(name, (block, named_block('offset')))
+    model = Model(name, (named_block('bouc_wen_exact'), named_block('offset')))
+    return model if name == 'offset' else model.with_block(block)
+
+
+def test_every_translation_is_tried() -> None:
+    assert set(CASES) == set(TABLE)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_the_simulator_does_what_the_model_does(name: str) -> None:
+    values, tolerance = CASES[name]
+    model = chain_with(name)
+    every = {**model.defaults(), **BASE, 'A0': 0.0, 'offset': 0.0, **values}
+    found = simulator_parameters(ModelFile(model, every))
+    assert not found.missing
+    plant = Plant.from_preset('generic_bouc_wen', rate=RATE, seed=0)
+    plant.set_parameters({'effects.noise': False})
+    plant.set_parameters(found.values)
+
+    time = np.arange(4000) / RATE
+    voltage = np.sin(2 * np.pi * 5.0 * time) * np.minimum(1.0, time)
+    measured = plant.run(voltage)
+    said = model.respond(voltage, model.pack(every), 1.0 / RATE, frequency=5.0)
+    if answers_at_once(model, every, 1.0 / RATE):
+        measured, said = measured[1:], said[:-1]
+    stroke = float(np.ptp(said))
+    assert float(np.max(np.abs(measured - said))) < tolerance * stroke
+
+
+def test_asymmetry_is_handed_over() -> None:
+    model = chain_with('bouc_wen_exact')
+    every = {**model.defaults(), **BASE, 'A0': 6e-6, 'offset': 0.0}
+    values = simulator_parameters(ModelFile(model, every)).values
+    assert values['effects.asymmetry'] is True
+    assert values['bouc_wen.asymmetry'] == pytest.approx(6e-6 / 1.4e-4)
+
+
+def test_what_has_no_counterpart_is_named() -> None:
+    model = chain_with('bouc_wen_exact').with_block(named_block('stiction'))
+    every = {**model.defaults(), **BASE}
+    assert simulator_parameters(ModelFile(model, every)).missing == ('stiction',)

@@ -1,0 +1,74 @@
+"""The gap beside a running actuator, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.monitor import GapMonitor, GapReport, family_of, fundamental
+from piezo_hysteresis.models import ModelFile, Provenance, named
+from piezo_sim.plant import Plant
+
+RATE = 1000.0
+FLOOR = 2e-8
+TRUE = {'A1': 1.4e-4, 'A': 6.3e-5, 'beta': 1.2, 'gamma': 0.3, 'offset': 0.0}
+
+
+def run(effects: Mapping[str, float | bool], seconds: float = 4.0) -> list[GapReport]:
+    model = named('classical')
+    loaded = ModelFile(
+        model, {**model.defaults(), **TRUE}, provenance=Provenance(noise_floor=FLOOR)
+    )
+    monitor = GapMonitor(loaded, 1.0 / RATE, 0.0, 500)
+    plant = Plant.from_preset('generic_bouc_wen', rate=RATE, seed=2, overrides=effects)
+    voltage = np.sin(2 * np.pi * 7.0 * np.arange(round(seconds * RATE)) / RATE)
+    reports = [monitor.add(u, plant.exchange(u)) for u in voltage.tolist()]
+    return [report for report in reports if report is not None]
+
+
+def test_a_right_model_is_on_the_floor() -> None:
+    reports = run({})
+    assert len(reports) == 8
+    assert all(0.8 < report.floors < 1.2 for report in reports)
+    assert not any(report.beyond_floor for report in reports)
+    assert reports[-1].frequency == pytest.approx(7.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ('effect', 'word'),
+    [
+        ('effects.transport_delay', 'transport_delay'),
+        ('effects.sensor_nonlinearity', 'sensor_nonlinearity'),
+        ('effects.saturation', 'saturation'),
+    ],
+)
+def test_a_missing_effect_is_far_off_and_its_family_named(effect: str, word: str) -> None:
+    last = run({effect: True})[-1]
+    assert last.floors > 10.0
+    assert last.beyond_floor
+    assert word in last.family
+
+
+def test_one_window_beyond_the_floor_is_no_alarm() -> None:
+    model = named('classical')
+    loaded = ModelFile(model, {**model.defaults(), **TRUE})
+    monitor = GapMonitor(loaded, 1.0 / RATE, FLOOR, 100)
+    quiet = [monitor.add(0.0, 1e-8) for _ in range(100)]
+    loud = [monitor.add(0.0, 1e-6) for _ in range(100)]
+    assert quiet[-1] is not None
+    assert loud[-1] is not None
+    assert loud[-1].floors > 10.0
+    assert not loud[-1].beyond_floor
+
+
+def test_the_fundamental_of_a_drive() -> None:
+    time = np.arange(1000) / RATE
+    assert fundamental(np.sin(2 * np.pi * 23.4 * time), 1 / RATE) == pytest.approx(23.4, abs=0.1)
+    assert fundamental(np.full(1000, 0.3), 1 / RATE) == 0.0
+
+
+def test_families_follow_the_harmonics() -> None:
+    assert 'drift' in family_of([0, 1, 2], [1e-6, 0.0, 0.0], 1e-6, FLOOR)
+    assert 'hum' in family_of([0, 1, 2], [0.0, 0.0, 0.0], 1e-6, FLOOR)
