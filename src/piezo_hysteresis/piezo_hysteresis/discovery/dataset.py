@@ -79,6 +79,9 @@ def split(records: Sequence[Record]) -> Dataset:
         first, last = cut(view, 1.0 - HELD_OUT)
         training.append(first)
         held_out.append(last)
+    if not held_out:
+        parts = [cut(view, 1.0 - HELD_OUT) for view in training]
+        training, held_out = [first for first, _ in parts], [last for _, last in parts]
     return Dataset(tuple(records), tuple(training), tuple(held_out), periods)
 
 
@@ -101,7 +104,8 @@ def _spared(records: Sequence[Record]) -> set[str]:
         group = sorted(groups[amplitude], key=lambda r: r.info.frequency)
         inner = group[1:-1]
         # Neighbouring amplitudes spare different frequencies.
-        spared.update(r.name for r in inner[place % 2 + 1 :: round(1.0 / HELD_OUT)])
+        first = (place + 1) % 2 if len(inner) < 3 else place % 2 + 1
+        spared.update(r.name for r in inner[first :: round(1.0 / HELD_OUT)])
     return spared
 
 
@@ -125,6 +129,7 @@ def view_of(record: Record, period: int) -> Target:
         repeats=1,
         noise=float('nan'),
         period=0,
+        start=record.start - (first - record.warm_up_samples) * record.dt,
     )
 
 

@@ -1,0 +1,68 @@
+"""Fills in what a record does not say about its excitation, from the input itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.records import Record
+
+# Share of the power of the input that one sinusoid must explain to be called one.
+PURE = 0.999
+
+
+def annotated(records: Sequence[Record]) -> list[Record]:
+    """Return the records with excitation and frequency filled in where they are not known.
+
+    Files without markers (CSV, bags of others) say nothing of the waveform; an input at rest and
+    a pure sinusoid are recognised, everything else stays unknown.
+    """
+    return [_annotated(record) for record in records]
+
+
+def _annotated(record: Record) -> Record:
+    info = record.info
+    if info.excitation not in ('', 'unknown'):
+        return record
+    if float(np.ptp(record.voltage)) == 0.0:
+        return replace(record, info=replace(info, excitation='rest'))
+    frequency = sine_frequency(record.voltage, record.dt)
+    if frequency == 0.0:
+        return record
+    amplitude = info.amplitude or float(np.max(np.abs(record.voltage - record.voltage.mean())))
+    known = replace(info, excitation='sine', frequency=frequency, amplitude=amplitude)
+    return replace(record, info=known)
+
+
+def sine_frequency(voltage: FloatArray, dt: float) -> float:
+    """Return the frequency of a pure sinusoid [Hz], 0 where the input is something else."""
+    centred = voltage - voltage.mean()
+    n = centred.size
+    spectrum = np.abs(np.fft.rfft(centred * np.hanning(n)))
+    place = int(np.argmax(spectrum))
+    if not 1 < place < spectrum.size - 1:
+        return 0.0
+    # Between the lines: where the fit of one sinusoid leaves least.
+    low, high = (place - 1) / (n * dt), (place + 1) / (n * dt)
+    for _ in range(40):
+        third = (high - low) / 3.0
+        if _left(voltage, dt, low + third) < _left(voltage, dt, high - third):
+            high -= third
+        else:
+            low += third
+    frequency = 0.5 * (low + high)
+    if _left(voltage, dt, frequency) > (1.0 - PURE) * float(centred @ centred):
+        return 0.0
+    tidy = float(f'{frequency:.4g}')
+    return tidy if abs(tidy - frequency) < 0.02 / (n * dt) else frequency
+
+
+def _left(voltage: FloatArray, dt: float, frequency: float) -> float:
+    angle = 2.0 * np.pi * frequency * dt * np.arange(voltage.size)
+    basis = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    solution = np.linalg.solve(basis.T @ basis, basis.T @ voltage)
+    error = voltage - basis @ solution
+    return float(error @ error)
