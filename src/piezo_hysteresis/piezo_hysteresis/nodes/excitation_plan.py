@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import ReferencePoint
 from piezo_hysteresis.waveforms import Sine, Waveform
 from piezo_hysteresis.waveforms.base import Samples, smooth_ramp
+
+
+# Ticks that are evaluated together.
+AHEAD = 256
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,8 @@ class Experiment:
     first: int
     rate: float
     length: int = 0
+    _ahead_from: int = field(default=0, init=False, repr=False)
+    _ahead: list[tuple[float, ...]] = field(default_factory=list, init=False, repr=False)
 
     def over(self, sample: int) -> bool:
         """Tell whether `sample` lies behind the end."""
@@ -97,15 +103,19 @@ class Experiment:
 
     def point(self, sample: int) -> ReferencePoint:
         """Return the waveform at tick `sample`, in its own unit."""
-        s = self.waveform.sample(np.array([self._time(sample)]))
-        return ReferencePoint(
-            sample,
-            float(s.value[0]),
-            float(s.velocity[0]),
-            float(s.acceleration[0]),
-            float(s.frequency[0]),
-            float(s.phase[0]),
-        )
+        place = sample - self._ahead_from
+        if not 0 <= place < len(self._ahead):
+            self._look_ahead(sample)
+            place = 0
+        return ReferencePoint(sample, *self._ahead[place])
+
+    def _look_ahead(self, sample: int) -> None:
+        """Evaluate many ticks at once: the arrays of one tick cost as much as those of many."""
+        ticks = np.arange(sample - self.first, sample - self.first + AHEAD)
+        s = self.waveform.sample(ticks * (1.0 / self.rate))
+        columns = (s.value, s.velocity, s.acceleration, s.frequency, s.phase)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        self._ahead_from, self._ahead = sample, list(rows)
 
     def change(self, waveform: Waveform, sample: int, length: float) -> None:
         """Go over to `waveform` from tick `sample` on, within `length` seconds.
@@ -120,6 +130,7 @@ class Experiment:
         else:
             new = Delayed(waveform, now)
         self.waveform = Blend(old, new, now, length)
+        self._ahead = []
 
     def _time(self, sample: int) -> float:
         return (sample - self.first) * (1.0 / self.rate)
