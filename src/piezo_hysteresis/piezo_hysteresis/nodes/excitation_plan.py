@@ -12,7 +12,6 @@ from piezo_hysteresis.compensation.base import ReferencePoint
 from piezo_hysteresis.waveforms import Sine, Waveform
 from piezo_hysteresis.waveforms.base import Samples, smooth_ramp
 
-
 # Ticks that are evaluated together.
 AHEAD = 256
 
@@ -111,7 +110,7 @@ class Experiment:
 
     def _look_ahead(self, sample: int) -> None:
         """Evaluate many ticks at once: the arrays of one tick cost as much as those of many."""
-        ticks = np.arange(sample - self.first, sample - self.first + AHEAD)
+        ticks = np.arange(sample - self.first, sample - self.first + AHEAD, dtype=np.float64)
         s = self.waveform.sample(ticks * (1.0 / self.rate))
         columns = (s.value, s.velocity, s.acceleration, s.frequency, s.phase)
         rows = zip(*(column.tolist() for column in columns), strict=True)
