@@ -96,19 +96,23 @@ def identify_own(data: Sequence[str], out: Path) -> None:
 
 
 def _print_runs(demo: Any) -> None:
+    from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    orders = list(demo.runs[0].metrics.harmonics)
-    table = Table(title=f'Tracking error at {demo.plan.tracked:g} Hz [um]', title_justify='left')
+    title = f'Tracking error at {demo.plan.tracked:g} Hz in um: rms and harmonics'
+    look = {'box': box.SIMPLE_HEAD, 'pad_edge': False, 'padding': (0, 1, 0, 0)}
+    table = Table(title=title, title_justify='left', **look)
     table.add_column('run', no_wrap=True)
-    for words in ('RMSE', 'RMSE without mean', *(f'{order}x' for order in orders)):
-        table.add_column(words, justify='right')
+    orders = list(demo.runs[0].metrics.harmonics)
+    for words in ('RMSE', 'less mean', *(f'{order}x' for order in orders)):
+        table.add_column(words, justify='right', no_wrap=True)
     for run in demo.runs:
         m = run.metrics
         numbers = (m.rms, m.rms_without_mean, *m.harmonics.values())
         table.add_row(run.name, *(f'{1e6 * number:.3f}' for number in numbers))
-    Console().print(table)
+    # a pipe has no width of its own: never cut a number there
+    Console(width=None if sys.stdout.isatty() else 100).print(table)
 
 
 def _print_fit(found: Any) -> None:

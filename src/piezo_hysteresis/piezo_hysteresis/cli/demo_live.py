@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from piezo_hysteresis.cli.need_ros import node_module
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, tracking_metrics
+from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
@@ -39,8 +41,9 @@ class Plan:
         Length of each record of the sweep and the part that errors leave out [s].
     tracked : float
         Frequency of the reference [Hz]; its third harmonic falls on the resonance.
-    tracking_seconds, judged_seconds : float
-        Length of each tracking run and the part at its end that is judged [s].
+    tracking_seconds, learning_seconds, judged_seconds : float
+        Length of each tracking run, what attenuation gets on top to learn the harmonics, and the
+        part at the end of each run that is judged [s].
     """
 
     frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)
@@ -48,7 +51,8 @@ class Plan:
     seconds: float = 2.0
     warm_up: float = 1.0
     tracked: float = 23.0
-    tracking_seconds: float = 7.0
+    tracking_seconds: float = 4.0
+    learning_seconds: float = 5.0
     judged_seconds: float = 2.0
 
 
@@ -108,29 +112,45 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     clock = _Clock()
     order = live.SweepOrder(plan.frequencies, [plan.amplitude], plan.seconds, plan.warm_up)
     progress(0.0, 'starting the nodes')
-    sweep = live.record_sweep(
-        PRESET,
-        order,
-        folder / 'bags' / 'sweep',
-        progress=lambda fraction, words: progress(0.3 * fraction, f'sweep: {words}'),
-    )
+    with _advice():
+        sweep = live.record_sweep(
+            PRESET,
+            order,
+            folder / 'bags' / 'sweep',
+            progress=lambda fraction, words: progress(0.3 * fraction, f'sweep: {words}'),
+        )
     clock.lap('sweep')
     progress(0.3, f'identifying {MODEL}')
     found = identify(sweep, named(MODEL))
     found.model_file(['bags/sweep'], sweep[0].rate).save(folder / 'model.yaml')
     clock.lap('identification')
     gain = _gain(sweep, plan)
-    tracking = live.Tracking(
-        plan.tracked, gain * plan.amplitude, found.values['offset'], plan.tracking_seconds
-    )
     runs = []
     for k, (name, settings) in enumerate(_settings(found, gain, folder).items()):
-        progress(0.4 + 0.2 * k, f'tracking {plan.tracked:g} Hz: {name}')
+        progress((0.4, 0.55, 0.7)[k], f'tracking {plan.tracked:g} Hz: {name}')
         bag = folder / 'bags' / name.replace(' + ', '_and_').replace(' ', '_')
-        record = live.track(PRESET, tracking, bag, **settings)
+        learning = plan.learning_seconds if settings['attenuation'].get('enabled', True) else 0.0
+        tracking = live.Tracking(
+            frequency=plan.tracked,
+            amplitude=gain * plan.amplitude,
+            offset=found.values['offset'],
+            seconds=plan.tracking_seconds + learning,
+        )
+        with _advice():
+            record = live.track(PRESET, tracking, bag, **settings)
         runs.append(Run(name, record, _metrics(record, plan)))
         clock.lap(name)
     return Demo(plan, tuple(sweep), found, tuple(runs), clock.laps)
+
+
+@contextmanager
+def _advice() -> Iterator[None]:
+    try:
+        yield
+    except PiezoError as error:
+        raise PiezoError(
+            f'{error}; nothing was written: run the demo again, or that node alone to see why'
+        ) from error
 
 
 class _Clock:

@@ -142,18 +142,18 @@ def _errors(runs: Sequence[TrackingRun]) -> list[tuple[TrackingRun, FloatArray]]
 
 
 def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> Section:
-    record = runs[0].record
-    shown = round(_DRAWN_PERIODS / plan.tracked / record.dt)
-    tail = slice(len(record) - shown, None)
-    assert record.reference is not None
-    traces = [Curve('reference', record.time[tail], record.reference[tail])]
-    traces += [Curve(r.name, r.record.time[tail], r.record.displacement[tail]) for r in runs]
-    loops = [Curve('reference', record.reference[tail], record.reference[tail])]
-    loops += [
-        Curve(r.name, r.record.reference[tail], r.record.displacement[tail])
-        for r in runs
-        if r.record.reference is not None
-    ]
+    traces: list[Curve] = []
+    loops: list[Curve] = []
+    for run in runs:
+        record = run.record
+        assert record.reference is not None
+        tail = slice(-round(_DRAWN_PERIODS / plan.tracked / record.dt), None)
+        time, reference = record.time[tail] - record.time[tail][0], record.reference[tail]
+        if not traces:
+            traces.append(Curve('reference', time, reference))
+            loops.append(Curve('reference', reference, reference))
+        traces.append(Curve(run.name, time, record.displacement[tail]))
+        loops.append(Curve(run.name, reference, record.displacement[tail]))
     orders = list(runs[0].metrics.harmonics)
     rows = [
         (

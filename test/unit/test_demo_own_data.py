@@ -1,0 +1,121 @@
+"""The demo on a user's own record, and what it says where the record is of no use."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from piezo_hysteresis.cli.demo_results import replacing
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.errors import errors_of
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import load
+
+
+def write_record(path: Path, n: int = 3000, spoil=None) -> Path:
+    time = np.arange(n) * 1e-3
+    voltage = np.sin(2 * np.pi * 5 * time)
+    play = np.empty(n)
+    state = 0.0
+    for k, u in enumerate(voltage):
+        state = min(max(state, u - 0.2), u + 0.2)
+        play[k] = state
+    noise = 0.02 * np.random.default_rng(1).standard_normal(n)
+    rows = np.column_stack([time, voltage, 60 * voltage + 40 * play + noise])
+    if spoil is not None:
+        rows = spoil(rows)
+    np.savetxt(path, rows, '%.9g', ',', header='time_s,voltage_V,displacement_um', comments='')
+    return path
+
+
+def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
+    data = write_record(tmp_path / 'mine.csv')
+    out = tmp_path / 'out'
+    assert main(['demo', '--data', str(data), '--out', str(out)]) == 0
+    assert 'of its standard deviation' in capsys.readouterr().out
+    assert {p.name for p in out.iterdir()} == {
+        'model.yaml', 'params.yaml', 'report.html', 'summary.json',
+    }  # fmt: skip
+    summary = json.loads((out / 'summary.json').read_text())
+    saved = ModelFile.load(out / 'model.yaml')
+    late = float(saved.provenance.notes['sampling_offset_s'])
+    (row,) = errors_of(saved.model, saved.values, load([data]), late)
+    assert summary['records'][0]['nrmse_percent'] == pytest.approx(row.nrmse_percent)
+    assert row.nrmse_percent < 1.0
+    assert summary['choice'][0]['name'] == 'hysteresis'
+    ros = yaml.safe_load((out / 'params.yaml').read_text())['/**']['ros__parameters']
+    assert ros['model.name'] == summary['model']
+    report = (out / 'report.html').read_text()
+    assert re.search(r'<p class="verdict">[^<]*within [\d.]+ µm rms', report)
+
+
+def spoiled_by(index: int, value: float):
+    def spoil(rows):
+        rows[500, index] = value
+        return rows
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'words'),
+    [
+        (spoiled_by(1, np.nan), 'not numbers'),
+        (spoiled_by(0, 0.5004), 'rate|time|step'),
+        (lambda rows: rows[:0], 'empty|no samples|no rows|few'),
+        (lambda rows: np.column_stack([rows[:, 0], 0 * rows[:, 1], rows[:, 2]]), 'constant'),
+    ],
+    ids=['nan', 'uneven', 'empty', 'parked'],
+)  # fmt: skip
+def test_bad_records_give_one_line_and_leave_nothing(tmp_path, capsys, spoil, words):
+    data = write_record(tmp_path / 'bad.csv', spoil=spoil)
+    assert main(['demo', '--data', str(data), '--out', str(tmp_path / 'out')]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert told[0].startswith('error: ')
+    assert re.search(words, told[0])
+    assert [p.name for p in tmp_path.iterdir()] == ['bad.csv']
+
+
+def test_a_missing_file_is_named(tmp_path, capsys):
+    assert main(['demo', '--data', str(tmp_path / 'no.csv'), '--out', str(tmp_path / 'out')]) == 2
+    assert 'no.csv' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def fail_half_way(out: Path) -> None:
+    with replacing(out) as folder:
+        (folder / 'a').write_text('half')
+        raise KeyboardInterrupt
+
+
+def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path):
+    out = tmp_path / 'out'
+    out.mkdir()
+    (out / 'a').write_text('old')
+    (out / 'kept').write_text('kept')
+    (out / 'bags').mkdir()
+    (out / 'bags' / 'x').write_text('old')
+    with pytest.raises(KeyboardInterrupt):
+        fail_half_way(out)
+    assert (out / 'a').read_text() == 'old'
+    with replacing(out) as folder:
+        (folder / 'a').write_text('new')
+        (folder / 'bags').mkdir()
+        (folder / 'bags' / 'y').write_text('new')
+    assert (out / 'a').read_text() == 'new'
+    assert (out / 'kept').read_text() == 'kept'
+    assert [p.name for p in (out / 'bags').iterdir()] == ['y']
+    assert [p.name for p in tmp_path.iterdir()] == ['out']
+
+
+def test_a_file_in_the_way_is_named(tmp_path):
+    (tmp_path / 'out').write_text('x')
+    with pytest.raises(PiezoError, match='it is a file'), replacing(tmp_path / 'out'):
+        pass

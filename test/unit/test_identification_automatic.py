@@ -1,0 +1,54 @@
+"""The automatic choice keeps what held-out data confirm and leaves the rest out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.automatic import LADDER, choose_model
+from piezo_hysteresis.models import add_effect, described, named
+from piezo_hysteresis.records import Record
+
+DT = 1e-3
+VALUES = {'A1': 1.6e-4, 'A': 3e-5, 'A0': -4e-6, 'beta': 1.2, 'gamma': 0.2, 'offset': 2e-6}
+
+
+def record(effect: str | None, noise: float = 2e-8) -> Record:
+    """Simulate two tones, with one effect or none besides the hysteresis."""
+    model, values = named('modified'), dict(VALUES)
+    if effect is not None:
+        candidate = add_effect(model, described(effect)[0])
+        model, values = candidate.model, candidate.values(values, candidate.starts[0])
+        if effect == 'creep':
+            values |= {'creep_share': 0.15, 'creep_time': 0.4}
+    time = np.arange(4000) * DT
+    voltage = 0.7 * np.sin(2 * np.pi * 3 * time) + 0.3 * np.sin(2 * np.pi * 7.3 * time)
+    clean = model.respond(voltage, model.pack(values), DT)
+    scatter = noise * np.random.default_rng(4).standard_normal(time.size)
+    return Record('a', DT, voltage, clean + scatter)
+
+
+def test_creep_is_found_where_it_is():
+    choice = choose_model([record('creep')])
+    kept = [step.name for step in choice.steps if step.kept]
+    assert 'creep' in kept
+    by_name = {step.name: step for step in choice.steps}
+    assert by_name['creep'].held_out_rms == pytest.approx(2e-8, rel=0.1)
+    assert by_name['hysteresis'].held_out_rms > 10 * by_name['creep'].held_out_rms
+    assert choice.start['creep_share'] == pytest.approx(0.15, rel=0.05)
+    assert choice.start['creep_time'] == pytest.approx(0.4, rel=0.05)
+
+
+def test_nothing_is_added_where_nothing_is_missing():
+    told: list[str] = []
+    choice = choose_model([record(None)], lambda fraction, words: told.append(words))
+    assert [step.name for step in choice.steps if step.kept] == ['hysteresis']
+    assert choice.model.name == 'modified'
+    assert told == ['hysteresis', *LADDER]
+
+
+def test_useless_records_are_refused():
+    flat = Record('flat', DT, np.zeros(500), 1e-9 * np.arange(500))
+    with pytest.raises(IdentificationError, match='constant'):
+        choose_model([flat])

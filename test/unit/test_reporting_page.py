@@ -1,0 +1,221 @@
+"""The report: self-contained, honest about what it was given, whole or not at all."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.reporting.page import Section, Table, render, table, write_report
+from piezo_hysteresis.reporting.plots import (
+    PALETTE,
+    Curve,
+    bars_before_after,
+    loop_figure,
+    spectrum_figure,
+    trace_figure,
+    xy_figure,
+)
+from piezo_hysteresis.reporting.signals import amplitude_spectrum, last_periods, thinned
+from piezo_hysteresis.reporting.units import micrometres, shown, with_deviation
+
+TIME = np.arange(2000) * 1e-3
+SINE = 5e-5 * np.sin(2 * np.pi * 7 * TIME)
+
+
+class Page(HTMLParser):
+    """Collects what a browser would fetch, the text it shows and the tags it opens."""
+
+    FETCHING = frozenset({'src', 'href', 'srcset', 'poster', 'action', 'data', 'background'})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.tags: list[str] = []
+        self.open: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag not in ('meta', 'link', 'img', 'br'):
+            self.open.append(tag)
+        self.fetched += [value for name, value in attrs if name in self.FETCHING]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ('script', 'style'):
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return ' '.join(' '.join(self.words).split())
+
+
+def every_figure():
+    return (
+        loop_figure([Curve('measured', SINE, SINE), Curve('model', SINE, SINE)], 'loop', 'a', 'V'),
+        trace_figure([Curve('error', TIME, SINE)], 'trace', 'b'),
+        spectrum_figure([('x', SINE)], 1e-3, 's', 'c', fundamental=7.0, marks={'mode': 68.0}),
+        bars_before_after([1.0, 23.0], [1e-6, 4e-5], [2e-8, 3e-8], 2e-8, caption='d'),
+        xy_figure([Curve('e', np.array([1.0, 9.0]), np.array([1e-6, 2e-6]))], 't', 'e', 'x', 'y',
+                  log_y=True, floor=2e-8),
+    )  # fmt: skip
+
+
+def test_a_page_fetches_nothing_and_is_well_formed():
+    text = render('Title', 'It works.', [Section('One', 'Some text.', every_figure())])
+    page = Page(text)
+    assert page.fetched == []
+    assert page.open == []
+    assert '@import' not in text
+    assert 'url(http' not in text
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy
+    assert "default-src 'none'" in policy.group(1)
+    assert 'http' not in policy.group(1)
+
+
+def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place():
+    sections = [Section('First part', '', every_figure()), Section('Second part', 'End.')]
+    text = render('Title', 'The verdict.', sections)
+    shown_text = Page(text).text
+    places = [shown_text.index(w) for w in ('The verdict.', 'First part', 'Second part')]
+    assert places == sorted(places)
+    roots = re.findall(r'data-root-id="([^"]+)"', text)
+    assert len(roots) == len(set(roots)) == len(every_figure())
+    assert text.count('<figcaption>') == len(every_figure())
+
+
+def test_a_page_without_plots_carries_no_library():
+    text = render('Title', 'Fine.', [Section('One', 'Words.', (), (table(['a'], [[1]]),))])
+    assert len(text) < 20_000
+
+
+def test_words_of_a_user_stay_words():
+    name = '<script>alert(1)</script>&"'
+    rows = table([name], [[name]], name)
+    figure = trace_figure([Curve('</script><b>', TIME, SINE)], name, name)
+    text = render(name, name, [Section(name, f'{name}\n\n- {name}', (figure,), (rows,))])
+    page = Page(text)
+    assert page.open == []
+    assert 'b' not in page.tags
+    assert page.text.count('alert(1)') >= 6
+
+
+def test_prose_has_paragraphs_lists_and_typed_words():
+    text = render('t', 'v', [Section('s', 'One `word`.\n\n- a\n- b\n\nTwo\nlines.')])
+    assert '<p>One <code>word</code>.</p>' in text
+    assert '<ul><li>a</li><li>b</li></ul>' in text
+    assert '<p>Two lines.</p>' in text
+
+
+def test_tables_say_what_is_not_known_and_refuse_ragged_rows():
+    rows = table(['a', 'b', 'c'], [[1.23456789, None, True], [float('nan'), 'x', 3]]).rows
+    assert rows == (('1.235', '–', 'yes'), ('–', 'x', '3'))
+    with pytest.raises(ValueError, match='1 cells under 2 headers'):
+        Table(('a', 'b'), (('x',),))
+
+
+def test_a_report_is_written_whole_or_not_at_all(tmp_path):
+    target = tmp_path / 'deep' / 'report.html'
+    write_report(target, 't', 'v', [Section('s')])
+    assert target.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
+    assert [p.name for p in target.parent.iterdir()] == ['report.html']
+    blocked = tmp_path / 'file'
+    blocked.write_text('x')
+    with pytest.raises(PiezoError, match='name another folder'):
+        write_report(blocked / 'report.html', 't', 'v', [])
+
+
+def axis_labels(plot):
+    return plot.figure.xaxis[0].axis_label, plot.figure.yaxis[0].axis_label
+
+
+def test_axes_carry_units_and_displacements_are_drawn_in_micrometres():
+    loop, trace, spectrum, bars, _ = every_figure()
+    assert axis_labels(loop) == ('voltage [V]', 'displacement [µm]')
+    assert axis_labels(trace) == ('time [s]', 'displacement [µm]')
+    assert axis_labels(spectrum) == ('frequency [Hz]', 'amplitude [µm]')
+    assert axis_labels(bars)[1] == 'rms error [µm]'
+    data = trace.figure.renderers[0].data_source.data
+    np.testing.assert_allclose(np.max(data['y']), 50.0, rtol=1e-3)
+    for plot in every_figure():
+        assert plot.figure.sizing_mode == 'stretch_width'
+
+
+def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside():
+    plot = bars_before_after([1.0, 23.0], [1e-6, 4e-5], [2e-8, float('nan')], 1e-8).figure
+    tops = [list(r.data_source.data['top']) for r in plot.renderers]
+    assert tops[0] == pytest.approx([1.0, 40.0])
+    assert tops[1][0] == pytest.approx(0.02)
+    assert tops[1][1] == plot.y_range.start  # what is not known has no height
+    assert plot.y_range.start < 0.01 < plot.y_range.end
+
+
+def test_the_palette_is_told_apart_in_grey():
+    def lightness(colour):
+        r, g, b = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+        return 0.2126 * r**2.2 + 0.7152 * g**2.2 + 0.0722 * b**2.2
+
+    first = [lightness(colour) for colour in PALETTE[:2]]
+    assert abs(first[0] - first[1]) > 0.05
+    assert len(set(PALETTE)) == len(PALETTE)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=3000),
+    st.integers(min_value=4, max_value=500),
+)
+def test_thinning_keeps_the_extremes_in_order(values, points):
+    y = np.array(values)
+    x = np.arange(y.size, dtype=float)
+    xs, ys = thinned(x, y, points)
+    assert ys.size <= max(points, 4) or ys.size == y.size <= points
+    assert (ys.max(), ys.min()) == (y.max(), y.min())
+    assert (xs[0], xs[-1]) == (x[0], x[-1])
+    assert np.all(np.diff(xs) > 0)
+    np.testing.assert_array_equal(ys, y[xs.astype(int)])
+
+
+def test_a_single_spike_survives_thinning():
+    y = np.zeros(1_000_000)
+    y[123_456] = 1.0
+    xs, ys = thinned(np.arange(y.size, dtype=float), y)
+    assert xs[np.argmax(ys)] == 123_456
+
+
+@pytest.mark.parametrize('offset', [0.0, 1e3])
+def test_a_spectrum_reads_the_amplitude_of_a_sine(offset):
+    frequency, amplitude = amplitude_spectrum(offset + 3 * np.sin(2 * np.pi * 50 * TIME), 1e-3)
+    assert frequency[np.argmax(amplitude)] == pytest.approx(50.0)
+    assert amplitude.max() == pytest.approx(3.0, rel=1e-9)
+    assert np.max(amplitude[frequency > 60]) < 1e-9 * max(offset, 1.0)
+    assert amplitude[0] < 1e-9 * max(offset, 1.0)
+
+
+def test_last_periods():
+    assert last_periods(1000, 10.0, 1e-3, 2) == slice(799, 1000)
+    assert last_periods(1000, 0.0, 1e-3, 2, warm_up=100) == slice(100, 1000)
+    assert last_periods(1000, 10.0, 1e-3, 20, warm_up=100) == slice(100, 1000)
+
+
+def test_numbers_as_people_read_them():
+    assert shown('m/V') == ('µm/V', 1e6)
+    assert shown('1/m^2') == ('1/µm²', 1e-12)
+    assert shown('Hz') == ('Hz', 1.0)
+    assert micrometres(4.32064e-5) == '43.2'
+    assert micrometres(float('nan')) == micrometres(None) == '–'
+    assert with_deviation(203.66, 18.0) == ('204', '18')
+    assert with_deviation(67.968467, 0.0411) == ('67.968', '0.041')
+    assert with_deviation(0.0, None) == ('0', 'held')
+    assert with_deviation(1.0, float('inf'))[1] == 'not determined'
+    assert with_deviation(0.001, 5.0) == ('0.001', '5')

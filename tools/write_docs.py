@@ -1,0 +1,246 @@
+"""Write docs/nodes.md from the parameter tables: ``python tools/write_docs.py [--check]``.
+
+With --check nothing is written; the exit code is 1 where the page is out of date.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from piezo_hysteresis.nodes import tables
+from piezo_ros_common import topics
+from piezo_ros_common.table import ParameterSpec, ParameterTable
+from piezo_sim.nodes.tables import simulator_table
+
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
+
+# Types of the words the nodes exchange; the rest is std_srvs and diagnostic_msgs.
+TYPES = {
+    topics.STATE: 'piezo_interfaces/msg/ActuatorState',
+    topics.REFERENCE: 'piezo_interfaces/msg/Reference',
+    topics.VOLTAGE_FEEDFORWARD: 'piezo_interfaces/msg/VoltageCommand',
+    topics.VOLTAGE_COMMAND: 'piezo_interfaces/msg/VoltageCommand',
+    topics.ESTIMATE: 'piezo_interfaces/msg/ModelEstimate',
+    topics.HARMONICS: 'piezo_interfaces/msg/HarmonicState',
+    topics.GAP: 'piezo_interfaces/msg/Gap',
+    topics.MARKER: 'piezo_interfaces/msg/RecordMarker',
+    topics.LOOP_STATUS: 'piezo_interfaces/msg/LoopStatus',
+    '~/status': 'piezo_interfaces/msg/LoopStatus',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    '/clock': 'rosgraph_msgs/msg/Clock',
+}
+
+
+@dataclass(frozen=True)
+class NodePage:
+    """What the page tells about one node.
+
+    Attributes
+    ----------
+    package, executable : str
+        As for ``ros2 run``.
+    does : str
+        One or two sentences.
+    table : ParameterTable
+        Its parameters.
+    subscribes, publishes, services, actions : tuple of str
+        Relative names.
+    managed : bool
+        Whether it is a lifecycle node.
+    model : bool
+        Whether it also has the parameters of the loaded model.
+    """
+
+    package: str
+    executable: str
+    does: str
+    table: ParameterTable
+    subscribes: tuple[str, ...] = ()
+    publishes: tuple[str, ...] = ()
+    services: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    managed: bool = False
+    model: bool = False
+
+
+NODES = (
+    NodePage(
+        'piezo_sim',
+        'simulator',
+        'Stands in for the actuator, its amplifier and its sensor. Every effect of the plant has '
+        'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '
+        '[simulator.md](simulator.md).',
+        simulator_table(),
+        subscribes=(topics.VOLTAGE_COMMAND,),
+        publishes=(topics.STATE, topics.LOOP_STATUS),
+        services=('~/load_preset', '~/reset', '~/inject_fault'),
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'excitation',
+        'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
+        'runs sweeps, one record per frequency and amplitude.',
+        tables.EXCITATION,
+        subscribes=(topics.STATE, topics.LOOP_STATUS),
+        publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER),
+        actions=('run_sweep',),
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'feedforward',
+        'First link of the voltage chain: the voltage that the loaded model says the reference '
+        'takes. Without a model it divides by `gain`, which is no compensation.',
+        tables.FEEDFORWARD,
+        subscribes=(topics.REFERENCE, topics.ESTIMATE),
+        publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status'),
+        services=('~/load_model', '~/use_estimate'),
+        managed=True,
+        model=True,
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'attenuation',
+        'Second link of the voltage chain: takes harmonics of the tracking error off.',
+        tables.ATTENUATION,
+        subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
+        publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status'),
+        managed=True,
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'identification',
+        'Estimates the parameters of the extended model online by recursive least squares.',
+        tables.IDENTIFICATION,
+        subscribes=(topics.STATE, topics.MARKER),
+        publishes=(topics.ESTIMATE, '~/status'),
+        services=('~/reset',),
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'gap_monitor',
+        'Runs the loaded model beside the actuator and says how far apart they are, in multiples '
+        'of the noise floor and by harmonic.',
+        tables.GAP_MONITOR,
+        subscribes=(topics.STATE,),
+        publishes=(topics.GAP, '/diagnostics'),
+        services=('~/load_model', '~/reset'),
+        model=True,
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'discovery',
+        'Finds what a model misses in recorded data, as the verb `discover` does, with feedback.',
+        tables.DISCOVERY,
+        actions=('discover',),
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'recorder',
+        'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill.',
+        tables.RECORDER,
+        subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
+        publishes=('~/status',),
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'player',
+        'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
+        'bag.',
+        tables.PLAYER,
+    ),
+)
+
+HEAD = """# Nodes: topics and parameters
+
+This page is written by `python tools/write_docs.py` from the tables that the nodes themselves
+declare and check their parameters with; a test holds it to them.
+
+All names are relative: put the nodes into a namespace or remap them as usual. `~/` stands for the
+name of the node. Units are SI throughout. A value outside its range is refused with the reason;
+an integer is taken for a float. The loop runs at the pace of `actuator/state`: nothing is computed
+from the wall clock.
+"""
+
+MODEL = """
+The loaded model appears as `model.name`, `model.chain`, `model.held`, `model.noise_floor` and one
+parameter `model.NAME` for each of its own ([models.md](models.md)). All can be set while the node
+runs, and `params.yaml` of `identify` and `discover` loads with `ros2 param load`.
+"""
+
+
+def page() -> str:
+    """Return the text of docs/nodes.md."""
+    return '\n'.join([HEAD, *(_node(node) for node in NODES)])
+
+
+def _node(node: NodePage) -> str:
+    lines = [f'## {node.executable}', '', node.does, '']
+    lines += [f'`ros2 run {node.package} {node.executable}`', '']
+    for words, names in (
+        ('subscribes to', node.subscribes),
+        ('publishes', node.publishes),
+        ('services', node.services),
+        ('actions', node.actions),
+    ):
+        if names:
+            lines.append(f'- {words} ' + ', '.join(_name(name) for name in names))
+    if node.managed:
+        lines.append('- managed (lifecycle) node: while inactive its share is zero')
+    if node.model:
+        lines.append(MODEL.rstrip())
+    return '\n'.join([*lines, '', *_parameters(node.table), ''])
+
+
+def _parameters(table: ParameterTable) -> list[str]:
+    head = '| parameter | default | range | unit | tunable | what it is |'
+    lines = [head, '|---|---|---|---|---|---|']
+    for spec in table.specs:
+        unit = '' if spec.unit == '1' else spec.unit
+        cells = (
+            f'`{spec.name}`',
+            _default(spec.default),
+            _range(spec),
+            unit,
+            'no' if spec.read_only else 'yes',
+            spec.description,
+        )
+        lines.append(f'| {" | ".join(cells)} |')
+    return lines
+
+
+def _default(value: object) -> str:
+    if isinstance(value, bool):
+        return f'`{str(value).lower()}`'
+    return '' if value in ('', ['']) else f'`{value}`'
+
+
+def _range(spec: ParameterSpec) -> str:
+    if isinstance(spec.default, bool):
+        return 'true, false'
+    if spec.choices:
+        return ', '.join(spec.choices)
+    if isinstance(spec.default, str) or spec.default == ['']:
+        return ''
+    return spec.range_text().removesuffix(spec.unit).strip()
+
+
+def _name(name: str) -> str:
+    return f'`{name}` ({TYPES[name].split("/")[-1]})' if name in TYPES else f'`{name}`'
+
+
+def main() -> int:
+    """Write or check the page."""
+    text = page()
+    if '--check' in sys.argv[1:]:
+        if PAGE.is_file() and PAGE.read_text(encoding='utf-8') == text:
+            return 0
+        print(f'{PAGE.name} is out of date: run python tools/write_docs.py', file=sys.stderr)
+        return 1
+    PAGE.write_text(text, encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
