@@ -48,7 +48,13 @@ def _working_events_executor() -> Executor | None:
 
 def _ticks(executor: Executor) -> bool:
     """Tell whether `executor` runs a timer at all (a self-test at start, some milliseconds)."""
-    probe = Node('executor_probe', enable_rosout=False, start_parameter_services=False)
+    # Without the arguments of the process: they would give the probe the name of the node.
+    probe = Node(
+        'executor_probe',
+        enable_rosout=False,
+        start_parameter_services=False,
+        use_global_arguments=False,
+    )
     ticked = Future()
     timer = probe.create_timer(0.001, lambda: ticked.done() or ticked.set_result(True))
     executor.add_node(probe)
@@ -76,17 +82,16 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
     """Run one node as a process: start, spin, and stop without a traceback on any signal.
 
     A node may have ``stop`` (a Future that ends it), ``exit_code`` and ``close()`` (called before
-    it is destroyed, to leave hardware safe).
+    it is destroyed, when nothing can be published any more).
 
     Returns
     -------
     int
         Exit code of the process.
     """
-    rclpy.init(args=list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
-    signal.signal(signal.SIGTERM, _terminate)
     node: Node | None = None
     try:
+        _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
         node = create()
         choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
         spin(node, choice, getattr(node, 'stop', None))
@@ -94,13 +99,21 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
         pass
     except SystemExit as wanted:
         return int(wanted.code or 0)
+    except Exception:
+        if rclpy.ok():  # else something was under way when the signal came
+            raise
     finally:
         _close(node)
     return int(getattr(node, 'exit_code', 0))
 
 
-def _terminate(*_: object) -> None:
-    raise KeyboardInterrupt
+def _init(words: list[str]) -> None:
+    try:
+        rclpy.init(args=words)
+    except Exception as error:  # rclpy does not export the class of this error
+        reason = ' '.join(str(error).split())
+        print(f'error: {reason} (mend the arguments or the parameter file)', file=sys.stderr)
+        raise SystemExit(2) from None
 
 
 def _close(node: Node | None) -> None:
@@ -109,7 +122,7 @@ def _close(node: Node | None) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     if node is not None:
         close = getattr(node, 'close', None)
-        if close is not None and rclpy.ok():
+        if close is not None:
             close()
         node.destroy_node()
     rclpy.try_shutdown()

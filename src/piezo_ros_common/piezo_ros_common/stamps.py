@@ -10,6 +10,11 @@ def stamp_into(stamp: Time, nanoseconds: int) -> None:
     stamp.sec, stamp.nanosec = divmod(nanoseconds, NANOSECONDS)
 
 
+def nanoseconds_of(stamp: Time) -> int:
+    """Return the nanoseconds since the epoch that `stamp` says."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
 def tick_nanoseconds(sample: int, rate: float) -> int:
     """Return the time of tick `sample` at `rate` [Hz], in nanoseconds from tick 0."""
     return round(sample * NANOSECONDS / rate)

@@ -122,13 +122,18 @@ def run_online(
             if progress is not None:
                 progress(done / total, f'prediction error {1e6 * history[-1]:.4g} um')
     after = recursion.estimate()
+    at_rest = settled(before, after)
+    if not at_rest:
+        said = (*said, 'the estimates still drift at the end: record longer, or use output_error.')
+    return recursion, (*said, *after.notes), at_rest, tuple(history)
+
+
+def settled(before: Estimate, after: Estimate) -> bool:
+    """Return whether an estimate stood still, within its scatter or a hundredth of its values."""
     moved = np.abs(after.values - before.values)
-    settled = bool(
+    return bool(
         np.all(moved <= np.maximum(3 * after.standard_deviations, 0.01 * np.abs(after.values)))
     )
-    if not settled:
-        said = (*said, 'the estimates still drift at the end: record longer, or use output_error.')
-    return recursion, (*said, *after.notes), settled, tuple(history)
 
 
 def _papers(

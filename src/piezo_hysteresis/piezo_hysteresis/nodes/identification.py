@@ -1,4 +1,4 @@
-"""Online identification by the papers' recursive least squares."""
+"""Online identification: the papers' recursive least squares, or the well-posed recursions."""
 
 from __future__ import annotations
 
@@ -8,22 +8,30 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
+from piezo_hysteresis.identification.online import OnlineMethod
+from piezo_hysteresis.nodes.identification_plan import (
+    SETTINGS,
+    Course,
+    Edge,
+    forgetting_of,
+    new_method,
+)
 from piezo_hysteresis.nodes.messages import estimate_into
+from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.nodes.tables import IDENTIFICATION
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
+from piezo_interfaces.srv import SaveModel
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
+from piezo_ros_common.stamps import nanoseconds_of
 from piezo_ros_common.table import Value
+from piezo_ros_common.timers import wall_timer
 
-# Parameters that need a new start of the recursion when they change.
-_SETTINGS = ('variant', 'offset', 'harmonic', 'frequency', 'forgetting', 'unit')
-
-
-# Samples between two messages that tell a player how far the node is.
+# Samples, and seconds, between two messages that tell a player how far the node is.
 CONFIRM_EVERY = 64
+CONFIRM_AFTER = 0.05
 
 
 class Identification(Node):
@@ -31,76 +39,97 @@ class Identification(Node):
 
     def __init__(self) -> None:
         super().__init__('identification')
-        self._last_sample = -1
+        self._received = 0
+        self._marked = 0
         self._taken = 0
         self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
-        self._rls = OnlineRls(self._settings({}))
-        self._warm_up()
+        value = self._params
+        self._course = Course(self._new_method(), value.number('rate'), value.flag('only_records'))
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
-        self._status = LoopStatus(names='taken', counts=[0])
-        self._status_publisher = self.create_publisher(LoopStatus, '~/status', LOOP)
+        self._status = LoopStatus(names='taken,marked', counts=[0, 0])
+        self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
+        self._status_publisher.publish(self._status)
         # Before the states: a marker that waits beside them is taken first.
         self.create_subscription(RecordMarker, topics.MARKER, self._on_marker, LOOP)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SaveModel, '~/save', self._on_save)
+        wall_timer(self, CONFIRM_AFTER, self._confirm)
 
-    def _warm_up(self) -> None:
-        """Compile the recursion before the first sample comes."""
-        spare = OnlineRls(self._rls.settings)
+    def _new_method(self) -> OnlineMethod:
+        """Return the method, compiled before it gets its first sample."""
+        spare = new_method(self._params.values)
         spare.update(0.0, 0.0)
         spare.estimate()
+        return new_method(self._params.values)
 
     def _on_state(self, message: ActuatorState) -> None:
-        self._taken += 1
-        if self._taken % CONFIRM_EVERY == 0:
+        self._received += 1
+        if self._received % CONFIRM_EVERY == 0:
             self._confirm()
-        if message.sample <= self._last_sample:
-            return
-        self._last_sample = message.sample
-        self._rls.update(message.voltage, message.displacement)
-        if (message.sample + 1) % self._params.integer('publish_every') == 0:
+        taken = self._course.take(
+            message.sample,
+            nanoseconds_of(message.header.stamp),
+            message.voltage,
+            message.displacement,
+        )
+        self._taken += taken
+        if taken and self._taken % self._params.integer('publish_every') == 0:
             self._publish(message)
 
     def _on_marker(self, message: RecordMarker) -> None:
-        self._last_sample = -1  # the next record may count its samples anew
+        self._marked += 1
+        self._course.mark(Edge(nanoseconds_of(message.header.stamp), message.record))
         self._confirm()
 
     def _confirm(self) -> None:
-        self._status.counts = [self._taken]
-        self._status_publisher.publish(self._status)
+        """Tell a player how far this node is, where it has got on."""
+        counts = [self._received, self._marked]
+        if list(self._status.counts) != counts:
+            self._status.counts = counts
+            self._status_publisher.publish(self._status)
 
     def _publish(self, state: ActuatorState) -> None:
+        estimate = self._course.method.estimate()
         message = self._message
         message.header = state.header
         message.sample = state.sample
-        message.method = 'rls'
-        estimate_into(self._rls.estimate(), message)
-        message.free_run_rms = float('nan')
+        message.method = self._params.text('method')
+        estimate_into(estimate, message)
+        message.free_run_rms = self._course.free_run_rms(estimate)
+        message.converged = self._course.settled(estimate)
         self._publisher.publish(message)
 
-    def _settings(self, changes: dict[str, Value]) -> RlsSettings:
-        known = self._params.values if hasattr(self, '_params') else {}
-        chosen = {name: changes.get(name, known.get(name)) for name in _SETTINGS}
-        rate = changes.get('rate', known.get('rate'))
-        return RlsSettings(**chosen, dt=1.0 / float(rate))  # type: ignore[arg-type]
-
     def _refuse(self, changes: dict[str, Value]) -> str:
+        known = self._params.values if hasattr(self, '_params') else {}
         try:
-            self._settings(changes)
+            new_method({**known, **changes})
         except PiezoError as error:
             return str(error)
         return ''
 
     def _apply(self, changes: dict[str, Value]) -> None:
-        if set(changes) == {'forgetting'}:
-            self._rls.forgetting = self._params.number('forgetting')
-        elif not changes.keys().isdisjoint(_SETTINGS):
-            self._rls = OnlineRls(self._settings({}))
+        self._course.only_records = self._params.flag('only_records')
+        if not changes.keys().isdisjoint(SETTINGS):
+            self._course.change(self._new_method())
+        elif 'forgetting' in changes:
+            self._course.method.forgetting = forgetting_of(self._params.values)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._rls.reset()
+        self._course.reset()
         response.success, response.message = True, 'the estimation starts anew'
+        return response
+
+    def _on_save(
+        self, request: SaveModel.Request, response: SaveModel.Response
+    ) -> SaveModel.Response:
+        try:
+            path = inside(self._params.text('model_folder'), request.path)
+            self._course.model_file(f'{self._params.text("method")}, online').save(path)
+            response.success, response.message = True, f'saved as {path}'
+        except PiezoError as error:
+            response.success, response.message = False, str(error)
         return response
 
 

@@ -15,10 +15,12 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.listeners import Listeners
 from piezo_hysteresis.nodes.message_types import message_type
 from piezo_hysteresis.nodes.tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
-from piezo_interfaces.msg import LoopStatus
+from piezo_hysteresis.records.storage import Topic
+from piezo_interfaces.msg import RecordMarker
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
@@ -42,21 +44,16 @@ class PlayerNode(Node):
         self.exit_code = 0
         self._params = NodeParameters(self, PLAYER, lambda _: None)
         self._lock_step = self._params.flag('lock_step')
-        self._taken: dict[str, int] = {}
-        self._progress = threading.Condition()
-        self._listeners: list[str] = []
         try:
             self._player = self._open()
+            self._topics = {name: self._publisher(t) for name, t in self._player.topics.items()}
         except PiezoError as error:
             self.get_logger().fatal(str(error))
             raise SystemExit(2) from None
-        self._topics = {
-            name: self.create_publisher(message_type(topic.msgtype), name, LOOP)
-            for name, topic in self._player.topics.items()
-        }
         self._clock_publisher = None
         if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
+        self._listeners: Listeners | None = None
         self._thread = threading.Thread(target=self._play, name='player', daemon=True)
         self._thread.start()
 
@@ -73,86 +70,74 @@ class PlayerNode(Node):
             salvage=self._params.flag('salvage'),
         )
 
+    def _publisher(self, topic: Topic) -> Any:
+        latched = 'transient_local' in topic.qos
+        return self.create_publisher(
+            message_type(topic.msgtype), topic.name, LATCHED if latched else LOOP
+        )
+
     # --- playing, in a thread of its own -------------------------------------------------------
 
     def _play(self) -> None:
         try:
-            self._wait_for_listeners()
+            self._prepare()
             sent = 0
             for played in self._player:
                 sent = self._send(played, sent)
-            self._wait_until_taken(sent, 0)
+            if self._listeners is not None:
+                self._listeners.wait_taken(sent)
             self.get_logger().info(f'played {sent} samples')
         except PiezoError as error:
             self.get_logger().error(str(error))
             self.exit_code = 2
+        except Exception:
+            if self.context.ok():  # else the node is being stopped
+                raise
         finally:
             if not self.stop.done():
                 self.stop.set_result(True)
 
+    def _prepare(self) -> None:
+        """Wait for whoever listens; in lock-step also until all of them are at the start."""
+        if not self._lock_step:
+            end = time.monotonic() + self._params.number('wait')
+            while time.monotonic() < end and not any(
+                publisher.get_subscription_count() for publisher in self._topics.values()
+            ):
+                time.sleep(0.02)
+            return
+        state = next((name for name in self._topics if name.endswith(topics.STATE)), None)
+        if state is None:
+            raise PiezoError(f'lock-step needs {topics.STATE}, which is not played')
+        self._listeners = Listeners(self, state, lambda: self._params.number('wait'))
+        self._listeners.find()
+        # What lies in front of the first marker of the bag belongs to no record.
+        marker = state.removesuffix(topics.STATE) + topics.MARKER
+        marked = marker in self._topics
+        if not marked:
+            self._topics[marker] = self.create_publisher(RecordMarker, marker, LOOP)
+        first = RecordMarker(record='' if marked else 'all')
+        self._listeners.wait_matched([self._topics[state], self._topics[marker]])
+        self._listeners.wait_marked(lambda: self._topics[marker].publish(first))
+        self._listeners.begin()
+
     def _send(self, played: Played, sent: int) -> int:
         name = played.topic.name
         is_state = name.endswith(topics.STATE)
-        if self._lock_step and name.endswith(topics.MARKER):
-            self._wait_until_taken(sent, 0)
-        elif self._lock_step and is_state:
-            self._wait_until_taken(sent, WINDOW)
-        self._topics[name].publish(played.payload)
-        if name.endswith(topics.MARKER):
-            self._topics[name].wait_for_all_acked()
+        publish = self._topics[name].publish
+        if self._listeners is None:
+            publish(played.payload)
+        elif name.endswith(topics.MARKER):
+            self._listeners.wait_taken(sent)
+            self._listeners.wait_marked(lambda: publish(played.payload))
+        else:
+            self._listeners.wait_taken(sent, WINDOW)
+            publish(played.payload)
         if self._clock_publisher is not None:
             clock = Clock()
             stamp_into(clock.clock, played.log_time)
             self._clock_publisher.publish(clock)
         return sent + is_state
-
-    def _wait_for_listeners(self) -> None:
-        """Wait until somebody listens, and find out who reports progress."""
-        end = time.monotonic() + self._params.number('wait')
-        while not any(p.get_subscription_count() for p in self._topics.values()):
-            if time.monotonic() > end:
-                break
-            time.sleep(0.02)
-        if not self._lock_step:
-            return
-        state = next((name for name in self._topics if name.endswith(topics.STATE)), None)
-        infos: list[Any] = self.get_subscriptions_info_by_topic(state) if state else []
-        for info in infos:
-            node = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-            status = f'{node}/status'
-            if any(name == status for name, _ in self.get_topic_names_and_types()):
-                self._listeners.append(node)
-                self.create_subscription(LoopStatus, status, self._noted(node), LATCHED)
-        if state and not self._listeners:
-            raise PiezoError(
-                'lock-step needs a listener that reports how far it is: start the identification '
-                'node first, or play without --lock-step'
-            )
-
-    def _noted(self, node: str) -> Any:
-        def on_status(message: LoopStatus) -> None:
-            with self._progress:
-                counts = dict(zip(message.names.split(','), message.counts, strict=False))
-                self._taken[node] = counts.get('taken', 0)
-                self._progress.notify_all()
-
-        return on_status
-
-    def _wait_until_taken(self, sent: int, window: int) -> None:
-        if not self._lock_step:
-            return
-        patience = self._params.number('wait')
-        with self._progress:
-            done = self._progress.wait_for(
-                lambda: all(sent - self._taken.get(n, 0) <= window for n in self._listeners),
-                timeout=patience,
-            )
-        if not done:
-            behind = [n for n in self._listeners if sent - self._taken.get(n, 0) > window]
-            raise PiezoError(
-                f'{", ".join(behind)} did not take sample {sent} within {patience:g} s: it died '
-                'or started before; restart it and play again'
-            )
 
     def close(self) -> None:
         """Stop playing."""

@@ -21,6 +21,7 @@ from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
+from piezo_ros_common.timers import wall_timer
 
 # What is recorded where nothing is asked for.
 DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)
@@ -49,8 +50,8 @@ class RecorderNode(Node):
         self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
         self._subscribe_ahead()
         self._look()
-        self.create_timer(0.1, self._look)
-        self.create_timer(1.0, self._report)
+        wall_timer(self, 0.1, self._look)
+        wall_timer(self, 1.0, self._report)
 
     def _give_up(self, reason: str) -> None:
         self.get_logger().fatal(reason)

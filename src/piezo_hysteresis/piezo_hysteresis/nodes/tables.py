@@ -121,32 +121,89 @@ ATTENUATION = ParameterTable(
     rules=(_range_rule,),
 )
 
+MODEL_FOLDER = ParameterSpec(
+    'model_folder',
+    '',
+    'Folder inside which services read and write models; empty is the working folder.',
+    read_only=True,
+)
+
 IDENTIFICATION = ParameterTable(
     (
         RATE,
         ParameterSpec(
-            'variant',
-            'V1',
-            'Form of the recursion: V1 is 000 (3), V0 is 000 (10), V2 is 001 (10) as printed.',
-            choices=('V0', 'V1', 'V2'),
-        ),
-        ParameterSpec('offset', True, 'Estimate a constant offset too.'),
-        ParameterSpec('harmonic', 0, 'Exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
-        ParameterSpec('frequency', 0.0, 'Fundamental, for the harmonic.', 'Hz', 0.0, 1e4),
-        ParameterSpec(
-            'forgetting', 1.0, 'Forgetting factor; 1 forgets nothing.', '1', above=0.5, high=1.0
+            'method',
+            'rls',
+            'rls is 000 (8)-(12); rls_ud and pi_bank are well-posed: Bouc-Wen or a play bank.',
+            choices=('rls', 'rls_ud', 'pi_bank'),
         ),
         ParameterSpec(
-            'unit',
-            'mm',
-            'Unit the recursion works in; with P0 = I it matters.',
-            choices=('m', 'mm', 'um', 'nm'),
+            'forgetting',
+            0.0,
+            "Forgetting factor; 1 forgets nothing, 0 takes the method's own.",
+            '1',
+            0.0,
+            1.0,
         ),
         ParameterSpec(
             'publish_every', 500, 'Samples between two estimates.', '1', low=1, high=1000000
         ),
+        ParameterSpec('only_records', True, 'Leave out what lies between the records of a sweep.'),
+        MODEL_FOLDER,
         ParameterSpec(
-            'model_folder', '', 'Folder that ~/save may write to; empty is the working folder.'
+            'variant',
+            'V1',
+            'rls: V1 is 000 (3), V0 is 000 (10), V2 is 001 (10) as printed.',
+            choices=('V0', 'V1', 'V2'),
+        ),
+        ParameterSpec('offset', True, 'rls: estimate a constant offset too.'),
+        ParameterSpec('harmonic', 0, 'rls: exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
+        ParameterSpec('frequency', 0.0, 'rls: fundamental, for the harmonic.', 'Hz', 0.0, 1e4),
+        ParameterSpec(
+            'unit',
+            'mm',
+            'rls: unit the recursion works in; with P0 = I it matters.',
+            choices=('m', 'mm', 'um', 'nm'),
+        ),
+        ParameterSpec(
+            'voltage_range',
+            1.0,
+            'rls_ud, pi_bank: largest absolute voltage.',
+            'V',
+            above=0.0,
+            high=500.0,
+        ),
+        ParameterSpec(
+            'displacement_range',
+            1e-4,
+            'rls_ud, pi_bank: displacement that belongs to it, to an order of magnitude.',
+            'm',
+            above=0.0,
+            high=0.01,
+        ),
+        ParameterSpec(
+            'natural_frequency',
+            0.0,
+            'rls_ud, pi_bank: the frozen mode; 0 leaves it out.',
+            'Hz',
+            0.0,
+            1e5,
+        ),
+        ParameterSpec(
+            'damping_ratio',
+            0.02,
+            'rls_ud, pi_bank: damping ratio of the frozen mode.',
+            '1',
+            above=0.0,
+            high=10.0,
+        ),
+        ParameterSpec(
+            'quiet',
+            0.01,
+            'rls_ud, pi_bank: speed of the voltage below which nothing is learnt, ranges per s.',
+            '1/s',
+            0.0,
+            100.0,
         ),
     )
 )

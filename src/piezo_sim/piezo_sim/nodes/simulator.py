@@ -154,9 +154,9 @@ class Simulator(Node):
         if self._lock_step and self._waiting_since is not None:
             waited = time.monotonic() - self._waiting_since
             if waited > deadline:
-                self.get_logger().error(
-                    f'no command for tick {self._tick} within {deadline:g} s: a link of the '
-                    'chain died or was stopped; start it again or end the experiment'
+                self.get_logger().warning(
+                    f'no command for tick {self._tick} within {deadline:g} s: the experiment is '
+                    'over, or a link of the chain died and must be started again'
                 )
                 self._waiting_since = None
         self._publish_status()

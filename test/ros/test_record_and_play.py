@@ -1,0 +1,235 @@
+"""A sweep over live processes into a bag, and the bag back into the identification node."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from listening import Listener
+from rclpy.action import ActionClient
+from rosgraph_msgs.msg import Clock
+
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.records import Record, read_bag
+from piezo_interfaces.action import RunSweep
+from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate
+from piezo_interfaces.srv import SaveModel
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+SECONDS = 1.0
+GOAL: dict[str, Any] = {
+    'frequencies': [7.0, 20.0],
+    'amplitudes': [1.0],
+    'seconds': SECONDS,
+    'warm_up': 0.1,
+}
+
+
+def run_sweep(listener: Listener, goal: dict[str, Any]) -> None:
+    client = ActionClient(listener.node, RunSweep, 'run_sweep')
+    listener.until(client.server_is_ready)
+    accepted = client.send_goal_async(RunSweep.Goal(**goal))
+    listener.until(accepted.done)
+    finished = accepted.result().get_result_async()
+    listener.until(finished.done)
+    assert finished.result().result.success, finished.result().result.message
+    client.destroy()
+
+
+def recorded(listener: Listener, recorder: str, count: int) -> None:
+    """Wait until a recorder says that it has written `count` messages."""
+    status = listener.heard[f'{recorder}/status']
+    listener.until(lambda: any(message.sample >= count for message in status))
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp('bags')
+
+
+@pytest.fixture(scope='module')
+def online(
+    shared_processes: NodeProcesses, shared_listener: Listener, folder: Path
+) -> list[ModelEstimate]:
+    """Run the sweep with an identification beside it; return what that published.
+
+    Leaves the bag ``sweep`` closed, and the bag ``killed`` as a SIGKILL left it.
+    """
+    listener, processes = shared_listener, shared_processes
+    for name in ('recorder', 'victim'):
+        listener.listen(LoopStatus, f'{name}/status', latched=True)
+    states = listener.listen(ActuatorState, 'actuator/state')
+    estimates = listener.listen(ModelEstimate, 'model/estimate', latched=True)
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 5, 'seed': 5})
+    processes.start('piezo_hysteresis', 'excitation', {'actuator': 'bender'})
+    processes.start(
+        'piezo_hysteresis',
+        'identification',
+        {'publish_every': round(2000 * SECONDS), 'model_folder': str(folder)},
+    )
+    closed = processes.start('piezo_hysteresis', 'recorder', {'out': str(folder / 'sweep')})
+    killed = processes.start(
+        'piezo_hysteresis', 'recorder', {'out': str(folder / 'killed')}, name='victim'
+    )
+    for topic in ('actuator/state', 'record/marker', 'reference'):
+        listener.until(
+            lambda name=topic: (
+                {'recorder', 'victim'}
+                <= {i.node_name for i in listener.node.get_subscriptions_info_by_topic(f'/{name}')}
+            )
+        )
+    run_sweep(listener, GOAL)
+    listener.until(lambda: len(states) >= 2 * (1000 * SECONDS + 100))
+    recorded(listener, 'victim', len(states) + 4)
+    killed.signal(signal.SIGKILL)
+    processes.forget(killed)
+    recorded(listener, 'recorder', len(states) + 4)
+    closed.stop()
+    processes.forget(closed)
+    return estimates
+
+
+def equal(a: list[Record], b: list[Record]) -> None:
+    assert [record.name for record in a] == [record.name for record in b]
+    for one, other in zip(a, b, strict=True):
+        np.testing.assert_array_equal(one.voltage, other.voltage)
+        np.testing.assert_array_equal(one.displacement, other.displacement)
+
+
+def test_a_live_sweep_becomes_records(online, folder: Path, shared_listener: Listener) -> None:
+    records = read_bag(folder / 'sweep')
+    assert [record.name for record in records] == ['sine_7Hz_1V', 'sine_20Hz_1V']
+    assert {record.info.actuator for record in records} == {'bender'}
+    states = {state.sample: state for state in shared_listener.heard['actuator/state']}
+    for k, record in enumerate(records):
+        first = k * round(1000 * SECONDS + 100)
+        rows = [states[first + i] for i in range(round(1000 * SECONDS))]
+        np.testing.assert_array_equal(record.voltage, [row.voltage for row in rows])
+        np.testing.assert_array_equal(record.displacement, [row.displacement for row in rows])
+        assert record.info.warm_up == 0.1
+
+
+def test_a_killed_recorder_leaves_what_was_flushed(online, folder: Path) -> None:
+    equal(read_bag(folder / 'killed'), read_bag(folder / 'sweep'))
+
+
+def offline(folder: Path, method: str = 'rls', model: str = 'extended') -> dict[str, float]:
+    return identify(read_bag(folder / 'sweep'), named(model), method=method).values
+
+
+def agree(estimate: ModelEstimate, expected: dict[str, float]) -> None:
+    found = dict(zip(estimate.names, estimate.values, strict=True))
+    assert found
+    for name, value in found.items():
+        assert value == pytest.approx(expected[name], rel=1e-12, abs=1e-300), name
+
+
+def test_online_and_offline_identification_agree(online, folder: Path) -> None:
+    (estimate,) = online
+    agree(estimate, offline(folder))
+    assert estimate.method == 'rls'
+    assert estimate.model == 'extended'
+    assert estimate.one_step_rms > 0.0
+    assert estimate.free_run_rms > 0.0
+
+
+def play(processes: NodeProcesses, bag: Path, **settings: Any) -> NodeProcess:
+    return processes.start(
+        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, **settings}
+    )
+
+
+@pytest.mark.parametrize(
+    ('method', 'model'), [('rls_ud', 'classical'), ('pi_bank', 'prandtl_ishlinskii')]
+)
+def test_a_bag_played_in_lock_step_gives_the_numbers_of_identify(
+    online,
+    folder: Path,
+    shared_processes: NodeProcesses,
+    shared_listener: Listener,
+    method: str,
+    model: str,
+) -> None:
+    records = read_bag(folder / 'sweep')
+    for name, value in {
+        'voltage_range': max(float(np.max(np.abs(r.voltage))) for r in records),
+        'displacement_range': max(float(np.ptp(r.displacement)) for r in records) / 2,
+        'method': method,
+    }.items():
+        assert shared_listener.set_one('identification', name, value) == ''
+    before = len(online)
+    node = play(shared_processes, folder / 'sweep')
+    assert shared_processes.wait_for(node, 60.0) == 0
+    shared_listener.until(lambda: len(online) > before)
+    assert len(online) == before + 1
+    agree(online[-1], offline(folder, method, model))
+    assert online[-1].method == method
+    assert online[-1].free_run_rms == online[-1].one_step_rms
+
+
+def test_an_estimate_is_saved_inside_the_folder_only(
+    online, folder: Path, shared_listener: Listener
+) -> None:
+    def save(path: str) -> Any:
+        request = SaveModel.Request(path=path)
+        return shared_listener.call(SaveModel, 'identification/save', request)
+
+    answer = save('model.yaml')
+    assert answer.success, answer.message
+    saved = ModelFile.load(folder / 'model.yaml')
+    estimate = online[-1]
+    for name, value in zip(estimate.names, estimate.values, strict=True):
+        assert saved.values[name] == pytest.approx(value, rel=1e-12, abs=1e-300)
+    before = sorted(folder.parent.rglob('*'))
+    for path in ('../escaped.yaml', '/tmp/escaped.yaml', '', '.'):
+        answer = save(path)
+        assert not answer.success
+        assert answer.message
+    assert sorted(folder.parent.rglob('*')) == before
+
+
+def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
+    online, folder: Path, processes: NodeProcesses, listener: Listener
+) -> None:
+    states = listener.listen(ActuatorState, 'actuator/state')
+    clock = listener.listen(Clock, '/clock')
+    words = ['play', str(folder / 'sweep'), '--rate', '5', '--loop', '--clock']
+    with subprocess.Popen(
+        [sys.executable, '-m', 'piezo_hysteresis', *words],
+        env=processes.environment,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as verb:
+        listener.until(lambda: len(states) > 2500)
+        verb.send_signal(signal.SIGINT)
+        assert verb.wait(10.0) == 0
+        assert b'Traceback' not in verb.stderr.read()
+    length = round(2 * (1000 * SECONDS + 100))
+    samples = [state.sample for state in states]
+    first = samples[0]
+    assert samples == [(first + k) % length for k in range(len(samples))]
+    times = [each.clock.sec * 10**9 + each.clock.nanosec for each in clock]
+    laps = np.flatnonzero(np.diff(times) < 0)
+    assert 1 <= laps.size <= 2
+    assert len(times) > len(states) - 50
+
+
+def test_playing_what_cannot_be_played_is_one_line(processes: NodeProcesses, tmp_path) -> None:
+    for settings, words in (
+        ({}, 'give the bag'),
+        ({'bag': str(tmp_path / 'nothing')}, 'does not exist'),
+    ):
+        node = processes.start('piezo_hysteresis', 'player', settings)
+        assert node.wait(30.0) == 2
+        text = node.log.read_text()
+        assert words in text
+        assert len(text.strip().splitlines()) == 1
+        processes.forget(node)
