@@ -11,13 +11,15 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.starts import starts
+from piezo_hysteresis.identification.starts import representative, starts
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
 from piezo_hysteresis.records import Record
 
 #: Samples simulated by one start after another, over which `count` is chosen.
 _FOLLOWED_SAMPLES = 150_000
+#: Records on which starts are followed; the best is polished on all.
+_FOLLOWED_RECORDS = 5
 
 
 def suited(model: Model, records: Sequence[Record]) -> Model:
@@ -77,12 +79,13 @@ def output_error(
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
     targets = targets_of(records, folded=folded and not slow, stride=stride)
     names = tuple(chain.free_names if free is None else free)
+    few = representative(targets, _FOLLOWED_RECORDS)
     if count is None:
-        samples = sum(t.voltage.size for t in targets)
+        samples = sum(t.voltage.size for t in few)
         count = int(np.clip(_FOLLOWED_SAMPLES // samples, 3, 16))
     begins = starts(chain, targets, names, start, count=count)
     tried = [
-        _attempt(chain, targets, each.values, names, weights, False, max_evaluations // 6, workers)
+        _attempt(chain, few, each.values, names, weights, False, max_evaluations // 6, workers)
         for each in begins
     ]
     best = min(tried, key=lambda each: each.cost)

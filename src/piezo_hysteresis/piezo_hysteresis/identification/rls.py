@@ -136,7 +136,7 @@ class OnlineRls:
         self._theta = np.zeros(self._columns)
         self._theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001
         self._p = np.eye(self._columns)
-        self._w = np.zeros((2, self._columns))
+        self._x, self._g, self._one = np.zeros(self._columns), np.zeros(self._columns), np.zeros(3)
         self._m = np.zeros(MEMORY)
         self._before = 0
 
@@ -153,9 +153,18 @@ class OnlineRls:
         A sample that is not finite is skipped and answered by NaN.
         """
         error: float = update(
-            voltage, displacement * self._scale, self._theta, self._p, self._w, self._m, self._c
+            voltage,
+            displacement,
+            self._one,
+            self._scale,
+            self._theta,
+            self._p,
+            self._x,
+            self._g,
+            self._m,
+            self._c,
         )
-        return error / self._scale
+        return error
 
     def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
         """Take samples in, shapes (n,); return the one-step errors [m], the same bits as `update`.
@@ -173,7 +182,18 @@ class OnlineRls:
                 'length'
             )
         errors = np.empty_like(u)
-        update_many(u, y, self._scale, errors, self._theta, self._p, self._w, self._m, self._c)
+        update_many(
+            u,
+            y,
+            errors,
+            self._scale,
+            self._theta,
+            self._p,
+            self._x,
+            self._g,
+            self._m,
+            self._c,
+        )
         return errors
 
     def free_run(self, voltage: FloatArray) -> FloatArray:

@@ -1,67 +1,41 @@
 """Compiled kernels of the papers' recursive least squares.
 
 `theta` holds a1, a2, A1, A, A0, beta, gamma, then the constant and the four harmonic columns where
-they are on; `p` the covariance, `w` work space, `m` the memory and `c` the settings.
+they are on; `p` the covariance, `x` the regressor, `g` the gain, `m` the memory, `c` the settings.
 """
 
 from __future__ import annotations
 
 from math import cos, isfinite, nan, sin, sqrt
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
 
 _TRACE_MAX = 1e3  # mean of the diagonal of P at which forgetting rests; P0 = I has 1
 
-# Places in the memory of the recursion (m) and in its settings (c).
-SAMPLES, _Y1, _Y2, _Y3, _U1, _H, _SU, _SV, _SB, _SG, _Z1, _Z2, _Z3 = range(13)
-ERROR_SUM, WEIGHT_SUM, MEMORY = 13, 14, 15
+# Places in the memory (m) and in the settings (c).
+SAMPLES, ERROR_SUM, WEIGHT_SUM, MEMORY = 0, 13, 14, 15
 _VARIANT, _OFFSET, _HARMONIC, _OMEGA, FORGETTING = range(5)
 
 
 @jit
-def _regressor(u: float, y: float, x: FloatArray, m: FloatArray, c: FloatArray) -> float:
-    """Fill x with the columns of 000 (10) or 001 (10) and return the target."""
-    du = u - m[_U1]
-    travel = abs(du)
-    m[_SU] += du
-    m[_SV] += travel
-    m[_SB] += travel * m[_H]
-    m[_SG] += abs(m[_H]) * du
-    sign = 1.0 if c[_VARIANT] == 2.0 else -1.0
-    # With a harmonic, V1 regresses on y1 = y - y3 as 000 (6) says; y3 is zero otherwise.
-    if c[_VARIANT] == 0.0:
-        x[0], x[1], target = m[_Y1], m[_Y2], y
-    elif c[_VARIANT] == 1.0:
-        x[0], x[1], target = m[_Y2] - m[_Z2], m[_Y3] - m[_Z3], y - m[_Y1]
-    else:
-        x[0], x[1], target = m[_Y2], m[_Y1], y - m[_Y1]
-    x[2] = u
-    x[3] = sign * m[_SU]
-    x[4] = sign * m[_SV]
-    x[5] = m[_SB]
-    x[6] = m[_SG]
-    n = 7
-    if c[_OFFSET] == 1.0:
-        x[n] = 1.0
-        n += 1
-    if c[_HARMONIC] > 0.0:
-        phase = c[_OMEGA] * m[SAMPLES]
-        x[n], x[n + 1], x[n + 2], x[n + 3] = m[_Z2], m[_Z3], sin(phase), cos(phase)
-    return target
-
-
-@jit
 def _gain(
-    x: FloatArray, theta: FloatArray, p: FloatArray, g: FloatArray, error: float, forgetting: float
+    x: FloatArray,
+    theta: FloatArray,
+    p: FloatArray,
+    g: FloatArray,
+    error: float,
+    forgetting: float,
 ) -> None:
     """Do the RLS step itself: theta and P in place, g as work space."""
     n = theta.size
     s = forgetting
+    # P is symmetric to the bit, so its rows serve as columns and the inner loop has no carry
     for i in range(n):
-        g[i] = 0.0
-    # P is symmetric to the bit, so its rows serve as columns and the inner loop has no carry.
-    for j in range(n):
+        g[i] = p[0, i] * x[0]
+    for j in range(1, n):
         for i in range(n):
             g[i] += p[j, i] * x[j]
     for i in range(n):
@@ -93,64 +67,91 @@ def _forget(p: FloatArray, forgetting: float) -> None:
 
 
 @jit
-def _remember(
-    u: float, y: float, x: FloatArray, theta: FloatArray, m: FloatArray, c: FloatArray
-) -> None:
-    """Move the hysteresis, the harmonic and the shift registers on by one sample."""
-    du = u - m[_U1]
-    h = m[_H]
-    a0 = -theta[4] if c[_VARIANT] == 2.0 else theta[4]
-    m[_H] = h + theta[3] * du + a0 * abs(du) - theta[6] * abs(h) * du - theta[5] * abs(du) * h
-    if c[_HARMONIC] > 0.0:
-        n = theta.size - 4
-        z = m[_Z1]
-        for i in range(n, n + 4):
-            z += theta[i] * x[i]
-        m[_Z1], m[_Z2], m[_Z3] = z, m[_Z1], m[_Z2]
-    m[_Y1], m[_Y2], m[_Y3] = y, m[_Y1], m[_Y2]
-    m[_U1] = u
-    m[SAMPLES] += 1.0
-
-
-@jit
-def update(
-    u: float,
-    y: float,
-    theta: FloatArray,
-    p: FloatArray,
-    w: FloatArray,
-    m: FloatArray,
-    c: FloatArray,
-) -> float:
-    """Take one sample in (y in the working unit) and return the one-step error."""
-    if not (isfinite(u) and isfinite(y)):
-        return nan  # a lost sample is skipped: one NaN in P would stay for ever
-    x, g = w[0], w[1]
-    error = _regressor(u, y, x, m, c)
-    for i in range(theta.size):
-        error -= theta[i] * x[i]
-    _gain(x, theta, p, g, error, c[FORGETTING])
-    _remember(u, y, x, theta, m, c)
-    m[ERROR_SUM] = c[FORGETTING] * m[ERROR_SUM] + error * error
-    m[WEIGHT_SUM] = c[FORGETTING] * m[WEIGHT_SUM] + 1.0
-    return error
+def _lags(
+    y: float, y1: float, y2: float, y3: float, z2: float, z3: float, variant: float
+) -> tuple[float, float, float]:
+    """Return the two autoregressive columns and the target of 000 (10), (3) or 001 (10)."""
+    if variant == 0.0:
+        return y1, y2, y
+    if variant == 1.0:
+        # with a harmonic, V1 regresses on y1 = y - y3 as 000 (6) says; y3 is zero otherwise
+        return y2 - z2, y3 - z3, y - y1
+    return y2, y1, y - y1
 
 
 @jit
 def update_many(
     u: FloatArray,
     y: FloatArray,
-    scale: float,
     errors: FloatArray,
+    scale: float,
     theta: FloatArray,
     p: FloatArray,
-    w: FloatArray,
+    x: FloatArray,
+    g: FloatArray,
     m: FloatArray,
     c: FloatArray,
 ) -> None:
-    """Take samples in, y and errors in metres, `scale` working units to the metre."""
+    """Take samples in, y and errors in metres, `scale` working units to the metre.
+
+    The memory lives in local variables while the loop runs, which makes it four times faster.
+    """
+    k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww = m
+    variant, offset, harmonic, omega, forgetting = c
+    n = theta.size
+    last = n - 4
+    # 001 has +S(du), +S|du| and -A0|du| where 000 has the opposite
+    sign = 1.0 if variant == 2.0 else -1.0
     for k in range(u.size):
-        errors[k] = update(u[k], y[k] * scale, theta, p, w, m, c) / scale
+        voltage, value = u[k], y[k] * scale
+        if not (isfinite(voltage) and isfinite(value)):
+            errors[k] = nan  # a lost sample is skipped: one NaN in P would stay for ever
+            continue
+        du = voltage - u1
+        travel, size = abs(du), abs(h)
+        su, sv, sb, sg = su + du, sv + travel, sb + travel * h, sg + size * du
+        x[0], x[1], error = _lags(value, y1, y2, y3, z2, z3, variant)
+        x[2], x[3], x[4], x[5], x[6] = voltage, sign * su, sign * sv, sb, sg
+        if offset == 1.0:
+            x[7] = 1.0
+        if harmonic > 0.0:
+            x[last], x[last + 1] = z2, z3
+            x[last + 2], x[last + 3] = sin(omega * k0), cos(omega * k0)
+        for i in range(n):
+            error -= theta[i] * x[i]
+        _gain(x, theta, p, g, error, forgetting)
+        h += (
+            theta[3] * du - sign * theta[4] * travel - theta[6] * size * du - theta[5] * travel * h
+        )
+        if harmonic > 0.0:
+            z = z1
+            for i in range(last, n):
+                z += theta[i] * x[i]
+            z1, z2, z3 = z, z1, z2
+        y1, y2, y3, u1, k0 = value, y1, y2, voltage, k0 + 1.0
+        ee, ww = forgetting * ee + error * error, forgetting * ww + 1.0
+        errors[k] = error / scale
+    m[:] = np.array([k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww])
+
+
+@jit
+def update(
+    u: float,
+    y: float,
+    one: FloatArray,
+    scale: float,
+    theta: FloatArray,
+    p: FloatArray,
+    x: FloatArray,
+    g: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> float:
+    """Take one sample in by `update_many`; `one`, shape (3,), is work space."""
+    one[0], one[1] = u, y
+    update_many(one[0:1], one[1:2], one[2:3], scale, theta, p, x, g, m, c)
+    error: float = one[2]
+    return error
 
 
 @jit

@@ -11,7 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.linear import linear_parameters, solve_linear
 from piezo_hysteresis.identification.objective import Objective
-from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
 
 _SCAN_RECORDS = 4
@@ -61,7 +61,7 @@ def starts(
     count : int
         How many.
     """
-    seen = _representative(targets)
+    seen = representative(targets)
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)
     known = dict(given or {})
     linear = tuple(n for n in linear_parameters(model, free, amplitude) if n not in known)
@@ -80,14 +80,17 @@ def starts(
     return _distinct(pool, scanned, count)
 
 
-def _representative(targets: Sequence[Target]) -> list[Target]:
-    """Few records, spread over the frequencies, long ones cut."""
+def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> list[Target]:
+    """Return at most `count` targets, spread over the frequencies, long ones cut."""
     steady = [t for t in targets if t.repeats > 1] or targets
     order = sorted(steady, key=lambda t: (t.frequency, t.name))
-    if len(order) > _SCAN_RECORDS:
-        places = np.unique(np.linspace(0, len(order) - 1, _SCAN_RECORDS).round().astype(int))
+    if len(order) > count:
+        places = np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))
         order = [order[place] for place in places]
-    return [_cut(target) for target in order]
+    chosen = {target.name for target in order}
+    # the way into the steady state rings, and shows a resonance that a slow sine does not
+    ways_in = [t for t in targets if t.repeats == 1 and t.name.removesuffix(WAY_IN) in chosen]
+    return [_cut(t) for t in [*order, *(t for t in ways_in if t.name not in chosen)]]
 
 
 def _cut(target: Target) -> Target:

@@ -13,6 +13,8 @@ from piezo_hysteresis.records import Record
 
 #: Time a model gets to forget its start before a folded period is compared [s].
 SETTLING = 3.0
+#: Behind the name of a record: its way into the steady state.
+WAY_IN = ' (start)'
 _REST = 0.05  # first voltage over the largest up to which a record begins at rest
 _PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
 
@@ -145,7 +147,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
         return [mean]
     way_in = replace(
         whole(record),
-        name=f'{record.name} (start)',
+        name=record.name + WAY_IN,
         voltage=record.voltage[:begin],
         measured=record.displacement[record.warm_up_samples : begin],
     )
