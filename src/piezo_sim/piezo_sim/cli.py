@@ -22,14 +22,7 @@ from piezo_sim.sweep import grid, simulate
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns 0, 2 for what the user can mend, 130 if interrupted."""
-    parser = argparse.ArgumentParser(prog='piezo_sim', description=__doc__)
-    verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
-    _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
-    verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
-    describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
-    describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
-    describe.set_defaults(run=_describe)
-    options = parser.parse_args(arguments)
+    options = build_parser().parse_args(arguments)
     try:
         return int(options.run(options))
     except (SimulationError, PiezoError) as error:
@@ -41,6 +34,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print('interrupted', file=sys.stderr)
         return 130
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser = argparse.ArgumentParser(prog='piezo_sim', description=__doc__)
+    verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
+    _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
+    verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
+    describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
+    describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
+    describe.set_defaults(run=_describe)
+    return parser
 
 
 def _configure_sweep(parser: argparse.ArgumentParser) -> None:
