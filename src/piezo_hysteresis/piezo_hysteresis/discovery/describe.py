@@ -78,7 +78,8 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
             near = np.abs(order - np.round(order)) * view.frequency < 3.0 / (error.size * view.dt)
             power[near] = 0.0
         top = int(np.argmax(power))
-        if power[top] > LINE * float(np.median(power[power > 0])):
+        others = power[power > 0]
+        if others.size and power[top] > LINE * float(np.median(others)):
             found.append(float(frequency[top]))
     if len(found) < max(2, len(views) // 4):
         return []
