@@ -50,6 +50,8 @@ def triangle(rows: FloatArray) -> FloatArray:
         v = rows[j, j:]
         size = sqrt(inner(v, v))
         if size == 0.0:
+            for i in range(j + 1, p):
+                r[j, i] = rows[i, j]
             continue
         alpha = -size if v[0] > 0.0 else size
         r[j, j] = alpha

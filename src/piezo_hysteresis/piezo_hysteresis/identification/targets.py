@@ -168,7 +168,9 @@ def _steady(periods: FloatArray) -> tuple[int, float] | None:
     tail = periods[count // 2 :] if count >= 4 else periods[-2:]
     mean = tail.mean(axis=0)
     scatter = sqrt(float(np.sum((tail - mean) ** 2)) / ((len(tail) - 1) * samples))
-    limit = max(1.3 * scatter, 1e-6 * float(np.std(periods[-1])))
+    # short periods scatter more about their rms
+    chance = 5 / sqrt(2 * samples)
+    limit = max((1 + max(0.3, chance)) * scatter, 1e-6 * float(np.std(periods[-1])))
     away = np.sqrt(np.mean((periods - mean) ** 2, axis=1))
     start = int(np.flatnonzero(away > limit)[-1]) + 1 if np.any(away > limit) else 0
     kept = periods[start:]
@@ -178,7 +180,7 @@ def _steady(periods: FloatArray) -> tuple[int, float] | None:
     if len(kept) >= 3:
         levels = kept.mean(axis=1)
         drift = abs(float(np.polyfit(np.arange(len(kept)), levels, 1)[0])) * len(kept)
-        if drift > max(0.5 * noise, 1e-6 * float(np.std(periods[-1]))):
+        if drift > max(max(0.5, 2 * chance) * noise, 1e-6 * float(np.std(periods[-1]))):
             return None
     return start, noise
 
