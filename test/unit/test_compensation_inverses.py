@@ -257,7 +257,7 @@ def test_selector_recovers_its_rows_and_follows_triangles():
         voltage = link.respond(wave.value, wave.velocity)
         fitted.append(fit_inverse(wave.value, voltage, row.slope, warm_up=500))
         both = SlopeSelectedInverse(selector_table(rows), 1e-5, start=0.0)
-        np.testing.assert_allclose(both.respond(wave.value, wave.velocity), voltage, atol=0.05)
+        np.testing.assert_allclose(both.respond(wave.value, wave.velocity), voltage, atol=0.1)
     for row, found in zip(rows, fitted, strict=True):
         assert found.c == pytest.approx(row.c, rel=0.02)
         assert found.b == pytest.approx(row.b, rel=0.1)

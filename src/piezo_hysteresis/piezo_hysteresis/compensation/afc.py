@@ -20,29 +20,30 @@ from piezo_hysteresis.compensation.harmonics import (
 )
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 
-# Weight of what was known of the gain before, against one new observation of it.
-_PRIOR_WEIGHT = 0.1
-_GAIN_MEMORY = 0.7
-# An observation of the gain counts only where the change of the line stands this many deviations
-# out of the noise; below it, noise would turn a right gain.
-_SIGNIFICANCE = 6.0
-# The adapted gain stays within this factor of the modelled magnitude; its phase is free.
+# What was believed before weighs this much against clear observations, which fade by the memory.
+_PRIOR = 0.1
+_MEMORY = 0.6
+# An observation, or an error, is clear where it stands so many deviations out of the noise.
+_SIGNIFICANCE = 4.0
+# Share of the changes of all other lines that may show in one line.
+_COUPLING = 0.005
+# The gain stays within this factor of the modelled magnitude; its phase is free.
 _GAIN_RANGE = 8.0
 # Relative change of the frequency from one tick to the next that is a step, not a chirp.
 _FREQUENCY_STEP = 2e-3
-# So many windows of growth in a row are divergence, not the start of a reference.
+# So many windows of growth in a row, up to what the correction itself does, are divergence.
 _RISES = 3
 
 
 @dataclass
 class _Line:
-    """One order: its correction theta [V], gain estimate [m/V] and last error [m]."""
+    """One order: its correction theta [V], last error [m] and gain, as modelled times a ratio."""
 
     theta: complex = 0j
     error: complex = 0j
     modelled: complex = 0j
-    numerator: complex = 0j
-    weight: float = 0.0
+    ratio: complex = 1.0 + 0j
+    weight: float = _PRIOR
     moved: complex = 0j
     rises: int = 0
     seen: bool = False
@@ -50,14 +51,19 @@ class _Line:
     @property
     def gain(self) -> complex:
         """Gain [m/V] as it is believed now."""
-        if self.weight <= 0.0:
-            return self.modelled
-        estimate = self.numerator / self.weight
-        low, high = abs(self.modelled) / _GAIN_RANGE, abs(self.modelled) * _GAIN_RANGE
-        size = abs(estimate)
-        if size < 1e-300:
-            return self.modelled
-        return estimate * min(max(size, low), high) / size
+        return self.modelled * self.ratio
+
+    def observe(self, change: complex, clearness: float) -> None:
+        """Learn from the change of the error [m] that followed the last step."""
+        if not (self.moved and self.modelled):
+            return
+        seen = -change / self.moved / self.modelled
+        kept = _MEMORY * self.weight
+        self.weight = kept + clearness
+        ratio = (kept * self.ratio + clearness * seen) / self.weight
+        size = abs(ratio)
+        if size > 0.0:
+            self.ratio = ratio * min(max(size, 1.0 / _GAIN_RANGE), _GAIN_RANGE) / size
 
 
 class ComplexGainCancellation:
@@ -166,35 +172,34 @@ class ComplexGainCancellation:
         span = self._length * dt
         separable = separable_orders([*wanted, 1], frequency, dt, span)
         self._orders = tuple(order for order in separable if order in wanted)
-        # Neighbours that are strong and not cancelled would leak into a short window.
-        neighbours = [8 - order for order in wanted if 8 - order > 0]
-        self._fitted = separable_orders([*wanted, 1, *neighbours], frequency, dt, span)
+        # Strong lines that are not cancelled would leak into a short window and pass for noise.
+        others = [1, 2, 3, 5, 7, 9, *(8 - order for order in wanted if 8 - order > 0)]
+        self._fitted = separable_orders([*wanted, *others], frequency, dt, span)
 
     def _reschedule(self, frequency: float) -> None:
         """Carry each line to `frequency`: the correction stays, the gain moves as modelled."""
         for order in self._orders:
             line = self._lines.setdefault(order, _Line())
-            self._remodel(line, self._gain(folded(order * frequency, self._dt)))
+            line.modelled = self._gain(folded(order * frequency, self._dt))
             line.rises, line.seen, line.moved = 0, False, 0j
         for order in [order for order in self._lines if order not in self._orders]:
             del self._lines[order]
-        self._remodel(self._mean, complex(self._gain(0.0).real))
-
-    @staticmethod
-    def _remodel(line: _Line, modelled: complex) -> None:
-        if line.modelled and modelled:
-            line.numerator *= modelled / line.modelled
-        line.modelled = modelled
+        self._mean.modelled = complex(self._gain(0.0).real)
 
     def _close_window(self) -> None:
         mean, phasors, deviation = solve_lines(self._normal, self._ticks - self._skip)
         self._counts['windows'] += 1
+        errors = dict(zip(self._fitted, map(complex, phasors), strict=True))
+        seen = [(self._lines[order], errors[order]) for order in self._orders]
         if 0 in self._settings.orders:
-            self._move(self._mean, complex(mean), deviation)
-            self._mean.theta = complex(self._mean.theta.real)
-        for order, phasor in zip(self._fitted, phasors, strict=True):
-            if order in self._orders:
-                self._move(self._lines[order], complex(phasor), deviation)
+            seen.append((self._mean, complex(mean)))
+        # The hysteresis couples the orders: what one line does may come from the others' moves.
+        changes = [abs(error - line.error) if line.seen else 0.0 for line, error in seen]
+        total = sum(changes)
+        for (line, error), change in zip(seen, changes, strict=True):
+            foreign = math.hypot(deviation, _COUPLING * (total - change))
+            self._move(line, error, deviation, foreign)
+        self._mean.theta = complex(self._mean.theta.real)
         self._drop_window_keep_lines()
 
     def _drop_window_keep_lines(self) -> None:
@@ -206,26 +211,24 @@ class ComplexGainCancellation:
                 line = self._lines[order]
                 line.seen, line.moved, line.rises = seen, moved, rises
 
-    def _move(self, line: _Line, error: complex, deviation: float) -> None:
+    def _move(self, line: _Line, error: complex, deviation: float, foreign: float) -> None:
         """Refine the gain from what the last step did, then take the next step."""
         settings = self._settings
-        if line.seen and line.moved:
+        if line.seen:
             change = error - line.error
-            if max(abs(change), abs(line.gain * line.moved)) > _SIGNIFICANCE * deviation:
-                if line.weight <= 0.0:
-                    line.weight = _PRIOR_WEIGHT * abs(line.moved) ** 2
-                    line.numerator = line.modelled * line.weight
-                line.numerator = _GAIN_MEMORY * line.numerator - change * line.moved.conjugate()
-                line.weight = _GAIN_MEMORY * line.weight + abs(line.moved) ** 2
+            expected = max(abs(change), abs(line.gain * line.moved))
+            line.observe(change, _clearness(expected, foreign))
         grown = line.seen and abs(error) > 1.1 * abs(line.error) + 3.0 * deviation
         line.rises = line.rises + 1 if grown else 0
         line.error, line.seen = error, True
         before = line.theta
-        if line.rises >= _RISES:
+        if line.rises >= _RISES and abs(error) > 0.5 * abs(line.gain * line.theta):
             self._counts['restarts'] += 1
-            line.theta, line.rises, line.weight = 0j, 0, 0.0
+            line.theta, line.rises = 0j, 0
+            line.ratio, line.weight = 1.0 + 0j, _PRIOR
         elif line.gain:
-            step = settings.step_size * error / line.gain
+            # What may be noise is followed less, so that noise is not fed into the voltage.
+            step = settings.step_size * _clearness(abs(error), deviation) * error / line.gain
             size = abs(step)
             if size > settings.largest_step:
                 step *= settings.largest_step / size
@@ -234,3 +237,9 @@ class ComplexGainCancellation:
                 line.theta *= settings.largest_correction / abs(line.theta)
                 self._counts['bounded'] += 1
         line.moved = line.theta - before
+
+
+def _clearness(size: float, deviation: float) -> float:
+    """Return 0..1: how clearly an amplitude stands out of the noise."""
+    noise = _SIGNIFICANCE * deviation
+    return size**2 / (size**2 + noise**2) if size > 0.0 else 0.0
