@@ -12,7 +12,9 @@ from piezo_hysteresis.identification.objective import Prior, shifted
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.solver import Problem, solve
-from piezo_hysteresis.identification.targets import fold, period_of, targets_of
+from piezo_hysteresis.identification.starts import representative
+from piezo_hysteresis.identification.targets import fold, period_of, targets_of, whole
+from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -277,6 +279,31 @@ def test_wrong_names_are_refused() -> None:
         fit(BIMORPH, [])
     with pytest.raises(IdentificationError, match='equal or relative'):
         fit(BIMORPH, [simulated(23.0, seconds=1.0)], weights='heavy')
+
+
+def test_confounded_parameters_are_named_once_together() -> None:
+    names = [f'w{j}' for j in range(6)]
+    alike = np.full((6, 6), 0.999)
+    result = Covariance(np.full(6, 1.5), alike, 1e4, ())
+    said = warnings_of(result, names, np.ones(6))
+    assert len(said) == 2
+    assert said[0].startswith('w0, w1, w2, w3, w4 and w5 can hardly be told apart')
+    assert 'smaller than their uncertainties' in said[1]
+
+
+def test_digits_end_where_the_uncertainty_begins() -> None:
+    assert digits(1.23456, 0.0123) == '1.23 ± 0.01'
+    assert digits(1e-4, 1e-3) == '0 within 1.0e-03'
+    assert digits(1.0, float('inf')) == 'not determined'
+
+
+def test_a_long_warm_up_is_no_reason_to_scan_nothing() -> None:
+    u = sine(5.0, 60.0)
+    info = RecordInfo(warm_up=30.0)
+    record = Record('late', DT, u, 1e-4 * u, info=info)
+    (seen,) = representative([whole(record)])
+    assert seen.measured.size > 10_000
+    assert seen.pick(seen.voltage).size == seen.measured.size
 
 
 class Rosenbrock(Problem):

@@ -15,7 +15,8 @@ from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
 
 _SCAN_RECORDS = 4
-_SCAN_SAMPLES = 20_000  # of a whole record; more does not find another basin
+_SCAN_SAMPLES = 20_000  # compared of a whole record; more does not find another basin
+_SCAN_LENGTH = 100_000  # simulated of a whole record
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,18 @@ def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> lis
 
 
 def _cut(target: Target) -> Target:
-    if target.repeats > 1 or target.voltage.size <= _SCAN_SAMPLES:
+    """Thin a long record out, and shorten it where it is longer than a scan can bear."""
+    if target.repeats > 1:
         return target
-    end = max(_SCAN_SAMPLES, target.first + 2 * target.stride)
-    kept = len(range(target.first, min(end, target.voltage.size), target.stride))
-    return replace(target, voltage=target.voltage[:end], measured=target.measured[:kept])
+    end = min(target.voltage.size, max(_SCAN_LENGTH, target.first + _SCAN_SAMPLES))
+    kept = target.measured[: len(range(target.first, end, target.stride))]
+    thin = max(1, kept.size // _SCAN_SAMPLES)
+    return replace(
+        target,
+        voltage=target.voltage[:end],
+        measured=np.ascontiguousarray(kept[::thin]),
+        stride=target.stride * thin,
+    )
 
 
 def _rounds(

@@ -145,10 +145,10 @@ _DEFAULT_HELP = 'add records at other frequencies and amplitudes, or fix one of 
 def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) -> tuple[str, ...]:
     """Say in words which parameters these records do not determine, and what to record."""
     said: list[str] = []
-    named: set[frozenset[str]] = set()
+    lost: set[str] = set()
     for direction in result.directions:
         group = [name for name, _ in direction]
-        named.add(frozenset(group[:2]))
+        lost |= set(group)
         if len(group) == 1:
             said.append(
                 f'{group[0]} has no influence on these records: fix it, or record what excites it.'
@@ -157,22 +157,40 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             said.append(
                 f'{_listed(group)} cannot be told apart from these records: {_help(group)}.'
             )
+    said += [
+        f'{_listed(group)} can hardly be told apart from these records (correlation beyond '
+        f'{CORRELATION_LIMIT}): {_help(group)}.'
+        for group in _confounded(result, names, values)
+        if not set(group) <= lost
+    ]
+    small = [
+        name
+        for name, value, std in zip(names, values, result.std, strict=True)
+        if np.isfinite(std) and std > abs(value) > 0 and name != 'sampling_offset'
+    ]
+    if small:
+        which = (
+            'is smaller than its uncertainty'
+            if len(small) == 1
+            else ('are smaller than their uncertainties')
+        )
+        said.append(f'{_listed(small)} {which}: these records do not show it.')
+    return tuple(said)
+
+
+def _confounded(result: Covariance, names: Sequence[str], values: FloatArray) -> list[list[str]]:
+    """Return groups of parameters linked by correlations that leave them too few digits."""
+    groups: list[set[int]] = []
     for i in range(len(names)):
         for j in range(i):
-            pair = frozenset({names[i], names[j]})
             strong = abs(result.correlation[i, j]) > CORRELATION_LIMIT
             known = np.isfinite(result.std[i]) and np.isfinite(result.std[j])
             loose = max(_relative(values[k], result.std[k]) for k in (i, j)) > 0.02
-            if strong and known and loose and pair not in named:
-                both = [names[j], names[i]]
-                said.append(
-                    f'{_listed(both)} can hardly be told apart from these records (correlation '
-                    f'{result.correlation[i, j]:+.4f}): {_help(both)}.'
-                )
-    for name, value, std in zip(names, values, result.std, strict=True):
-        if np.isfinite(std) and std > abs(value) > 0 and name != 'sampling_offset':
-            said.append(f'{name} is smaller than its uncertainty: these records do not show it.')
-    return tuple(said)
+            if strong and known and loose:
+                linked = [g for g in groups if g & {i, j}]
+                groups = [g for g in groups if not g & {i, j}]
+                groups.append({i, j}.union(*linked))
+    return [[names[k] for k in sorted(group)] for group in groups]
 
 
 def _relative(value: float, std: float) -> float:
