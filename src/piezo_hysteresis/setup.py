@@ -9,6 +9,7 @@ nodes = [
     'attenuation',
     'discovery',
     'excitation',
+    'feedback',
     'feedforward',
     'gap_monitor',
     'identification',

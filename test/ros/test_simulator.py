@@ -134,13 +134,14 @@ def test_bad_commands_are_held_and_counted(twin: Twin) -> None:
     assert twin.status[-1].missed == 0
 
 
-def test_a_doubled_command_is_answered_again_and_does_not_step(twin: Twin) -> None:
+def test_a_doubled_command_is_told_the_next_tick_and_does_not_step(twin: Twin) -> None:
     twin.step(0.1)
+    count, doubled = len(twin.driver.states), twin.status[-1].doubled
     twin.driver.send(twin.driver.tick - 1, 0.9)
-    count = len(twin.driver.states)
-    twin.listener.until(lambda: len(twin.driver.states) > count)
-    assert twin.driver.states[-1] == twin.driver.states[-2]
+    twin.listener.until(lambda: twin.status[-1].doubled == doubled + 1)
+    assert twin.status[-1].sample == twin.driver.tick
     twin.step(0.2)
+    assert len(twin.driver.states) == count + 1
 
 
 @pytest.mark.parametrize('fault', ['sensor_dropout', 'stuck_sensor', 'amplifier_trip'])

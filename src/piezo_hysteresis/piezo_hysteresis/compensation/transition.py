@@ -51,6 +51,10 @@ class Transition:
         """Make the next output begin where the last one was."""
         self._pending = self._last is not None
 
+    def retune(self, duration: float, slew: float) -> None:
+        """Change how long [s] and how fast [V/s] changes may be, from the next one on."""
+        self._duration, self._slew = duration, slew
+
     def apply(self, raw: float) -> float:
         """Answer the output for this tick [V]; `raw` is what the law in charge wants."""
         if self._pending and self._last is not None:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import sys
 
-import numpy as np
 from std_srvs.srv import Trigger
 
-from piezo_hysteresis.compensation.choice import inverse_for
-from piezo_hysteresis.compensation.inverse import InverseLink
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.nodes.inversion import Inversion
 from piezo_hysteresis.nodes.link_node import LinkNode
-from piezo_hysteresis.nodes.messages import parameters_from, point_from
+from piezo_hysteresis.nodes.link_tables import FEEDFORWARD
+from piezo_hysteresis.nodes.messages import model_from, point_from
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
-from piezo_hysteresis.nodes.tables import FEEDFORWARD
+from piezo_hysteresis.nodes.paths import inside
 from piezo_interfaces.msg import ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
 from piezo_ros_common import topics
+from piezo_ros_common.order import started_anew
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
+from piezo_ros_common.table import Value
 
 
 class Feedforward(LinkNode):
@@ -31,9 +32,9 @@ class Feedforward(LinkNode):
     def __init__(self) -> None:
         super().__init__('feedforward', FEEDFORWARD, topics.VOLTAGE_FEEDFORWARD)
         self._last_sample = -1
-        self._inverse: InverseLink | None = None
-        self._chain: list[str] = []
         self._estimate: ModelEstimate | None = None
+        value = self.parameters.number
+        self._inversion = Inversion(self.dt, self.limits(), value('start'), value('transition'))
         self._model_parameters = ModelParameters(self.parameters)
         self._load_at_start(self.parameters.text('model_file'))
         self.create_subscription(Reference, topics.REFERENCE, self._on_reference, LOOP)
@@ -44,23 +45,32 @@ class Feedforward(LinkNode):
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the inverse."""
-        return {} if self._inverse is None else self._inverse.counters()
+        return self._inversion.counters()
+
+    def apply(self, changes: dict[str, Value]) -> None:
+        """Take accepted parameter changes over."""
+        super().apply(changes)
+        self._inversion.start = self.parameters.number('start')
+        if any(name == 'transition' or name.startswith('limits.') for name in changes):
+            self._inversion.rebuild(self.limits(), self.parameters.number('transition'))
+        if 'follow_estimate' not in changes:
+            self.go_over()
 
     # --- ticks ---------------------------------------------------------------------------------
 
     def _on_reference(self, message: Reference) -> None:
-        if message.sample <= self._last_sample:
+        if started_anew(message.sample, self._last_sample):
+            self._inversion.forget()
+            self.go_over()
+        elif message.sample <= self._last_sample:
             self.pass_on_again(message.sample)
             return
         self._last_sample = message.sample
         self._follow_model()
-        voltage = 0.0
-        if self.active:
-            if self._inverse is None:
-                voltage = message.displacement / self.parameters.number('gain')
-            else:
-                voltage = self._inverse.step(point_from(message), 0.0, None)
-        self.pass_on(message.header, message.sample, voltage)
+        voltage = self._inversion.voltage(point_from(message))
+        if voltage is None:
+            voltage = message.displacement / self.parameters.number('gain')
+        self.pass_on(message.header, message.sample, 0.0, voltage if self.active else 0.0)
 
     # --- models --------------------------------------------------------------------------------
 
@@ -70,8 +80,7 @@ class Feedforward(LinkNode):
                 self._model_parameters.load(ModelFile.load(path))
             self._take(self._model_parameters.take())
         except PiezoError as error:
-            self.get_logger().fatal(str(error))
-            raise SystemExit(2) from None
+            self.give_up(str(error))
 
     def _follow_model(self) -> None:
         try:
@@ -80,41 +89,47 @@ class Feedforward(LinkNode):
             self.get_logger().error(f'{error} (the model before stays in force)')
 
     def _take(self, loaded: ModelFile | None) -> None:
-        """Invert `loaded` from now on; a model of the same chain goes over smoothly.
+        """Invert `loaded` from now on.
 
         Raises
         ------
         PiezoError
             If it cannot be inverted; the old one then stays.
         """
-        if loaded is None:
+        if loaded is None or not self._inversion.take(loaded):
             return
-        chain = [block.name for block in loaded.model.blocks]
-        if self._inverse is not None and chain == self._chain:
-            self._inverse.set_parameters(loaded.values)
-            return
-        value = self.parameters.number
-        self._inverse = inverse_for(
-            loaded.model,
-            loaded.values,
-            self.dt,
-            limits=self.limits(),
-            start=value('start') if self._inverse is None else 0.0,
-            transition=value('transition'),
-        )
-        self._chain = chain
-        self._inverse.respond(np.zeros(3))  # compiles the kernel before the first tick
-        self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {", ".join(chain)}')
+        self.go_over()
+        chain = ', '.join(loaded.model.block_names)
+        self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
+
+    def _load(self, loaded: ModelFile) -> None:
+        """Make `loaded` the model; on any error the one before stays, in the parameters too.
+
+        Raises
+        ------
+        PiezoError
+            If it cannot be inverted.
+        """
+        before = self._inversion.loaded
+        try:
+            self._model_parameters.load(loaded)
+            self._take(self._model_parameters.take())
+        except PiezoError:
+            if before is not None:
+                self._model_parameters.load(before)
+                self._model_parameters.take()
+            raise
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response
     ) -> LoadModel.Response:
         try:
-            loaded = (
-                ModelFile.parse(request.yaml) if request.yaml else ModelFile.load(request.path)
-            )
-            self._model_parameters.load(loaded)
-            self._take(self._model_parameters.take())
+            if request.yaml:
+                loaded = ModelFile.parse(request.yaml)
+            else:
+                folder = self.parameters.text('model_folder')
+                loaded = ModelFile.load(inside(folder, request.path))
+            self._load(loaded)
             response.success, response.message = True, f'inverts {loaded.model.name} now'
         except PiezoError as error:
             response.success, response.message = False, str(error)
@@ -138,8 +153,7 @@ class Feedforward(LinkNode):
 
     def _use(self, message: ModelEstimate) -> str:
         try:
-            self._model_parameters.load(ModelFile(named(message.model), parameters_from(message)))
-            self._take(self._model_parameters.take())
+            self._load(model_from(message))
         except PiezoError as error:
             return f'model/estimate cannot be used: {error}'
         return ''

@@ -96,7 +96,7 @@ class Identification(Node):
         message.header = state.header
         message.sample = state.sample
         message.method = self._params.text('method')
-        estimate_into(estimate, message)
+        estimate_into(estimate, self._course.model(estimate), message)
         message.free_run_rms = self._course.free_run_rms(estimate)
         message.converged = self._course.settled(estimate)
         self._publisher.publish(message)

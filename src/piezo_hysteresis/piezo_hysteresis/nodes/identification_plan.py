@@ -15,7 +15,7 @@ from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.online import OnlineMethod, online, settled
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
-from piezo_hysteresis.models import ModelFile, Provenance, named
+from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_ros_common.order import started_anew
 
 # Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
@@ -149,6 +149,12 @@ class Course:
             rms = float(np.sqrt(np.nanmean(error**2)))
         return rms if math.isfinite(rms) else math.inf
 
+    def model(self, estimate: Estimate) -> Model | None:
+        """Return the chain whose parameters the method estimates, None where there is none."""
+        if isinstance(self.method, OnlineUd):
+            return self.method.model()
+        return named(estimate.model) if estimate.model else None
+
     def model_file(self, fit: str) -> ModelFile:
         """Return the present estimate as it is saved.
 
@@ -158,11 +164,8 @@ class Course:
             If it is no model that can be used.
         """
         estimate = self.method.estimate()
-        if isinstance(self.method, OnlineUd):
-            model = self.method.model()
-        elif estimate.model:
-            model = named(estimate.model)
-        else:
+        model = self.model(estimate)
+        if model is None:
             raise IdentificationError('no named model has the form of V0; use V1 or V2')
         deviations = {
             name: float(value)

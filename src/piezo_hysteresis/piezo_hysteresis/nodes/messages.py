@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.estimate import Estimate
+from piezo_hysteresis.models import Model, ModelFile, named
+from piezo_hysteresis.models.named import RECIPES as MODELS
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 
 
@@ -34,18 +38,47 @@ def measured_from(message: ActuatorState) -> Measured:
     return Measured(message.sample, message.voltage, message.displacement)
 
 
-def estimate_into(estimate: Estimate, message: ModelEstimate) -> None:
-    """Write `estimate` into `message`; header, sample and method stay as they are."""
-    message.model = estimate.model
-    message.names = list(estimate.names)
-    message.units = list(estimate.units)
-    message.values = [float(value) for value in estimate.values]
-    message.standard_deviations = [float(value) for value in estimate.standard_deviations]
+def estimate_into(estimate: Estimate, model: Model | None, message: ModelEstimate) -> None:
+    """Write `estimate` into `message`; header, sample and method stay as they are.
+
+    Parameters of `model` that were not estimated are added at their defaults, with no deviation,
+    so that the message alone makes a model.
+    """
+    names, units = list(estimate.names), list(estimate.units)
+    values = [float(value) for value in estimate.values]
+    deviations = [float(value) for value in estimate.standard_deviations]
+    defaults = {} if model is None else model.defaults()
+    for row in () if model is None else model.parameters:
+        if row.name not in names:
+            names.append(row.name)
+            units.append(row.unit)
+            values.append(float(defaults[row.name]))
+            deviations.append(0.0)
+    message.model = '' if model is None else _model_name(model)
+    message.names, message.units = names, units
+    message.values, message.standard_deviations = values, deviations
     message.one_step_rms = float(estimate.one_step_rms)
     message.condition_number = float(estimate.condition_number)
     message.message = ' '.join(estimate.notes)
 
 
-def parameters_from(message: ModelEstimate) -> dict[str, float]:
-    """Return the parameters of `message` by name."""
-    return dict(zip(message.names, message.values, strict=True))
+def model_from(message: ModelEstimate) -> ModelFile:
+    """Return the model of `message`.
+
+    Raises
+    ------
+    ModelError
+        If it has none, or its numbers make none.
+    """
+    if not message.model:
+        raise ModelError('the estimate belongs to no model; choose another method or variant')
+    if message.model in MODELS:
+        model = named(message.model)
+    else:
+        model = Model('', tuple(named_block(name) for name in message.model.split(',')))
+    return ModelFile(model, dict(zip(message.names, message.values, strict=True)))
+
+
+def _model_name(model: Model) -> str:
+    """Return the name of a named model, else the names of its blocks."""
+    return model.name if model.name in MODELS else ','.join(block.name for block in model.blocks)

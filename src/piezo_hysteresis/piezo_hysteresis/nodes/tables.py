@@ -2,41 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from piezo_hysteresis.waveforms import KINDS
-from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
-
-RATE = ParameterSpec(
-    'rate', 1000.0, 'Sampling rate of the loop.', 'Hz', above=0.0, high=1e5, read_only=True
-)
-
-
-def _number(values: Mapping[str, Value], name: str) -> float:
-    value = values[name]
-    assert isinstance(value, int | float)
-    return float(value)
-
-
-def _range_rule(values: Mapping[str, Value]) -> str:
-    if _number(values, 'limits.low') < _number(values, 'limits.high'):
-        return ''
-    return 'limits.low must stay below limits.high; set both in one atomic call'
-
-
-LIMITS = (
-    ParameterSpec('limits.low', -1.2, 'Lowest voltage passed on.', 'V', -500.0, 500.0),
-    ParameterSpec('limits.high', 1.2, 'Highest voltage passed on.', 'V', -500.0, 500.0),
-    ParameterSpec(
-        'limits.slew', 2000.0, 'Fastest change of the voltage.', 'V/s', above=0.0, high=1e9
-    ),
-)
-
-LINK = (
+from piezo_hysteresis.nodes.link_tables import (
+    ATTENUATION,
+    FEEDBACK,
+    FEEDFORWARD,
+    MODEL_FOLDER,
     RATE,
-    *LIMITS,
-    ParameterSpec('autostart', True, 'Configure and activate at start.', read_only=True),
 )
+from piezo_hysteresis.waveforms import KINDS
+from piezo_ros_common.table import ParameterSpec, ParameterTable
+
+__all__ = [
+    'ATTENUATION',
+    'DISCOVERY',
+    'EXCITATION',
+    'FEEDBACK',
+    'FEEDFORWARD',
+    'GAP_MONITOR',
+    'IDENTIFICATION',
+    'PLAYER',
+    'RECORDER',
+]
 
 EXCITATION = ParameterTable(
     (
@@ -72,60 +58,6 @@ EXCITATION = ParameterTable(
             high=3600.0,
         ),
     )
-)
-
-FEEDFORWARD = ParameterTable(
-    (
-        *LINK,
-        ParameterSpec('model_file', '', 'Model file to invert; empty uses gain alone.'),
-        ParameterSpec(
-            'gain', 1.2857e-4, 'Displacement per volt used without a model.', 'm/V', above=0.0
-        ),
-        ParameterSpec('start', 0.5, 'Time over which the reference is eased in.', 's', 0.0, 60.0),
-        ParameterSpec(
-            'transition', 0.2, 'Time over which a change of the model goes over.', 's', 0.0, 60.0
-        ),
-        ParameterSpec('follow_estimate', False, 'Take every model/estimate as soon as it comes.'),
-    ),
-    rules=(_range_rule,),
-)
-
-ATTENUATION = ParameterTable(
-    (
-        *LINK,
-        ParameterSpec('enabled', True, 'Correct the voltage; false passes it on.'),
-        ParameterSpec(
-            'method',
-            'rls',
-            'rls is 000 (18)-(21); afc is adaptive feedforward cancellation by complex gain.',
-            choices=('rls', 'afc'),
-        ),
-        ParameterSpec('orders', [3], 'Harmonic orders to attenuate.', '1', 0, 99),
-        ParameterSpec(
-            'sign_rule',
-            'computed',
-            'Sign of the error: computed from the plant gain, as printed in 000 (22), (23), none.',
-            choices=('computed', 'printed', 'none'),
-        ),
-        ParameterSpec(
-            'gain', 16666.7, 'Volts per metre of tracking error (method rls).', 'V/m', above=0.0
-        ),
-        ParameterSpec(
-            'plant.gain', 1.2e-4, 'Quasi-static displacement per volt.', 'm/V', above=0.0
-        ),
-        ParameterSpec(
-            'plant.natural_frequency', 68.0, 'Natural frequency; 0 for none.', 'Hz', 0.0, 1e5
-        ),
-        ParameterSpec('plant.damping_ratio', 0.015, 'Damping ratio.', '1', above=0.0, high=10.0),
-    ),
-    rules=(_range_rule,),
-)
-
-MODEL_FOLDER = ParameterSpec(
-    'model_folder',
-    '',
-    'Folder inside which services read and write models; empty is the working folder.',
-    read_only=True,
 )
 
 IDENTIFICATION = ParameterTable(
@@ -246,7 +178,7 @@ PLAYER = ParameterTable(
 GAP_MONITOR = ParameterTable(
     (
         RATE,
-        ParameterSpec('model_file', '', 'Model file to compare with.'),
+        ParameterSpec('model_file', '', 'Model file to compare with.', read_only=True),
         ParameterSpec('noise_floor', 0.0, 'Noise rms; 0 takes that of the model.', 'm', 0.0, 0.01),
         ParameterSpec('window', 1.0, 'Time over which the gap is taken.', 's', 0.05, 600.0),
     )

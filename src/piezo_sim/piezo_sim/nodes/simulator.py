@@ -95,16 +95,17 @@ class Simulator(Node):
         if not self._lock_step:
             self._book.arrive(message.sample, message.voltage, self._tick)
         elif message.sample <= self._newest_command:
-            self._answer_again(message.sample)
+            self._say_where()
         else:
             self._step_with(message.sample, message.voltage)
 
-    def _answer_again(self, sample: int) -> None:
-        """Repeat the state of a command that came again: somebody missed it."""
-        if sample == self._state.sample:
-            self._state_publisher.publish(self._state)
-        else:
-            self._book.counts['doubled'] += 1
+    def _say_where(self) -> None:
+        """Tell somebody who repeats a command, and so missed its state, which tick is next.
+
+        The state itself is never repeated: it would stand twice in every record.
+        """
+        self._book.counts['doubled'] += 1
+        self._publish_status()
 
     def _step_with(self, sample: int, voltage: float) -> None:
         if sample != self._tick:

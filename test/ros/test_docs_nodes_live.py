@@ -1,0 +1,75 @@
+"""What docs/nodes.md says of topics, services and actions is what running nodes offer."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from listening import Listener
+
+from piezo_ros_common.processes import NodeProcesses
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
+
+from write_docs import NODES, TYPES, NodePage
+
+pytestmark = pytest.mark.ros
+
+# What ROS itself gives to every node, or to every managed one.
+STANDARD = ('/rosout', '/parameter_events', '/_action/', '/transition_event')
+STANDARD_SERVICES = (
+    'parameter', 'get_type_description', 'change_state', 'get_state', 'get_available_',
+    'get_transition_graph', '/_action/',
+)  # fmt: skip
+
+
+def own(names: Iterable[tuple[str, list[str]]], standard: tuple[str, ...]) -> dict[str, str]:
+    return {name: types[0] for name, types in names if not any(word in name for word in standard)}
+
+
+def resolved(names: Iterable[str], node: str) -> set[str]:
+    return {'/' + name.replace('~', node).lstrip('/') for name in names}
+
+
+@pytest.mark.parametrize(
+    'page', [n for n in NODES if n.executable != 'player'], ids=lambda n: n.executable
+)
+def test_the_page_tells_what_a_node_offers(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodePage
+) -> None:
+    name = page.executable
+    settings = {'out': str(tmp_path / 'bag')} if name == 'recorder' else {}
+    processes.start(page.package, name, settings)
+    graph = listener.node
+
+    def there() -> bool:
+        present = name in graph.get_node_names()
+        return present and bool(graph.get_service_names_and_types_by_node(name, '/'))
+
+    listener.until(there, 60.0)
+    wanted = resolved(page.publishes, name), resolved(page.subscribes, name)
+
+    def published() -> dict[str, str]:
+        return own(graph.get_publisher_names_and_types_by_node(name, '/'), STANDARD)
+
+    def heard() -> dict[str, str]:
+        return own(graph.get_subscriber_names_and_types_by_node(name, '/'), STANDARD)
+
+    def services() -> set[str]:
+        found = graph.get_service_names_and_types_by_node(name, '/')
+        return set(own(found, STANDARD_SERVICES))
+
+    # Announcements come one by one: wait for all, then nothing else may be there.
+    listener.until(lambda: wanted[0] <= published().keys() and wanted[1] <= heard().keys())
+    listener.until(lambda: resolved(page.services, name) <= services())
+    assert set(published()) == wanted[0]
+    assert set(heard()) == wanted[1]
+    assert services() == resolved(page.services, name)
+    for short in (*page.publishes, *page.subscribes):
+        full = '/' + short.replace('~', name).lstrip('/')
+        assert {**published(), **heard()}[full] == TYPES[short]
+    for action in page.actions:
+        kinds = dict(graph.get_service_names_and_types_by_node(name, '/'))
+        assert f'/{action}/_action/send_goal' in kinds
