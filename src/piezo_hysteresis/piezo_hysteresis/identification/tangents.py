@@ -287,5 +287,18 @@ def nonlocal_memory(
 
 
 TANGENTS: dict[str, Tangent] = {
-    each.__name__: each for each in (bouc_wen, bouc_wen_exact, mode, autoregressive, offset, gain)
+    'nonlocal_memory_fine': nonlocal_memory,
+    **{
+        each.__name__: each
+        for each in (
+            bouc_wen,
+            bouc_wen_exact,
+            mode,
+            autoregressive,
+            offset,
+            gain,
+            prandtl_ishlinskii,
+            nonlocal_memory,
+        )
+    },
 }
