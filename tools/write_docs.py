@@ -106,6 +106,18 @@ NODES = (
         tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status'),
+        services=('~/reset',),
+        managed=True,
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'feedback',
+        'Optional link of the voltage chain: PID, fuzzy PID or H-infinity on the tracking error. '
+        'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
+        tables.FEEDBACK,
+        subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
+        publishes=(topics.VOLTAGE_COMMAND, '~/status'),
+        services=('~/reset',),
         managed=True,
     ),
     NodePage(
@@ -115,7 +127,7 @@ NODES = (
         tables.IDENTIFICATION,
         subscribes=(topics.STATE, topics.MARKER),
         publishes=(topics.ESTIMATE, '~/status'),
-        services=('~/reset',),
+        services=('~/reset', '~/save'),
     ),
     NodePage(
         'piezo_hysteresis',

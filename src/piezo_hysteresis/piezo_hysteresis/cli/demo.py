@@ -101,8 +101,7 @@ def _print_runs(demo: Any) -> None:
     from rich.table import Table
 
     title = f'Tracking error at {demo.plan.tracked:g} Hz in um: rms and harmonics'
-    look = {'box': box.SIMPLE_HEAD, 'pad_edge': False, 'padding': (0, 1, 0, 0)}
-    table = Table(title=title, title_justify='left', **look)
+    table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column('run', no_wrap=True)
     orders = list(demo.runs[0].metrics.harmonics)
     for words in ('RMSE', 'less mean', *(f'{order}x' for order in orders)):
