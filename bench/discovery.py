@@ -1,6 +1,6 @@
 """The blind proof of the discovery: hidden effects of random size, found from the records alone.
 
-    python -m bench.discovery --kind all --sets 100 --workers 2
+    python bench/discovery.py --kind all --sets 100 --workers 2
 
 Every set is made by `piezo_sim`, written as a bag and handed to `python -m piezo_hysteresis
 discover` in a process of its own that is told the bag and the baseline, nothing else. The answer
@@ -26,6 +26,9 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.discovery_scores import calibration, confusion, named, summary
 from bench.discovery_worlds import Hidden, draw, records_of

@@ -12,6 +12,7 @@ from piezo_hysteresis.discovery.dataset import Dataset, thinned
 from piezo_hysteresis.discovery.floor import block_edges
 from piezo_hysteresis.discovery.screen import Promise, Screen
 from piezo_hysteresis.discovery.significance import Improvement, improvement, win_shares
+from piezo_hysteresis.discovery.tones import on_one_clock
 from piezo_hysteresis.discovery.trial import (
     Trial,
     errors_of,
@@ -104,6 +105,12 @@ class Arena:
             [data.periods[v.name] for v in self.views],
             [v.dt for v in self.views],
         )
+
+    def on_one_clock(self, trial: Trial) -> Arena:
+        """Return the arena with the phases of a fixed tone lined up, before one is modelled."""
+        if any(block.clocked for block in trial.model.blocks):
+            return self
+        return Arena(on_one_clock(self.data, trial), self.floor, self._seed, self._workers)
 
     def penalty(self, trial: Trial) -> float:
         """Return what the parameters of `trial` cost, in units of log sum of squares.

@@ -19,6 +19,8 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate
 
+# Records, those with the largest residual, from which starts are guessed.
+GUESSES = 3
 # Shares of a start at which a candidate is looked at: effects are not linear in their size.
 STEPS = (1.0, 0.2)
 
@@ -113,8 +115,11 @@ class Screen:
             float(np.std(v.measured - v.pick(y)))
             for v, y in zip(self._views, self._simulated, strict=True)
         ]
+        block = candidate.effect.block
+        # what depends on the clock shows best where the drive does little
+        count = len(sizes) if block is not None and block.clocked else GUESSES
         guesses = []
-        for place in np.argsort(sizes)[::-1][:3]:
+        for place in np.argsort(sizes)[::-1][:count]:
             view, y = self._views[place], self._simulated[place]
             residual = np.zeros_like(view.voltage)
             residual[view.first :] = view.measured - y[view.first :]
@@ -124,7 +129,7 @@ class Screen:
                 residual[view.first :],
                 view.dt,
                 view.frequency,
-                view.first * view.dt,
+                view.start + view.first * view.dt,
             )
             guesses.append(candidate.guessed(seen))
         return guesses

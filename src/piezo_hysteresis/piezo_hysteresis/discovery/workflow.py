@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.advise import advise
+from piezo_hysteresis.discovery.annotate import annotated
 from piezo_hysteresis.discovery.baseline import Baselines, baselines
 from piezo_hysteresis.discovery.check import Check, check
 from piezo_hysteresis.discovery.compete import Arena, Contest
@@ -110,6 +111,7 @@ def discover(
         If nothing can be said from the records; the message says what to record.
     """
     began = time.monotonic()
+    records = annotated(records)
     found = check(records)
     data = split(records)
     floor = noise_floor(data)
@@ -117,35 +119,39 @@ def discover(
     base = baselines(data, baseline)
     progress(0.12, 'baselines fitted')
     arena = Arena(data, floor, seed, workers)
-    steps, last = _compete(arena, base.joint, progress)
+    arena, steps, last = _compete(arena, base.joint, progress)
     steps, final = _pruned(arena, base.joint, steps)
     progress(0.95, 'proving on held-out records')
-    proof = prove(data, base.joint, final)
-    discovery = Discovery(_placeholder(), data, floor, base, tuple(steps), final, proof, found)
+    proof = prove(arena.data, base.joint, final)
+    seen = arena.data
+    discovery = Discovery(_placeholder(), seen, floor, base, tuple(steps), final, proof, found)
     verdict = _verdict(discovery, arena, last, name or base.joint.model.name, seed)
     return replace(discovery, verdict=replace(verdict, seconds=time.monotonic() - began))
 
 
-def _compete(arena: Arena, start: Trial, progress: Progress) -> tuple[list[Step], Contest | None]:
+def _compete(
+    arena: Arena, start: Trial, progress: Progress
+) -> tuple[Arena, list[Step], Contest | None]:
     """Add effects one by one until nothing significant is left."""
     current = start
     steps: list[Step] = []
     contest: Contest | None = None
     for place in range(MOST_EFFECTS):
         if not arena.lacks_something(current):
-            return steps, None
+            return arena, steps, None
         begin, share = 0.12 + 0.8 * place / MOST_EFFECTS, 0.8 / MOST_EFFECTS
 
         def told(fraction: float, words: str, begin: float = begin, share: float = share) -> None:
             progress(begin + share * fraction, words)
 
+        arena = arena.on_one_clock(current)
         contest = arena.contest(current, told)
         if contest is None or not accepted(arena, contest):
-            return steps, contest
+            return arena, steps, contest
         # A fit that stopped short would leave crumbs for which the next round finds a name.
         current = arena.refit(contest.best, THOROUGH)
         steps.append(Step(contest, current))
-    return steps, contest
+    return arena, steps, contest
 
 
 def accepted(arena: Arena, contest: Contest) -> bool:

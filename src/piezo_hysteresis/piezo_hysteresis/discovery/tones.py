@@ -1,0 +1,145 @@
+"""Tones that do not come from the drive: found over all records, their phases put on one clock.
+
+Records of one bag share a clock, but a tone need not keep its phase over the pauses between them,
+and files of others often all start at time zero. So the phase of a tone is a nuisance of every
+record: once a tone is seen, the start time of each record is set so that one sine describes it
+everywhere. Only blocks that depend on the clock notice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.dataset import Dataset
+from piezo_hysteresis.discovery.trial import Trial, errors_of
+from piezo_hysteresis.identification.targets import Target
+
+# A line stands out from this many times the local median of the spectrum.
+PROMINENT = 30.0
+# Lines nearer to a harmonic of the drive than so many bins belong to it.
+BINS = 3.0
+# A phase is trusted where the tone has at least this share of its usual amplitude.
+TRUSTED = 0.5
+_FEWEST = 256
+_STEPS = np.linspace(-1.0, 1.0, 41)
+
+
+@dataclass(frozen=True)
+class Tone:
+    """One fixed tone.
+
+    Attributes
+    ----------
+    frequency : float
+        In all records [Hz].
+    amplitude : float
+        Median over the records in which it stands clear of the drive [m].
+    """
+
+    frequency: float
+    amplitude: float
+
+
+def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies [Hz] and power of what is in `error` beside harmonics of the drive."""
+    window = np.hanning(error.size)
+    time = np.arange(error.size)
+    level = error - np.polyval(np.polyfit(time, error, 1), time)
+    power = np.abs(np.fft.rfft(window * level)) ** 2
+    frequency = np.fft.rfftfreq(error.size, view.dt)
+    power[:3] = 0.0
+    if view.frequency > 0:
+        order = frequency / view.frequency
+        near = np.abs(order - np.round(order)) * view.frequency
+        power[near < BINS / (error.size * view.dt)] = 0.0
+    return frequency, power
+
+
+def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
+    """Return the complex amplitude of a tone [m], its phase that at the first driven sample."""
+    angle = 2.0 * np.pi * frequency * view.dt * (view.first + np.arange(error.size))
+    basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones(error.size)])
+    cosine, sine, _ = np.linalg.lstsq(basis, error, rcond=None)[0]
+    return complex(cosine, -sine)
+
+
+def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | None:
+    """Return the tone that explains most over all views, None where nothing stands out."""
+    long = [(v, e) for v, e in zip(views, errors, strict=True) if e.size > _FEWEST]
+    seen = [(v, e, *spectrum(v, e)) for v, e in long]
+    found = []
+    for _, _, frequency, power in seen:
+        top = int(np.argmax(power))
+        around = power[max(0, top - 200) : top + 200]
+        if power[top] > 0.0 and power[top] > PROMINENT * float(np.median(around[around > 0.0])):
+            found.append(float(frequency[top]))
+    if len(found) < max(2, len(seen) // 4):
+        return None
+
+    def explained(tone: float) -> float:
+        return sum(abs(phasor(v, e, tone)) ** 2 * e.size for v, e, _, _ in _clear(seen, tone))
+
+    best = max(found, key=explained)
+    longest = max(e.size * v.dt for v, e, _, _ in seen)
+    for width in (1.0, 0.1):
+        best = max((best + width * step / longest for step in _STEPS), key=explained)
+    clear = _clear(seen, best)
+    if len(clear) < 2:
+        return None
+    return Tone(best, float(np.median([abs(phasor(v, e, best)) for v, e, _, _ in clear])))
+
+
+_Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
+
+
+def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
+    """Return the views of which `tone` is no harmonic."""
+    kept = []
+    for row in seen:
+        view, error = row[0], row[1]
+        order = tone / view.frequency if view.frequency > 0 else 0.5
+        if abs(order - round(order)) * view.frequency * error.size * view.dt >= BINS or not (
+            view.frequency > 0
+        ):
+            kept.append(row)
+    return kept
+
+
+def on_one_clock(data: Dataset, trial: Trial) -> Dataset:
+    """Return `data` with start times by which the strongest tone has one phase everywhere.
+
+    Held-out records give their own phase, and nothing else: one number that no model can know.
+    """
+    tone = find_tone(data.training, trial.errors)
+    if tone is None:
+        return data
+    known = {
+        v.name: phasor(v, e, tone.frequency)
+        for v, e in zip(data.training, trial.errors, strict=True)
+    }
+    others = [v for v in data.held_out if v.name not in known]
+    errors = errors_of(trial.model, trial.values, others)
+    known |= {
+        v.name: phasor(v, e, tone.frequency)
+        for v, e in zip(others, errors, strict=True)
+        if np.all(np.isfinite(e))
+    }
+    sure = {name: z for name, z in known.items() if abs(z) > TRUSTED * tone.amplitude}
+    starts = {v.name: v.start for v in (*data.training, *data.held_out)}
+    first = next((v.name for v in data.training if v.name in sure), None)
+    if first is None:
+        return data
+    # phase of the tone at time 0 of the recorded clock, by the first record
+    zero = np.angle(sure[first]) - 2.0 * np.pi * tone.frequency * starts[first]
+    for name, z in sure.items():
+        ahead = (np.angle(z) - zero) / (2.0 * np.pi) - tone.frequency * starts[name]
+        starts[name] += (ahead - round(ahead)) / tone.frequency
+    return replace(
+        data,
+        training=tuple(replace(v, start=starts[v.name]) for v in data.training),
+        held_out=tuple(replace(v, start=starts[v.name]) for v in data.held_out),
+    )
