@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
@@ -40,7 +39,7 @@ def main() -> int:
         *axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=4, frameon=False
     )
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure).print_png(PICTURE, metadata={'Software': None})
+    figure.savefig(PICTURE, metadata={'Software': None})
     return 0
 
 

@@ -226,7 +226,7 @@ def _next_after_demo() -> Section:
         '--out out/discover` names what the model still misses.\n'
         '- `make demo DATA=my_record.csv` identifies an actuator of your own.\n'
         '- `params.yaml` beside this page goes into the running feedforward node with '
-        '`ros2 param load /piezo/feedforward params.yaml`.'
+        '`ros2 param load /feedforward params.yaml`.'
     )
     return Section('What next?', text)
 
@@ -237,6 +237,6 @@ def _next_after_data() -> Section:
         'the model still misses, with probabilities and alternatives.\n'
         '- `python -m piezo_hysteresis validate OTHER_DATA --model model.yaml --out DIR` judges '
         'the model on records that it has never seen: do that before you trust it.\n'
-        '- `ros2 param load /piezo/feedforward params.yaml` makes the feedforward node invert it.'
+        '- `ros2 param load /feedforward params.yaml` makes the feedforward node invert it.'
     )
     return Section('What next?', text)

@@ -1,0 +1,66 @@
+"""The report in a real browser: plots are drawn, nothing is complained about or asked for."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from piezo_hysteresis.reporting.page import Section, table, write_report
+from piezo_hysteresis.reporting.plots import GREY, PALETTE, Curve, loop_figure, spectrum_figure
+
+BROWSER = next(
+    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
+)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason='no Chromium: apt-get install chromium'),
+]
+
+FLAGS = (
+    '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+    '--disable-background-networking', '--disable-component-update', '--disable-sync',
+    '--hide-scrollbars', '--virtual-time-budget=6000', '--enable-logging=stderr',
+)  # fmt: skip
+
+
+def share(image, colour):
+    wanted = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    return float(np.mean(np.max(np.abs(image[..., :3] - wanted), axis=-1) < 0.04))
+
+
+@pytest.mark.parametrize('width', [390, 1280], ids=['phone', 'desk'])
+def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path, width):
+    time = np.arange(2000) * 1e-3
+    u = np.sin(2 * np.pi * 5 * time)
+    curves = [
+        Curve('measured', u, 5e-5 * u**3),
+        Curve('a model with a long name', u, 5e-5 * u),
+        Curve('another', u, -5e-5 * u),
+    ]
+    figures = (
+        loop_figure(curves, 'Loop', 'Cubic and straight.'),
+        spectrum_figure([('a', u), ('b', u**3)], 1e-3, 'Lines', 'Odd.', fundamental=5.0),
+    )
+    rows = table(('a', 'b'), [[1.0, 'long words ' * 20]] * 3)
+    write_report(tmp_path / 'r.html', 'Title', 'Verdict.', [Section('One', '', figures, (rows,))])
+    picture = tmp_path / 'r.png'
+    done = subprocess.run(
+        [BROWSER, *FLAGS, f'--user-data-dir={tmp_path / "profile"}', f'--window-size={width},1500',
+         f'--screenshot={picture}', f'file://{tmp_path / "r.html"}'],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    said = re.findall(r'CONSOLE[^"]*"(.*)", source', done.stderr)
+    assert any('document idle' in line for line in said)  # Bokeh has drawn
+    # the browser's own remark that a layout took two rounds is harmless
+    faults = [line for line in said if '[bokeh' not in line and 'ResizeObserver' not in line]
+    assert faults == []
+    image = matplotlib.image.imread(picture)
+    assert share(image, GREY) > 1e-3
+    assert share(image, PALETTE[1]) > 1e-4  # of the page only the third curve has it
+    # what is wider than a phone scrolls in its own box: the last column of pixels stays white
+    assert np.all(image[:, -1, :3] == 1.0)
