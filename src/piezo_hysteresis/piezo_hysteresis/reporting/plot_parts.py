@@ -1,0 +1,130 @@
+"""What every plot is put together from: axes, lines, legends, marks in one look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from bokeh.models import Label, Legend, LegendItem, Span
+from bokeh.plotting import figure
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.reporting.signals import thinned
+from piezo_hysteresis.reporting.units import MICRO
+
+#: Okabe and Ito: told apart with any colour vision, and by lightness in print.
+PALETTE = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
+GREY = '#8c959f'
+_HEIGHT = 250
+_WIDE_LEGEND = 44  # characters that fit beside each other above a plot on a phone
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line of a plot.
+
+    Attributes
+    ----------
+    label : str
+        Its name in the legend.
+    x, y : ndarray, shape (n,)
+        In SI units.
+    """
+
+    label: str
+    x: FloatArray
+    y: FloatArray
+
+
+def new_axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:
+    """Return an empty plot in the look of all."""
+    plot = figure(
+        title=title, x_axis_label=x_label, y_axis_label=y_label, frame_height=_HEIGHT,
+        sizing_mode='stretch_width', tools='pan,box_zoom,wheel_zoom,reset,save',
+        active_drag='box_zoom', toolbar_location='above', min_border_right=18, **options,
+    )  # fmt: skip
+    plot.toolbar.logo = None
+    plot.title.text_font_size = '14px'
+    plot.grid.grid_line_color = '#e6e9ec'
+    plot.axis.minor_tick_line_color = None
+    plot.axis.axis_label_text_font_style = 'normal'
+    plot.axis.axis_label_text_font_size = '13px'
+    plot.axis.major_label_text_font_size = '12px'
+    plot.outline_line_color = '#d0d7de'
+    return plot
+
+
+def draw_lines(
+    plot: Any,
+    curves: Sequence[Curve],
+    x_factor: float,
+    y_factor: float,
+    *,
+    markers: bool = False,
+    ground: bool = False,
+) -> None:
+    """Draw lines; a `ground` is broad and grey, so that what lies on it leaves it visible."""
+    ground = ground and len(curves) > 1
+    colours = (GREY, *PALETTE) if ground else PALETTE
+    items = []
+    for k, curve in enumerate(curves):
+        x, y = thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
+        colour = colours[k % len(colours)]
+        line = plot.line(
+            'x', 'y', source={'x': x * x_factor, 'y': y * y_factor}, color=colour,
+            line_width=4.0 if ground and k == 0 else 1.5, line_join='round',
+        )  # fmt: skip
+        drawn = [line]
+        if markers:
+            drawn.append(
+                plot.scatter(
+                    'x', 'y', source=line.data_source, color=colour, size=7,
+                    marker=('circle', 'square', 'triangle')[k % 3],
+                )
+            )  # fmt: skip
+        items.append((curve.label, drawn))
+    if len(items) > 1:
+        add_legend(plot, items)
+
+
+def add_legend(plot: Any, items: Sequence[tuple[str, Any]]) -> None:
+    """Put the legend above the plot, where it covers nothing, wrapped for a phone."""
+    rows = [
+        LegendItem(label=label, renderers=drawn if isinstance(drawn, list) else [drawn])
+        for label, drawn in items
+    ]
+    longest = max(len(label) for label, _ in items) + 6  # the page refines it by its width
+    plot.add_layout(
+        Legend(
+            items=rows, ncols=max(1, min(len(rows), _WIDE_LEGEND // longest)),
+            click_policy='hide', border_line_color=None, padding=0, margin=4, spacing=14,
+            location='left',
+            label_text_font_size='12px', glyph_width=26, label_height=14, glyph_height=14,
+        ),
+        'above',
+    )  # fmt: skip
+
+
+def draw_floor(plot: Any, floor: float | None) -> None:
+    """Draw the noise floor [m] across, where it is known."""
+    if floor is None or not floor > 0:
+        return
+    plot.add_layout(
+        Span(location=MICRO * floor, dimension='width', line_dash='dotted', line_color='#000000',
+             line_width=1.5)
+    )  # fmt: skip
+    plot.add_layout(
+        Label(x=6, x_units='screen', y=MICRO * floor, text='noise floor', text_font_size='11px',
+              y_offset=2)
+    )  # fmt: skip
+
+
+def draw_mark(plot: Any, place: float, words: str, colour: str = GREY, low: bool = False) -> None:
+    """Mark a place on the x axis by a dotted line and words."""
+    look = {'line_dash': 'dotted', 'line_color': colour, 'line_width': 1, 'level': 'underlay'}
+    plot.add_layout(Span(location=place, dimension='height', **look))
+    height = 4 if low else _HEIGHT - 16
+    text = {'text': words, 'text_font_size': '11px', 'text_color': colour, 'x_offset': 2}
+    plot.add_layout(Label(x=place, y=height, y_units='screen', **text))
