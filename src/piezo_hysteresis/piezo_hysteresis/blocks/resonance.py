@@ -52,7 +52,15 @@ BLOCK = Block(
         Parameter(
             'resonance_frequency', 'Hz', 68.0, 1e-2, 1e6, 'Undamped natural frequency.', 68.0
         ),
-        Parameter('resonance_damping', '1', 0.02, 1e-5, 5.0, 'Damping over critical.', 0.02),
+        Parameter(
+            'resonance_damping',
+            '1',
+            0.02,
+            1e-5,
+            0.7,
+            'Damping over critical; above 0.7 nothing stands out.',
+            0.02,
+        ),
         Parameter(
             'resonance_share',
             '1',

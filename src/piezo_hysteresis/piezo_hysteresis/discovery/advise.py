@@ -9,7 +9,7 @@ from piezo_hysteresis.discovery.check import Check
 from piezo_hysteresis.models import described
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.discovery.workflow import Step
+    from piezo_hysteresis.discovery.settle import Step
 
 DOUBT = 0.02
 

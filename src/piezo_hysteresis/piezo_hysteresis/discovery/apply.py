@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import atan2, hypot
+from math import atan2, hypot, pi
 
 from piezo_hysteresis.models import ModelFile
 
@@ -56,6 +56,25 @@ def _bouc_wen_power(v: Mapping[str, float]) -> SimulatorValues:
         **_bouc_wen(v),
         'effects.hysteresis_exponent': True,
         'bouc_wen.exponent': v['exponent'],
+    }
+
+
+def _bouc_wen_widening(v: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **_bouc_wen(v),
+        'effects.rate_dependence': True,
+        'rate.widening': v['widening'],
+        'rate.reference': v['widening_corner'],
+        'rate.memory': v['widening_memory'],
+    }
+
+
+def _sensor_lag(v: Mapping[str, float]) -> SimulatorValues:
+    if v['sensor_lag_time'] <= 0.0:
+        return {}
+    return {
+        'effects.sensor_bandwidth': True,
+        'sensor.bandwidth': 1.0 / (2.0 * pi * v['sensor_lag_time']),
     }
 
 
@@ -145,6 +164,11 @@ TABLE: dict[str, Translation] = {
     'offset': _offset,
     'transport_delay': _switched('transport_delay', delay='amplifier__delay'),
     'amplifier_lag': _switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),
+    'amplifier_lag_sampled': _switched(
+        'amplifier_lag', sampled_lag_time='amplifier__lag_time_constant'
+    ),
+    'sensor_lag': _sensor_lag,
+    'bouc_wen_widening': _bouc_wen_widening,
     'slew_limit': _switched('slew_limit', slew_rate='amplifier__slew_rate'),
     'electrostriction': _electrostriction,
     'drift': _switched('drift', drift_rate='drift__rate'),

@@ -12,7 +12,7 @@ from piezo_hysteresis.discovery.verdict import Alternative, NamedEffect, Number,
 from piezo_hysteresis.models import described
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.discovery.workflow import Step
+    from piezo_hysteresis.discovery.settle import Step
 
 # Alternatives with less probability than this are not mentioned.
 WORTH_SAYING = 0.005

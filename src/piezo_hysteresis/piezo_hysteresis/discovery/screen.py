@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -16,7 +17,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.discovery.trial import Trial, errors_of, simulate
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Candidate
 
 # Records, those with the largest residual, from which starts are guessed.
@@ -42,6 +45,28 @@ class Promise:
     candidate: Candidate
     starts: tuple[dict[str, float], ...]
     explained: float
+
+
+@jit
+def without(vector: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return `vector`, shape (n,), less its share of orthonormal rows, shape (p, n)."""
+    left = vector.copy()
+    for j in range(basis.shape[0]):
+        share = inner(basis[j], left)
+        for k in range(left.size):
+            left[k] -= share * basis[j, k]
+    return left
+
+
+def orthonormal(rows: FloatArray) -> FloatArray:
+    """Return orthonormal rows that span the same, shape (p, n), without BLAS threads."""
+    kept = np.empty((0, rows.shape[1]))
+    for row in rows:
+        left = without(without(row, kept), kept)
+        size = sqrt(inner(left, left))
+        if size > 1e-9 * sqrt(inner(row, row)):
+            kept = np.vstack([kept, left / size])
+    return kept
 
 
 class Screen:
@@ -72,10 +97,8 @@ class Screen:
             if column is not None:
                 columns.append(column)
         if not columns:
-            return np.zeros((self._residual.size, 0))
-        basis, triangle = np.linalg.qr(np.column_stack(columns))
-        size = np.abs(np.diag(triangle))
-        return np.asarray(basis[:, size > 1e-9 * max(float(size.max()), 1e-300)])
+            return np.zeros((0, self._residual.size))
+        return orthonormal(np.array(columns))
 
     def _difference(self, name: str) -> FloatArray | None:
         values = dict(self._trial.values)
@@ -94,7 +117,7 @@ class Screen:
         return np.asarray(self._residual - np.concatenate(errors))
 
     def _project(self, vector: FloatArray) -> FloatArray:
-        return np.asarray(vector - self._basis @ (self._basis.T @ vector))
+        return without(vector, self._basis)
 
     def promise(self, candidate: Candidate) -> Promise:
         """Return what `candidate` promises, with its starts ordered by it."""
@@ -160,8 +183,8 @@ class Screen:
         if not np.all(np.isfinite(moved)):
             return 0.0
         column = self._project(moved)
-        size = float(column @ column)
-        if size <= 1e-18 * float(moved @ moved):
+        size = inner(column, column)
+        if size <= 1e-18 * inner(moved, moved):
             return 0.0
-        gain = float(column @ self._left)
-        return gain**2 / size / max(float(self._residual @ self._residual), 1e-300)
+        gain = inner(column, self._left)
+        return gain**2 / size / max(inner(self._residual, self._residual), 1e-300)

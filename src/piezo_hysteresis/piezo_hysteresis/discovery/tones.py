@@ -56,7 +56,7 @@ def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
         order = frequency / view.frequency
         near = np.abs(order - np.round(order)) * view.frequency
         power[near < BINS / (error.size * view.dt)] = 0.0
-    return frequency, power
+    return np.asarray(frequency), np.asarray(power)
 
 
 def phasor(view: Target, error: FloatArray, frequency: float) -> complex:

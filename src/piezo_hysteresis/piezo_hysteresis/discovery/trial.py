@@ -18,6 +18,28 @@ from piezo_hysteresis.models import Model, answers_at_once
 Values = Mapping[str, float]
 
 
+# Modes, tones and other lines are looked for below this share of the sampling rate.
+HIGHEST = 0.49
+_FREQUENCIES = ('natural_frequency', 'resonance_frequency', 'hum_frequency')
+
+
+@dataclass(frozen=True)
+class Added:
+    """One effect that a model has been given.
+
+    Attributes
+    ----------
+    effect, variant : str
+        Its word, and the way in which it enters.
+    names : mapping of str to str
+        The block's own parameter names to those of the model.
+    """
+
+    effect: str
+    variant: str
+    names: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class Trial:
     """A model with fitted values.
@@ -32,10 +54,8 @@ class Trial:
         Measured minus simulated of every training view [m].
     parameters : int
         Number of fitted parameters.
-    effect : str
-        Effect that this trial adds to the model before; empty for a baseline.
-    variant : str
-        How it enters.
+    added : tuple of Added
+        Effects that the model has beyond the baseline, in the order in which they came.
     fitted : FitResult or None
         The fit, where there was one.
     """
@@ -44,9 +64,18 @@ class Trial:
     values: dict[str, float]
     errors: tuple[FloatArray, ...]
     parameters: int
-    effect: str = ''
-    variant: str = ''
+    added: tuple[Added, ...] = ()
     fitted: FitResult | None = None
+
+    @property
+    def effect(self) -> str:
+        """Effect that came last; empty for a baseline."""
+        return self.added[-1].effect if self.added else ''
+
+    @property
+    def variant(self) -> str:
+        """How it enters."""
+        return self.added[-1].variant if self.added else ''
 
     @property
     def square(self) -> float:
@@ -99,8 +128,7 @@ def fit_trial(
     *,
     evaluations: int,
     offset: tuple[float, float] | None,
-    effect: str = '',
-    variant: str = '',
+    added: tuple[Added, ...] = (),
 ) -> Trial | None:
     """Fit `model` from `values`; return None where it cannot be fitted at all.
 
@@ -111,11 +139,11 @@ def fit_trial(
     """
     start = dict(values)
     known = start.pop(SAMPLING_OFFSET, 0.0)
-    bounds = None
+    bounds = _resolvable(model, views[0].dt)
     sampling: bool | float = float(known)
     if offset is not None:
         sampling = True
-        bounds = {SAMPLING_OFFSET: offset}
+        bounds[SAMPLING_OFFSET] = offset
         start[SAMPLING_OFFSET] = float(np.clip(known, *offset))
     try:
         result = fit(
@@ -130,17 +158,26 @@ def fit_trial(
         )
     except PiezoError:
         return None
-    return of_result(result, effect, variant)
+    return of_result(result, added)
 
 
-def of_result(result: FitResult, effect: str = '', variant: str = '') -> Trial | None:
+def _resolvable(model: Model, dt: float) -> dict[str, tuple[float, float]]:
+    """Bounds that keep frequencies off their aliases above half the sampling rate."""
+    return {
+        q.name: (q.low, HIGHEST / dt)
+        for q in model.parameters
+        if q.name.startswith(_FREQUENCIES) and not q.held
+    }
+
+
+def of_result(result: FitResult, added: tuple[Added, ...] = ()) -> Trial | None:
     """Return a fit as a trial, or None where its errors are not finite."""
     errors = tuple(result.residuals[t.name] for t in result.targets)
     if not all(np.all(np.isfinite(e)) for e in errors):
         return None
     values = {**result.values, SAMPLING_OFFSET: result.sampling_offset}
     count = len([name for name in result.free if name != SAMPLING_OFFSET])
-    return Trial(result.model, values, errors, count, effect, variant, result)
+    return Trial(result.model, values, errors, count, added, result)
 
 
 def on_views(trial: Trial, views: Sequence[Target]) -> Trial:

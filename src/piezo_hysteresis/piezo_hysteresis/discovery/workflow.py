@@ -8,15 +8,17 @@ from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.advise import advise
 from piezo_hysteresis.discovery.annotate import annotated
+from piezo_hysteresis.discovery.arena import SURE, Arena
 from piezo_hysteresis.discovery.baseline import Baselines, baselines
 from piezo_hysteresis.discovery.check import Check, check
-from piezo_hysteresis.discovery.compete import Arena, Contest
+from piezo_hysteresis.discovery.compete import Contest, compete
 from piezo_hysteresis.discovery.dataset import Dataset, split
 from piezo_hysteresis.discovery.describe import describe
 from piezo_hysteresis.discovery.floor import noise_floor
 from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
 from piezo_hysteresis.discovery.prove import Proof, prove
+from piezo_hysteresis.discovery.settle import Step, settle
 from piezo_hysteresis.discovery.trial import Trial
 from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.models import Model, ModelFile
@@ -25,9 +27,7 @@ from piezo_hysteresis.records import Record
 Progress = Callable[[float, str], None]
 
 MOST_EFFECTS = 5
-# An improvement counts from so many standard errors,
-SURE = 5.0
-# if it takes at least this share of what is above the floor.
+# An improvement counts if it takes at least this share of what is above the floor.
 SHARE = 0.25
 # What is left counts as explained up to this gap [floors].
 NEAR = 1.2
@@ -35,14 +35,6 @@ NEAR = 1.2
 THOROUGH = 200
 # Effects that explain less than this of the excess, with more left than NEAR, name nothing.
 MOSTLY = 0.9
-
-
-@dataclass(frozen=True)
-class Step:
-    """One accepted effect."""
-
-    contest: Contest
-    trial: Trial
 
 
 @dataclass(frozen=True)
@@ -118,9 +110,13 @@ def discover(
     progress(0.02, 'checked, split and noise measured')
     base = baselines(data, baseline)
     progress(0.12, 'baselines fitted')
-    arena = Arena(data, floor, seed, workers)
+    hints = [trial.values for trial in (base.slow,) if trial is not None]
+    arena = Arena(data, floor, seed, workers, hints)
     arena, steps, last = _compete(arena, base.joint, progress)
-    steps, final = _pruned(arena, base.joint, steps)
+    final = base.joint
+    if steps:
+        progress(0.85, 'judging every effect knowing the others')
+        steps, final = settle(arena, base.joint, steps, lambda fraction, words: None)
     progress(0.95, 'proving on held-out records')
     proof = prove(arena.data, base.joint, final)
     seen = arena.data
@@ -137,15 +133,15 @@ def _compete(
     steps: list[Step] = []
     contest: Contest | None = None
     for place in range(MOST_EFFECTS):
-        if not arena.lacks_something(current):
+        if not arena.lacks_something(current) or arena.is_crumb(current, start):
             return arena, steps, None
-        begin, share = 0.12 + 0.8 * place / MOST_EFFECTS, 0.8 / MOST_EFFECTS
+        begin, share = 0.12 + 0.7 * place / MOST_EFFECTS, 0.7 / MOST_EFFECTS
 
         def told(fraction: float, words: str, begin: float = begin, share: float = share) -> None:
             progress(begin + share * fraction, words)
 
         arena = arena.on_one_clock(current)
-        contest = arena.contest(current, told)
+        contest = compete(arena, current, told)
         if contest is None or not accepted(arena, contest):
             return arena, steps, contest
         # A fit that stopped short would leave crumbs for which the next round finds a name.
@@ -160,22 +156,6 @@ def accepted(arena: Arena, contest: Contest) -> bool:
     share = (before - after) / max(before, 1e-12)
     better = arena.score(contest.best) < arena.score(contest.before)
     return better and contest.gain.ratio >= SURE and share >= SHARE
-
-
-def _pruned(arena: Arena, start: Trial, steps: list[Step]) -> tuple[list[Step], Trial]:
-    """Fit jointly, and drop effects that later ones made needless."""
-    if not steps:
-        return steps, start
-    final = arena.refit(steps[-1].trial, THOROUGH)
-    if len(steps) == 1:
-        return steps, final
-    kept = list(steps)
-    for step in steps[:-1]:
-        without = arena.without(final, start, [s.trial for s in kept if s is not step])
-        if without is not None and arena.is_as_good(without, final):
-            kept.remove(step)
-            final = without
-    return kept, final
 
 
 def _placeholder() -> Verdict:

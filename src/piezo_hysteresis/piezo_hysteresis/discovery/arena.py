@@ -1,0 +1,203 @@
+"""What a competition is fought over: the views, the floor, how models are fitted and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numpy as np
+
+from piezo_hysteresis.discovery.dataset import Dataset, thinned
+from piezo_hysteresis.discovery.floor import block_edges
+from piezo_hysteresis.discovery.significance import improvement
+from piezo_hysteresis.discovery.tones import on_one_clock
+from piezo_hysteresis.discovery.trial import (
+    Added,
+    Trial,
+    errors_of,
+    fit_trial,
+    offset_bounds,
+)
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Candidate, candidates
+
+# Samples that the screening and the first fits look at.
+SCREEN_SAMPLES = 30_000
+FIRST_SAMPLES = 40_000
+LAST_EVALUATIONS = 40
+# A mean square above that of the noise by less than this is nothing anybody would miss.
+NEGLIGIBLE = 0.03
+NEGLIGIBLE_IN_ONE = 0.2
+# No model of an effect is better than this share of the effect, so that what is left of it cannot
+# be told from another one; banks and fitted laws that stand for many others are coarser.
+EXACT = 0.01
+COARSE = 0.03
+COARSE_EFFECTS = ('nonlocal_memory', 'rate_dependence', 'hysteresis')
+# Standard errors from which an improvement counts.
+SURE = 5.0
+
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+
+
+class Arena:
+    """Where the effects compete.
+
+    Parameters
+    ----------
+    data : Dataset
+        Only its training views are looked at; of held-out ones only the drive.
+    floor : float
+        Noise rms [m].
+    seed : int
+        Of every random choice.
+    workers : int
+        Threads; the result does not depend on it.
+    hints : sequence of mapping of str to float
+        Other values of the baseline's parameters from which fits may start.
+    """
+
+    def __init__(
+        self,
+        data: Dataset,
+        floor: float,
+        seed: int,
+        workers: int,
+        hints: Sequence[Mapping[str, float]] = (),
+    ) -> None:
+        self.data = data
+        self.floor = floor
+        self.seed = seed
+        self.hints = tuple(hints)
+        self._workers = max(1, workers)
+        self.views = data.training
+        self.screened = thinned(self.views, SCREEN_SAMPLES, data.periods)
+        self.short = thinned(self.views, FIRST_SAMPLES, data.periods)
+        self.edges = block_edges(
+            [v.measured.size for v in self.views],
+            [data.periods[v.name] for v in self.views],
+            [v.dt for v in self.views],
+        )
+
+    def on_one_clock(self, trial: Trial) -> Arena:
+        """Return the arena with the phases of a fixed tone lined up, before one is modelled."""
+        if any(block.clocked for block in trial.model.blocks):
+            return self
+        data = on_one_clock(self.data, trial)
+        return Arena(data, self.floor, self.seed, self._workers, self.hints)
+
+    def candidates(self, trial: Trial) -> tuple[Candidate, ...]:
+        """Return the model of `trial` with every effect that it can take up."""
+        return candidates(trial.model, self.data.amplitude, self.data.span)
+
+    def penalty(self, trial: Trial) -> float:
+        """Return what the parameters of `trial` cost, in units of log sum of squares.
+
+        The information in a record is not its number of samples but of its independent features;
+        some hundred per view is generous.
+        """
+        independent = 200.0 * len(self.views)
+        return trial.parameters * float(np.log(independent)) / independent
+
+    def score(self, trial: Trial) -> float:
+        """Return the penalised log sum of squares; the smaller the better."""
+        return float(np.log(max(trial.square, 1e-300))) + self.penalty(trial)
+
+    def excess(self, trial: Trial) -> float:
+        """Return the mean square above the floor, in units of the floor."""
+        return trial.square / trial.samples / self.floor**2 - 1.0
+
+    def lacks_something(self, trial: Trial) -> bool:
+        """Tell whether the gap is above the floor anywhere by more than anybody would accept."""
+        views = [float(e @ e) / e.size / self.floor**2 - 1.0 for e in trial.errors]
+        return self.excess(trial) > NEGLIGIBLE or max(views) > NEGLIGIBLE_IN_ONE
+
+    def is_crumb(self, trial: Trial, start: Trial) -> bool:
+        """Tell whether what is left is what no model of the effects so far could do better."""
+        coarse = any(added.effect in COARSE_EFFECTS for added in trial.added)
+        share = (COARSE if coarse else EXACT) if trial.added else 0.0
+        return self.excess(trial) < share**2 * self.excess(start)
+
+    def is_as_good(self, simpler: Trial, richer: Trial) -> bool:
+        """Tell whether the richer model is no real improvement over the simpler one."""
+        gain = improvement(simpler, richer, self.edges, 1, self.floor)
+        share = (simpler.square - richer.square) / max(
+            simpler.square - simpler.samples * self.floor**2, 1e-300
+        )
+        return gain.ratio < SURE or share < 0.05 or self.excess(simpler) < NEGLIGIBLE
+
+    def fit(
+        self, trial: Trial, *beside: Trial, short: bool = False, evaluations: int = 0
+    ) -> Trial | None:
+        """Return `trial` fitted from its own values, to all training views or to short ones.
+
+        The sampling offset may lie where it may for `trial` or any model `beside` it.
+        """
+        return fit_trial(
+            trial.model,
+            trial.values,
+            self.short if short else self.views,
+            evaluations=evaluations or LAST_EVALUATIONS,
+            offset=self._offset(trial, *beside),
+            added=trial.added,
+        )
+
+    def refit(self, trial: Trial, evaluations: int = 0) -> Trial:
+        """Return `trial` fitted once more, itself where that is no better."""
+        found = self.fit(trial, evaluations=evaluations)
+        return trial if found is None or found.square > trial.square else found
+
+    def without(self, final: Trial, start: Trial, place: int) -> Trial | None:
+        """Return the model without the effect at `place`, fitted from the values of `final`."""
+        values = start.values | {k: v for k, v in final.values.items() if k in start.values}
+        bare = Trial(start.model, values, (), 0)
+        for k, added in enumerate(final.added):
+            if k == place:
+                continue
+            again = self._again(bare, added, final)
+            if again is None:
+                return None
+            bare = again
+        return self.fit(bare, start)
+
+    def _again(self, bare: Trial, added: Added, final: Trial) -> Trial | None:
+        """Give `bare` an effect that `final` has, with the values it has there."""
+        for each in self.candidates(bare):
+            if (each.effect.name, each.effect.variant) != (added.effect, added.variant):
+                continue
+            held = each.model.held
+            known = {
+                name: final.values[added.names[own]]
+                for own, name in each.renamed.items()
+                if name not in held
+            }
+            values = each.values(bare.values, {**each.neutral, **known})
+            values['sampling_offset'] = final.values['sampling_offset']
+            return Trial(each.model, values, (), 0, (*bare.added, added_of(each)))
+        return None
+
+    def stays_finite(self, trial: Trial) -> bool:
+        """Tell whether the model survives the held-out drives; what was measured is not used."""
+        drives: list[Target] = list(self.data.held_out)
+        errors = errors_of(trial.model, trial.values, drives)
+        limit = 100.0 * self.data.span
+        return all(bool(np.all(np.abs(e) < limit)) for e in errors)
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """Apply `function` to all items, in threads; results in order."""
+        if self._workers == 1 or len(items) < 2:
+            return [function(each) for each in items]
+        with ThreadPoolExecutor(self._workers) as pool:
+            return list(pool.map(function, items))
+
+    def _offset(self, *trials: Trial) -> tuple[float, float]:
+        dt = self.views[0].dt
+        bounds = [offset_bounds(each.model, each.values, dt) for each in trials]
+        return min(low for low, _ in bounds), max(high for _, high in bounds)
+
+
+def added_of(candidate: Candidate) -> Added:
+    """Return what a candidate adds."""
+    effect = candidate.effect
+    return Added(effect.name, effect.variant, dict(candidate.renamed))
