@@ -66,6 +66,13 @@ class Listener:
             assert time.monotonic() < end, 'the awaited condition did not come true'
             self._executor.spin_once(timeout_sec=0.05)
 
+    def wait_briefly(self, condition: Callable[[], Any], seconds: float) -> None:
+        """Serve until `condition` holds or the time is over."""
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() < end:
+            self._processes.check()
+            self._executor.spin_once(timeout_sec=0.05)
+
     def serve(self, seconds: float) -> None:
         """Serve for a while; only where nothing is meant to happen."""
         end = time.monotonic() + seconds

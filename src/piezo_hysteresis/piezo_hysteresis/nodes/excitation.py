@@ -110,7 +110,6 @@ class Excitation(Node):
 
     def _begin(self) -> None:
         """Answer the newest state, in case the loop waits for it."""
-        self.exit_code = 0
         self._heard = time.monotonic()
         if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
@@ -156,6 +155,7 @@ class Excitation(Node):
     def _emit_experiment(self, sample: int) -> None:
         experiment = self._experiment
         if experiment is None:
+            self.exit_code = 0
             experiment = self._experiment = self._new_experiment(sample)
         if experiment.over(sample):
             self._finish(sample)

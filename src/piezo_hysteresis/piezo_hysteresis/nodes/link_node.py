@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
@@ -25,6 +25,19 @@ _ALARMS = {
 }
 
 
+class Fade(Protocol):
+    """What carries the share of a link over a change."""
+
+    def start(self) -> None:
+        """Make the next share begin where the last one was."""
+
+    def apply(self, raw: float) -> float:
+        """Answer the share for this tick [V]."""
+
+    def retune(self, duration: float, slew: float) -> None:
+        """Change how long [s] and how fast [V/s] changes may be."""
+
+
 class LinkNode(LifecycleNode):
     """A managed node that receives a voltage, adds its share and passes it on.
 
@@ -42,7 +55,7 @@ class LinkNode(LifecycleNode):
         self.parameters = NodeParameters(self, table, self.apply, self.refuse)
         self.dt = 1.0 / self.parameters.number('rate')
         self._limiter = Limiter(self.limits(), self.dt)
-        self._fade = self._new_fade()
+        self._fade = self.new_fade()
         self._output = VoltageCommand()
         self._voltage_publisher = self.plain_publisher(VoltageCommand, topic, LOOP)
         self._status_publisher = self.plain_publisher(LoopStatus, '~/status', LATCHED)
@@ -103,7 +116,8 @@ class LinkNode(LifecycleNode):
 
     # --- the voltage ---------------------------------------------------------------------------
 
-    def _new_fade(self) -> Transition:
+    def new_fade(self) -> Fade:
+        """Return what carries the share over a change."""
         return Transition(self.dt, self.parameters.number('transition'), self.limits().slew)
 
     def go_over(self) -> None:

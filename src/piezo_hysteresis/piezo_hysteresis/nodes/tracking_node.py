@@ -9,7 +9,8 @@ from std_srvs.srv import Trigger
 
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.link_node import LinkNode
+from piezo_hysteresis.nodes.crossfade import CrossFade
+from piezo_hysteresis.nodes.link_node import Fade, LinkNode
 from piezo_hysteresis.nodes.messages import measured_from, point_from
 from piezo_hysteresis.nodes.tick_book import Tick, TickBook
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
@@ -54,6 +55,10 @@ class TrackingNode(LinkNode):
         )
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.autostart()
+
+    def new_fade(self) -> Fade:
+        """Return what carries the share over a change: a new law begins without weight."""
+        return CrossFade(self.dt, self.parameters.number('transition'))
 
     def build(self, changes: dict[str, Value]) -> Law | None:
         """Return the law that the parameters, with `changes`, describe; None for none.
