@@ -74,7 +74,7 @@ build() {
   # What is not a symbolic link in the install space decides; Python sources are linked.
   wanted=$(stamp_of $(find src config -type f \( -path 'src/piezo_interfaces/*' -o -path 'config/*' \
     -o -name 'setup.*' -o -name package.xml -o -path '*/launch/*' \) -not -name '*.pyc' | sort)
-    { find config src/*/launch -type f; find src -name __init__.py; } | sort | cksum)
+    { find config -type f; find src -path "*/launch/*" -o -name __init__.py; } | sort | cksum)
   [ "$(cat install/.built 2>/dev/null)" = "$wanted" ] && return
   echo 'setup: building the workspace with colcon'
   if [ -f .venv/local_setup.bash ]; then set +u; source .venv/local_setup.bash; set -u; fi
