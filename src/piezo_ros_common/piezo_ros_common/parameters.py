@@ -12,7 +12,11 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclaredException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterNotDeclaredException,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -133,8 +137,9 @@ class NodeParameters:
             found = self._node.declare_parameter(spec.name, spec.default, descriptor).value
         except InvalidParameterTypeException:
             found = self._declare_converted(spec, descriptor)
-        except ValueError as error:
-            self._give_up(f'{spec.name}: {error}; allowed is {spec.range_text()}')
+        except (InvalidParameterValueException, ValueError) as error:
+            reason = ' '.join(str(error).split())
+            self._give_up(f'{spec.name}: {reason}; allowed is {spec.range_text()}')
         return list(found) if isinstance(spec.default, list) else found
 
     def _declare_converted(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:

@@ -1,0 +1,78 @@
+"""Nodes that die or cannot start: one line that says why, an exit code, nothing left running."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import Any
+
+import pytest
+from listening import Listener
+
+from piezo_interfaces.msg import ActuatorState
+from piezo_ros_common.processes import NodeProcesses, ProcessError
+
+pytestmark = pytest.mark.ros
+
+# What each node is started with, and a word of the reason for which it must refuse.
+WRONG: list[tuple[str, str, dict[str, Any], str]] = [
+    ('piezo_sim', 'simulator', {'preset': 'no_such_actuator'}, 'fdk_pzba_00030'),
+    ('piezo_sim', 'simulator', {'structure.damping_ratio': -1.0}, 'structure.damping_ratio'),
+    ('piezo_sim', 'simulator', {'amplifier.range_low': 6.0}, 'amplifier.range'),
+    ('piezo_sim', 'simulator', {'rate': 'fast'}, 'rate'),
+    ('piezo_hysteresis', 'excitation', {'frequency': 500.0}, 'sampled'),
+    ('piezo_hysteresis', 'feedforward', {'limits.low': 2.0}, 'limits.low'),
+    ('piezo_hysteresis', 'feedforward', {'model_file': 'no_such.yaml'}, 'no_such.yaml'),
+    ('piezo_hysteresis', 'attenuation', {'orders': [3, -1]}, 'orders'),
+    ('piezo_hysteresis', 'feedback', {'pid.integral': '.nan'}, 'pid.integral'),
+    ('piezo_hysteresis', 'identification', {'harmonic': 4}, 'harmonic'),
+    ('piezo_hysteresis', 'recorder', {}, 'out'),
+    ('piezo_hysteresis', 'player', {'bag': '[half a list'}, 'arguments'),
+]  # fmt: skip
+
+
+def test_what_cannot_start_says_why_in_one_line(processes: NodeProcesses) -> None:
+    # A few at a time: they mostly wait for the disk.
+    for first in range(0, len(WRONG), 6):
+        started = [
+            (processes.start(package, name, values), values, word)
+            for package, name, values, word in WRONG[first : first + 6]
+        ]
+        for node, values, word in started:
+            code = node.wait(60.0)
+            text = node.log.read_text()
+            assert code == 2, f'{node.name} {values}: {code}: {text}'
+            own = [line for line in text.strip().splitlines() if '[rcl]' not in line]
+            assert len(own) == 1, text
+            assert word in text
+            processes.forget(node)
+
+
+def test_a_dead_link_ends_the_experiment_and_leaves_nothing_running() -> None:
+    with NodeProcesses() as processes:
+        listener = Listener(processes)
+        states = listener.listen(ActuatorState, 'actuator/state')
+        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 3})
+        processes.start('piezo_hysteresis', 'feedforward')
+        victim = processes.start('piezo_hysteresis', 'attenuation')
+        settings = {'mode': 'reference', 'exit_when_done': True, 'deadline': 60.0, 'wait_for': 2}
+        listener.matched('actuator/state')
+        excitation = processes.start('piezo_hysteresis', 'excitation', settings)
+        listener.until(lambda: len(states) > 100)
+        assert listener.set_one('excitation', 'deadline', 1.0) == ''
+        victim.signal(signal.SIGKILL)
+        victim.wait(5.0)
+        with pytest.raises(ProcessError, match='attenuation') as caught:
+            processes.wait_for(excitation, 30.0)
+        assert '\n' not in str(caught.value)
+
+        assert excitation.wait(30.0) == 3
+        text = excitation.log.read_text()
+        assert 'Traceback' not in text
+        (error,) = [line for line in text.splitlines() if 'ERROR' in line]
+        assert 'a link of the chain is not running' in error
+        pids = [node.pid for node in processes.nodes]
+        listener.close()
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
