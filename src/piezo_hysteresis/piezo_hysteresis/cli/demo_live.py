@@ -51,9 +51,9 @@ class Plan:
     seconds: float = 2.0
     warm_up: float = 1.0
     tracked: float = 23.0
-    tracking_seconds: float = 4.0
-    learning_seconds: float = 5.0
-    judged_seconds: float = 2.0
+    tracking_seconds: float = 3.0
+    learning_seconds: float = 6.0
+    judged_seconds: float = 1.0
 
 
 @dataclass(frozen=True)
