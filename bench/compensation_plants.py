@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -54,6 +55,7 @@ FANG = (
 FLAP_STROKE, FLAP_STRAIGHT = 200e-6, 4.3e-6
 
 
+@functools.cache
 def selector_values() -> dict[str, float]:
     """Return 003's selector, fitted to the last four periods of ten triangles."""
     rows = []
@@ -150,8 +152,9 @@ def flap_links(kind: str, values: Mapping[str, float]) -> list[Link]:
     if kind == 'none':
         return [loops.Straight(FLAP_STRAIGHT)]
     chain: list[Link] = [inverse_for(model, values, dt, limits=limits, scale=60.0)]
-    if kind == 'compound':
+    if kind in ('PID', 'compound'):
         chain.append(Pid(PidGains(1e5, 5e7), dt, limits=limits))
+    if kind == 'compound':
         settings = AttenuationSettings(
             orders=(1, 2, 3, 5), largest_step=20.0, largest_correction=40.0
         )

@@ -125,7 +125,8 @@ class PhysicalInverse(InverseLink):
             packed += [0.0] * 4
         else:
             packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
-        check_rising(packed)
+        # The delayed law solves no slope; it only divides by A1.
+        check_rising(packed if self._law != 'delayed' else [packed[0], 0.0, 0.0])
         return packed
 
     def _initial_memory(self) -> FloatArray:

@@ -1,0 +1,58 @@
+"""Every table and figure of the five papers that can be reproduced, ours beside the paper's.
+
+    python bench/papers.py [--quick] [--out out/papers] [--page docs/papers.md]
+
+Leaves the pictures, ``papers.md`` that shows them, and ``numbers.json`` in the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from bench import papers_000, papers_001, papers_stacks
+from bench.papers_bimorph import FULL, QUICK
+from bench.papers_page import Entry, page, save
+
+
+def reproduce(quick: bool = False) -> list[Entry]:
+    """Return every entry; `quick` leaves most frequencies out."""
+    length = QUICK if quick else FULL
+    return [
+        *papers_000.entries(length),
+        *papers_001.entries(length),
+        *papers_stacks.entries(quick),
+    ]
+
+
+def main() -> int:
+    """Reproduce everything and write it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--quick', action='store_true', help='few frequencies, short runs')
+    parser.add_argument('--out', type=Path, default=Path('out/papers'))
+    parser.add_argument('--page', type=Path, help='write the page without pictures there, too')
+    arguments = parser.parse_args()
+    begun = time.perf_counter()
+    entries = reproduce(arguments.quick)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for entry in entries:
+        save(entry, arguments.out)
+        print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)
+    (arguments.out / 'papers.md').write_text(page(entries, '.'))
+    numbers = {f'{entry.paper} {entry.name}': entry.numbers for entry in entries}
+    (arguments.out / 'numbers.json').write_text(json.dumps(numbers, indent=2) + '\n')
+    if arguments.page is not None:
+        arguments.page.write_text(page(entries))
+    print(f'{len(entries)} figures and tables in {time.perf_counter() - begun:.0f} s, '
+          f'in {arguments.out}')  # fmt: skip
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,189 @@
+"""Data and figures of 000 and 001: the bimorph, its models by the papers' RLS, its control."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench import closed_loops as loops
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
+from piezo_hysteresis.compensation.base import Link
+from piezo_hysteresis.compensation.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.harmonic_rls import rls_update
+from piezo_hysteresis.compensation.harmonics import line_amplitudes
+from piezo_hysteresis.compensation.linear_gain import linear_gain
+from piezo_hysteresis.compensation.loop import LoopResult
+from piezo_hysteresis.compensation.physical import PhysicalInverse
+from piezo_hysteresis.identification import OnlineRls, RlsSettings
+from piezo_hysteresis.jit import jit
+from piezo_hysteresis.models import named
+from piezo_hysteresis.waveforms import Sine
+
+DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS
+THIRD = tuple(float(f) for f in range(18, 29))
+FIFTH = (14.0,)
+
+
+@dataclass(frozen=True)
+class Length:
+    """How long and how fine the runs are.
+
+    Attributes
+    ----------
+    identify, track, begin : float
+        Seconds of identification and of tracking, and where errors begin to count [s].
+    frequencies : tuple of float
+        Of the sweeps [Hz].
+    """
+
+    identify: float = 100.0
+    track: float = 40.0
+    begin: float = 20.0
+    frequencies: tuple[float, ...] = tuple(float(f) for f in range(1, 51))
+
+
+FULL = Length()
+QUICK = Length(20.0, 10.0, 6.0, (1.0, 10.0, 14.0, 22.0, 23.0, 35.0))
+
+
+def lines(signal: FloatArray, frequency: float, orders: Sequence[int]) -> dict[int, complex]:
+    """Return the complex amplitudes of whole periods at the end of `signal`."""
+    periods = max(1, int(signal.size * DT * frequency * 0.5))
+    last = round(periods / frequency / DT)
+    phase = 2.0 * np.pi * frequency * DT * np.arange(signal.size, dtype=np.float64)
+    _, phasors = line_amplitudes(signal[-last:], phase[-last:], orders)
+    return dict(zip(orders, map(complex, phasors), strict=True))
+
+
+def order_of(frequency: float) -> int:
+    """Return the harmonic with which 000 enhances the model at `frequency`, 0 for none."""
+    return 5 if frequency in FIFTH else 3 if frequency in THIRD else 0
+
+
+@functools.cache
+def rls(frequency: float, harmonic: int, seconds: float) -> OnlineRls:
+    """Return the papers' RLS after a record of one sine."""
+    online = OnlineRls(RlsSettings(harmonic=harmonic, frequency=frequency))
+    each = loops.bimorph_record(frequency, seconds)
+    online.update_many(each.voltage, each.displacement)
+    return online
+
+
+@jit
+def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) -> None:
+    """Fit 001 (18) by the papers' RLS in place: theta is A1, A, beta, gamma.
+
+    ``y = A1 u - A S(du) + beta S(|du| h) + gamma S(|h| du)``, h by its own recursion with the
+    present estimates.
+    """
+    x, work = np.zeros(4), np.zeros(4)
+    h = last = 0.0
+    for k in range(u.size):
+        du = u[k] - last
+        x[0] = u[k]
+        x[1] -= du
+        x[2] += abs(du) * h
+        x[3] += abs(h) * du
+        rls_update(theta, p, x, y[k] - theta @ x, 1.0, work)
+        h += theta[1] * du - theta[3] * abs(h) * du - theta[2] * abs(du) * h
+        last = u[k]
+
+
+@functools.cache
+def basic(frequency: float, seconds: float) -> Mapping[str, float]:
+    """Return the basic model 001 (18) after one record, in mm and from the papers' start."""
+    each = loops.bimorph_record(frequency, seconds)
+    theta, p = np.array([0.01, 0.005, 0.001, 0.001]), np.eye(4)
+    basic_rls(each.voltage, each.displacement * 1e3, theta, p)
+    a1, a, beta, gamma = (float(value) for value in theta)
+    return {'A1': 1e-3 * a1, 'A': 1e-3 * a, 'A0': 0.0, 'beta': beta, 'gamma': gamma}
+
+
+def free_run(frequency: float, kind: str, seconds: float) -> tuple[FloatArray, FloatArray]:
+    """Return the last fifth of a record and of the free run of a model, means removed [m]."""
+    each = loops.bimorph_record(frequency, seconds)
+    if kind == 'basic':
+        model = named('classical_euler')
+        answer = model.respond(each.voltage, model.pack(basic(frequency, seconds)), DT)
+    else:
+        harmonic = order_of(frequency) if kind == 'enhanced' else 0
+        answer = rls(frequency, harmonic, seconds).free_run(each.voltage)
+    part = slice(-(len(each) // 5), None)
+    measured, modelled = each.displacement[part], answer[part]
+    return measured - measured.mean(), modelled - modelled.mean()
+
+
+def modelling_error(frequency: float, kind: str, seconds: float) -> float:
+    """Return the rms error of the free run, mean removed [m]."""
+    measured, modelled = free_run(frequency, kind, seconds)
+    return loops.rms(measured - modelled)
+
+
+def phase_difference(a: FloatArray, b: FloatArray, frequency: float) -> float:
+    """Return by how much the fundamental of `a` leads that of `b` [degrees]."""
+    first, second = lines(a, frequency, (1,))[1], lines(b, frequency, (1,))[1]
+    return float(np.degrees(np.angle(first / second)))
+
+
+def papers_feedforward(frequency: float, kind: str, seconds: float) -> Link:
+    """Return the feedforward that a paper derives from the model of this frequency."""
+    if kind == 'basic':
+        return PhysicalInverse(basic(frequency, seconds), DT, law='delayed', limits=LIMITS)
+    harmonic = order_of(frequency) if kind == 'enhanced' else 0
+    values = rls(frequency, harmonic, seconds).estimate().parameters()
+    seven = {name: values[name] for name in ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')}
+    return ExtendedInverse(seven, DT, limits=LIMITS)
+
+
+def links(frequency: float, kind: str, seconds: float) -> list[Link]:
+    """Return the chain called `kind`.
+
+    ``basic``, ``extended``: the papers' feedforward; ``proposed``: 000's feedforward from the
+    enhanced model with its RLS attenuation; ``ours``: the identified physical inverse with
+    cancellation of several orders.
+    """
+    if kind == 'ours':
+        model, values = loops.bimorph_model()
+        settings = AttenuationSettings(
+            orders=(0, 1, 2, 3, 5, 7), resonance=values['natural_frequency'],
+            settle=0.5, span=0.5, step_size=0.6,
+        )  # fmt: skip
+        gain = model_gain(model, values, DT)
+        return [
+            inverse_for(model, values, DT, limits=LIMITS),
+            HarmonicAttenuation(settings, gain, DT),
+        ]
+    if kind != 'proposed':
+        return [papers_feedforward(frequency, kind, seconds)]
+    chain = [papers_feedforward(frequency, 'enhanced', seconds)]
+    if order_of(frequency):
+        _, values = loops.bimorph_model()
+        settings = AttenuationSettings(
+            method='rls', orders=(order_of(frequency),), forgetting=1.0, sign_rule='computed'
+        )
+        chain.append(HarmonicAttenuation(settings, linear_gain(values, DT), DT))
+    return chain
+
+
+@functools.cache
+def tracked(frequency: float, kind: str, length: Length) -> LoopResult:
+    """Return a run of 000 (24), (25): a sine of the amplitude that 1 V gives."""
+    wave = Sine(loops.bimorph_amplitude(frequency), frequency, length.track, ramp=1.0)
+    return loops.run(
+        wave,
+        lambda: links(frequency, kind, length.identify),
+        loops.plant(loops.BIMORPH, 3),
+        LIMITS,
+        DT,
+    )
+
+
+def tracking_error(frequency: float, kind: str, length: Length, mean: bool = False) -> float:
+    """Return the rms tracking error, with or without its mean [m]."""
+    error = tracked(frequency, kind, length).error[round(length.begin / DT) :]
+    return loops.rms(error if mean else error - error.mean())

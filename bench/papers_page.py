@@ -1,0 +1,123 @@
+"""What a reproduced figure is, how it is drawn, and the page that shows all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from piezo_hysteresis.arrays import FloatArray
+
+PAPERS = {
+    '000': 'Fujii, Tatebatake, Morita and Shiinoki 2018 (bimorph, odd harmonic oscillation)',
+    '001': 'Tatebatake and Fujii 2017 (bimorph, extended model)',
+    '002': 'Zhou, Dong and Yang 2021 (actuator of a rotor flap)',
+    '003': 'Xiao and Li 2014 (stack, inverse Bouc-Wen)',
+    '004': 'Fang, Li, Zhong and Long 2019 (stage, fuzzy PID)',
+}
+
+Draw = Callable[[Figure], None]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One figure or table of a paper, reproduced.
+
+    Attributes
+    ----------
+    paper : str
+        000 to 004.
+    name : str
+        ``Figure 10``, ``Table 1``.
+    shows : str
+        What it is about.
+    said : str
+        The paper's words or numbers.
+    ours : str
+        What came out here.
+    reason : str
+        Why the two differ, or '' where they agree.
+    draw : callable
+        Draws it on a figure.
+    numbers : dict of str to float
+        The figures behind `ours`, for tests.
+    """
+
+    paper: str
+    name: str
+    shows: str
+    said: str
+    ours: str
+    draw: Draw
+    reason: str = ''
+    numbers: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def picture(self) -> str:
+        """Name of the file of the picture."""
+        return f'{self.paper}_{self.name.lower().replace(" ", "_").replace(",", "")}.png'
+
+
+def save(entry: Entry, folder: Path) -> None:
+    """Draw `entry` into `folder`."""
+    figure = Figure(figsize=(9, 4.2), layout='constrained')
+    entry.draw(figure)
+    figure.suptitle(f'{entry.paper}, {entry.name}: {entry.shows}', fontsize=10)
+    figure.savefig(folder / entry.picture, dpi=100)
+
+
+def page(entries: Sequence[Entry], pictures: str = '') -> str:
+    """Return the page, Markdown; with `pictures`, a path to their folder, they are shown."""
+    lines = [
+        '# The five papers, reproduced',
+        '',
+        'Every table and figure of the papers that a simulated actuator can answer, ours beside',
+        "the paper's. The actuators are the presets of `piezo_sim`; where a paper does not give a",
+        'number the preset says what was assumed. Nothing is fitted to the figures below: models',
+        'are identified from sweeps of the simulated actuator, as the papers do from theirs.',
+        '',
+        'Made by `python bench/papers.py`, pictures in `out/papers/`, in a few minutes.',
+        '',
+    ]
+    for paper, title in PAPERS.items():
+        own = [entry for entry in entries if entry.paper == paper]
+        if not own:
+            continue
+        lines += [f'## {paper}: {title}', '']
+        for entry in own:
+            lines += [f'### {entry.name}: {entry.shows}', '']
+            if pictures:
+                lines += [f'![{entry.name}]({pictures}/{entry.picture})', '']
+            lines += [f'- Paper: {entry.said}', f'- Here: {entry.ours}']
+            if entry.reason:
+                lines.append(f'- Why they differ: {entry.reason}')
+            lines.append('')
+    return '\n'.join(lines)
+
+
+def panels(figure: Figure, count: int) -> list[Axes]:
+    """Return axes side by side, in two rows where there are many; the figure grows with them."""
+    rows = 1 if count <= 4 else 2
+    figure.set_size_inches(9, 4.2 if rows == 1 else 6.4)
+    axes = figure.subplots(rows, -(-count // rows), squeeze=False)
+    return list(axes.flat)[:count]
+
+
+def loop(
+    axis: Axes, voltage: FloatArray, displacement: FloatArray, label: str, style: str = '-'
+) -> None:
+    """Draw a hysteresis loop in micrometres."""
+    axis.plot(voltage, displacement * 1e6, style, label=label, lw=1.0)
+    axis.set(xlabel='input [V]', ylabel='displacement [µm]')
+    axis.grid(alpha=0.3)
+
+
+def finish(axis: Axes, x: str, y: str, title: str = '') -> None:
+    """Label an axis and show its legend."""
+    axis.set(xlabel=x, ylabel=y, title=title)
+    axis.grid(alpha=0.3)
+    if axis.get_legend_handles_labels()[1]:
+        axis.legend(fontsize=7)

@@ -1,0 +1,98 @@
+"""A short part of `bench/papers.py`: what the papers say of their figures holds here too."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from bench import closed_loops, papers_000, papers_001, papers_stacks  # noqa: E402
+from bench.papers_bimorph import QUICK, Length  # noqa: E402
+from bench.papers_page import PAPERS, Entry, page, save  # noqa: E402
+
+SHORT = Length(20.0, 8.0, 5.0, (1.0, 10.0, 14.0, 22.0, 23.0))
+
+
+def numbers(entry: Entry) -> dict[str, float]:
+    return entry.numbers
+
+
+def test_odd_harmonics_stand_out_at_14_and_23_hz_only():
+    shares = numbers(papers_000.figure_6())
+    assert shares['23'] > 0.3
+    assert shares['14'] > 0.05
+    assert max(shares['1'], shares['15']) < 0.04
+
+
+def test_resonance_and_the_turn_of_the_polarity():
+    assert 67 <= numbers(papers_000.figure_7())['peak'] <= 71
+    phases = numbers(papers_000.figure_15())
+    assert phases['66'] > -90 > phases['69']
+
+
+def test_the_enhanced_model_mends_what_the_extended_one_misses():
+    errors = numbers(papers_000.figure_10(SHORT))
+    assert errors['extended 23'] > 10 * errors['enhanced 23']
+    assert errors['extended 14'] > 1.8 * errors['enhanced 14']
+
+
+def test_the_tracking_error_at_23_hz_is_the_third_harmonic_and_is_attenuated():
+    spectrum, time = papers_000.figure_13_17(SHORT)
+    assert numbers(spectrum)['third'] > 2 * numbers(spectrum)['rest']
+    errors = numbers(time)
+    assert errors['proposed'] < 0.2 * errors['extended']
+
+
+def test_extended_model_beats_the_basic_one():
+    error, *_ = papers_001.figures_11_12_13(SHORT)
+    assert numbers(error)['better'] >= 0.8
+
+
+def test_table_1_of_003_is_beaten():
+    ratios = numbers(papers_stacks.stack_table((100.0,)))
+    assert ratios['worst selector'] < 1.0
+    assert ratios['worst inverse'] < 0.5
+
+
+def test_004_is_beaten_at_5_hz():
+    (entry,) = papers_stacks.stage_figures(('4 um, 5 Hz',))
+    assert numbers(entry)['compound'] < numbers(entry)['paper']
+    assert numbers(entry)['PID'] > 5 * numbers(entry)['compound']
+
+
+def test_models_are_found_from_sweeps():
+    _, values = closed_loops.flap_model()
+    assert values['A1'] == pytest.approx(5.5e-6, rel=0.01)
+    assert values['damping_ratio'] == pytest.approx(1.265, rel=0.02)
+
+
+def test_page_and_picture_of_an_entry(tmp_path):
+    entry = papers_000.figure_5()
+    save(entry, tmp_path)
+    assert (tmp_path / '000_figure_5.png').read_bytes().startswith(b'\x89PNG')
+    text = page([entry], 'pictures')
+    assert '### Figure 5' in text
+    assert 'pictures/000_figure_5.png' in text
+    assert entry.said in text
+
+
+def test_the_page_in_docs_names_every_paper_and_what_differs():
+    text = (ROOT / 'docs' / 'papers.md').read_text()
+    for paper, title in PAPERS.items():
+        assert f'## {paper}: {title}' in text
+    assert text.count('- Paper: ') == text.count('- Here: ') >= 30
+
+
+def test_the_script_explains_itself():
+    answer = subprocess.run(
+        [sys.executable, str(ROOT / 'bench' / 'papers.py'), '--help'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert answer.returncode == 0
+    assert '--quick' in answer.stdout
+    assert QUICK.track < 20
