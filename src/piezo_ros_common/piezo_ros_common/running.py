@@ -10,10 +10,12 @@ from collections.abc import Callable, Sequence
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-# EventsExecutor never wakes from an endless wait on some builds; a finite one always does.
-LONGEST_WAIT = 1.0
+# EventsExecutor never wakes from an endless wait on some builds; a finite one always does. It is
+# also how long a signal may wait to be seen.
+LONGEST_WAIT = 0.1
 
 EXECUTORS = ('auto', 'events', 'default')
 
@@ -65,13 +67,36 @@ def _ticks(executor: Executor) -> bool:
     return bool(ticked.done())
 
 
-def spin(node: Node, choice: str = 'auto', stop: Future | None = None) -> None:
-    """Serve `node` until it is shut down or `stop` is done."""
+class Interrupt:
+    """Notes the signals that end a process; nothing is cut short by them.
+
+    With its own handlers rclpy would shut down at once, and the callback that is under way could
+    not even publish its result.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, *_: object) -> None:
+        self.requested = True
+
+
+def spin(
+    node: Node,
+    choice: str = 'auto',
+    stop: Future | None = None,
+    interrupt: Interrupt | None = None,
+) -> None:
+    """Serve `node` until it is shut down, interrupted or `stop` is done."""
     executor = make_executor(choice)
     executor.add_node(node)
     stop = Future() if stop is None else stop
     try:
         while rclpy.ok() and not stop.done():
+            if interrupt is not None and interrupt.requested:
+                break
             executor.spin_until_future_complete(stop, timeout_sec=LONGEST_WAIT)
     finally:
         executor.remove_node(node)
@@ -82,26 +107,24 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
     """Run one node as a process: start, spin, and stop without a traceback on any signal.
 
     A node may have ``stop`` (a Future that ends it), ``exit_code`` and ``close()`` (called before
-    it is destroyed, when nothing can be published any more).
+    it is destroyed).
 
     Returns
     -------
     int
         Exit code of the process.
     """
+    interrupt = Interrupt()
     node: Node | None = None
     try:
         _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
         node = create()
         choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
-        spin(node, choice, getattr(node, 'stop', None))
-    except (KeyboardInterrupt, ExternalShutdownException):
+        spin(node, choice, getattr(node, 'stop', None), interrupt)
+    except ExternalShutdownException:
         pass
     except SystemExit as wanted:
         return int(wanted.code or 0)
-    except Exception:
-        if rclpy.ok():  # else something was under way when the signal came
-            raise
     finally:
         _close(node)
     return int(getattr(node, 'exit_code', 0))
@@ -109,7 +132,7 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
 
 def _init(words: list[str]) -> None:
     try:
-        rclpy.init(args=words)
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy does not export the class of this error
         reason = ' '.join(str(error).split())
         print(f'error: {reason} (mend the arguments or the parameter file)', file=sys.stderr)
@@ -117,9 +140,6 @@ def _init(words: list[str]) -> None:
 
 
 def _close(node: Node | None) -> None:
-    # A second Ctrl-C while closing must not cut the closing short.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     if node is not None:
         close = getattr(node, 'close', None)
         if close is not None:

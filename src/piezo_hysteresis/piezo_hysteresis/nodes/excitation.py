@@ -83,7 +83,9 @@ class Excitation(Node):
 
     def _on_status(self, message: LoopStatus) -> None:
         # Tells where an actuator waits that has no state to answer yet, or had it before.
-        self._follow_restart(message.sample - 1)
+        # It may be older than the states that have come, so only a fresh start tells of a restart.
+        if message.sample == 0:
+            self._follow_restart(-1)
         self._sweeps.note_refused(message.refused)
         if message.sample > self._newest_state + 1 or self._newest_state < 0:
             self._newest_state = message.sample - 1

@@ -12,6 +12,9 @@ Tag = TypeVar('Tag')
 # lock-step the newest voltage cannot come before the older one was answered).
 PATIENCE = 2
 
+# More than this is never kept, even where the voltage stays away for good.
+LONGEST = 5000
+
 
 class Tick(NamedTuple, Generic[Tag]):
     """Everything a link needs for one tick.
@@ -58,6 +61,7 @@ class TickBook(Generic[Tag]):
         """Note the reference of a tick."""
         if point.sample > self._done:
             self._points[point.sample] = point
+            self._points.pop(point.sample - LONGEST, None)
 
     def add_measured(self, measured: Measured) -> None:
         """Note the measurement of a tick."""
@@ -65,6 +69,7 @@ class TickBook(Generic[Tag]):
             self._newest_measured = measured
         if measured.sample >= self._done:
             self._measured[measured.sample] = measured
+            self._measured.pop(measured.sample - LONGEST, None)
 
     def add_voltage(self, sample: int, voltage: float, tag: Tag) -> bool:
         """Note the voltage of a tick; return False where it is old or came twice.

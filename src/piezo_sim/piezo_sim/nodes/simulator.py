@@ -76,7 +76,8 @@ class Simulator(Node):
 
     def _make_timers(self) -> None:
         self._status_tick, self._status_time = 0, time.monotonic()
-        self._publish_status()
+        if self._lock_step:
+            self._publish_status()  # tells an excitation that it is waited for
         wall_timer(self, 1.0, self._watch)
         self._pacer: Timer | None = None
         if not self._lock_step:
