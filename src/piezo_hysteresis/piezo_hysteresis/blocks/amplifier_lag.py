@@ -47,21 +47,42 @@ def sampled_kernel(
 
 
 @jit
+def ramps(a: float) -> tuple[float, float]:
+    """Return how far a low pass of ``dt/tau = a`` has come after a ramp and a parabola to 1."""
+    if a < 1e-2:
+        return a * (0.5 - a / 6.0 + a * a / 24.0), a * (1.0 / 3.0 - a / 12.0 + a * a / 60.0)
+    rest = -expm1(-a)
+    return 1.0 - rest / a, 1.0 - 2.0 / a + 2.0 * rest / (a * a)
+
+
+@jit
 def sensor_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the lagging displacement, straight between samples; state is (x, y) before [m]."""
-    tau = p[0]
-    last, reading = state[0], state[1]
-    kept = exp(-dt / tau) if tau > 0.0 else 0.0
-    slow = tau / dt * -expm1(-dt / tau) if tau > 0.0 else 0.0
+    """Answer the lagging displacement; state is (x before last, last x, y) [m].
+
+    Exact for a displacement that is a parabola through three samples.
+    """
+    if p[0] == 0.0:
+        for k in range(x.size):
+            y[k] = x[k]
+            state[0] = state[1]
+            state[1] = x[k]
+            state[2] = x[k]
+        return
+    a = dt / p[0]
+    ramp, parabola = ramps(a)
+    rest = -expm1(-a)
+    older, last, reading = state[0], state[1], state[2]
     for k in range(x.size):
-        # exact for an input that is straight between two samples
-        reading = x[k] - slow * (x[k] - last) + kept * (reading - last)
+        slope, bend = x[k] - last, x[k] - 2.0 * last + older
+        reading += rest * (last - reading) + slope * ramp + 0.5 * bend * (parabola - ramp)
+        older = last
         last = x[k]
         y[k] = reading
-    state[0] = last
-    state[1] = reading
+    state[0] = older
+    state[1] = last
+    state[2] = reading
 
 
 def _time(name: str, what: str) -> Parameter:
@@ -92,7 +113,7 @@ BLOCKS = (
         slot=Slot.SENSOR,
         parameters=(_time('sensor_lag_time', 'the bandwidth of the sensor'),),
         kernel=sensor_kernel,
-        state_size=2,
+        state_size=3,
         description='Low pass of first order between the displacement and the reading.',
         source='bandwidth of the sensor electronics',
     ),

@@ -57,8 +57,8 @@ BLOCK = Block(
             '1',
             0.02,
             1e-5,
-            0.7,
-            'Damping over critical; above 0.7 nothing stands out.',
+            0.3,
+            'Damping over critical; beyond 0.3 hardly anything stands out.',
             0.02,
         ),
         Parameter(

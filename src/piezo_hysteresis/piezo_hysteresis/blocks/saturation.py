@@ -1,5 +1,7 @@
 """An amplifier that runs out of voltage."""
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
@@ -14,6 +16,9 @@ def kernel(
     for k in range(x.size):
         y[k] = min(max(x[k], -p[1]), p[0])
 
+
+# Shares of the largest voltage at which a limit is looked for; the last one cuts next to nothing.
+_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99, 0.997)
 
 BLOCK = Block(
     name='saturation',
@@ -32,12 +37,29 @@ BLOCK = Block(
 
 
 def guess(seen: Residual) -> dict[str, float]:
-    """Return limits a little inside what was commanded, so that a fit sees their slope."""
-    high, low = float(seen.voltage.max()), float(-seen.voltage.min())
-    return {
-        name: 0.9 * reached if reached > 0.0 else 1e5
-        for name, reached in (('saturation_high', high), ('saturation_low', low))
-    }
+    """Return the limits beyond which the residual follows what is cut off, on either side."""
+    found = {}
+    for name, side in (('saturation_high', 1.0), ('saturation_low', -1.0)):
+        reached = float((side * seen.voltage).max())
+        found[name] = _limit(side * seen.voltage, -side * seen.residual, reached)
+    return found
+
+
+def _limit(voltage: FloatArray, missing: FloatArray, reached: float) -> float:
+    """Return the level whose excess explains most of the displacement that is missing."""
+    if reached <= 0.0:
+        return 1e5
+    best, level = 0.0, _LEVELS[-1]
+    for each in _LEVELS:
+        beyond = np.maximum(voltage - each * reached, 0.0)
+        inside = voltage > 0.5 * reached
+        # against the rest of the tip, so that a refitted gain does not hide what is cut
+        shape = beyond[inside] - beyond[inside].mean()
+        size = float(shape @ shape)
+        share = float(shape @ (missing[inside] - missing[inside].mean()))
+        if size > 0.0 and share > 0.0 and share * share / size > best:
+            best, level = share * share / size, each
+    return level * reached
 
 
 EFFECTS = (

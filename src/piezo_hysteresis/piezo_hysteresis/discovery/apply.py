@@ -200,8 +200,12 @@ def simulator_parameters(found: ModelFile) -> SimulatorParameters:
         if translate is None or name in used:
             missing.append(name)
             continue
-        used.add(name)
         # A strain is counted against the gain of the actuator there.
         gain = {'A1': found.values['A1']} if 'A1' in found.values else {}
-        values.update(translate({**gain, **model.block_values(found.values, name)}))
+        try:
+            values.update(translate({**gain, **model.block_values(found.values, name)}))
+        except KeyError:  # a model without such a gain
+            missing.append(name)
+            continue
+        used.add(name)
     return SimulatorParameters(values, tuple(missing))

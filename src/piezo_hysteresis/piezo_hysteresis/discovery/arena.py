@@ -31,9 +31,10 @@ NEGLIGIBLE = 0.03
 NEGLIGIBLE_IN_ONE = 0.2
 # No model of an effect is better than this share of the effect, so that what is left of it cannot
 # be told from another one; banks and fitted laws that stand for many others are coarser.
-EXACT = 0.01
-COARSE = 0.03
+EXACT = 0.02
+COARSE = 0.07
 COARSE_EFFECTS = ('nonlocal_memory', 'rate_dependence', 'hysteresis')
+COARSE_VARIANTS = ('sensor_lag', 'in_mode', 'in_nonlinear_mode')
 # Standard errors from which an improvement counts.
 SURE = 5.0
 
@@ -115,7 +116,10 @@ class Arena:
 
     def is_crumb(self, trial: Trial, start: Trial) -> bool:
         """Tell whether what is left is what no model of the effects so far could do better."""
-        coarse = any(added.effect in COARSE_EFFECTS for added in trial.added)
+        coarse = any(
+            added.effect in COARSE_EFFECTS or added.variant in COARSE_VARIANTS
+            for added in trial.added
+        )
         share = (COARSE if coarse else EXACT) if trial.added else 0.0
         return self.excess(trial) < share**2 * self.excess(start)
 
@@ -148,12 +152,12 @@ class Arena:
         found = self.fit(trial, evaluations=evaluations)
         return trial if found is None or found.square > trial.square else found
 
-    def without(self, final: Trial, start: Trial, place: int) -> Trial | None:
-        """Return the model without the effect at `place`, fitted from the values of `final`."""
+    def without(self, final: Trial, start: Trial, word: str) -> Trial | None:
+        """Return the model without the effect `word`, fitted from the values of `final`."""
         values = start.values | {k: v for k, v in final.values.items() if k in start.values}
         bare = Trial(start.model, values, (), 0)
-        for k, added in enumerate(final.added):
-            if k == place:
+        for added in final.added:
+            if added.effect == word:
                 continue
             again = self._again(bare, added, final)
             if again is None:

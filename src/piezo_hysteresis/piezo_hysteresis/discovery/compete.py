@@ -15,7 +15,7 @@ __all__ = ['Arena', 'Contest', 'compete']
 Progress = Callable[[float, str], None]
 
 # Candidates that get a first fit, and of those the ones that get a last one.
-FIRST_FITS = 9
+FIRST_FITS = 10
 LAST_FITS = 4
 # Starts per candidate in the first round.
 STARTS = 2
@@ -86,7 +86,7 @@ def _ordered(arena: Arena, trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _chosen(promises: Sequence[Promise]) -> list[Promise]:
-    """Return the most promising candidates, at most two ways of one effect."""
+    """Return the most promising candidates, at most three ways of one effect."""
     ordered = sorted(
         promises,
         key=lambda p: (-p.explained, p.candidate.effect.name, p.candidate.effect.variant),
@@ -94,7 +94,7 @@ def _chosen(promises: Sequence[Promise]) -> list[Promise]:
     chosen: list[Promise] = []
     for promise in ordered:
         same = sum(c.candidate.effect.name == promise.candidate.effect.name for c in chosen)
-        if same < 2 and promise.explained > HOPELESS:
+        if same < 3 and promise.explained > HOPELESS:
             chosen.append(promise)
         if len(chosen) == FIRST_FITS:
             break

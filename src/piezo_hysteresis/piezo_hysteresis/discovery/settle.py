@@ -37,7 +37,7 @@ class Step:
 def settle(
     arena: Arena, start: Trial, steps: Sequence[Step], progress: Progress
 ) -> tuple[list[Step], Trial]:
-    """Judge every effect but the last one again until nothing changes.
+    """Judge every effect again until nothing changes.
 
     Returns
     -------
@@ -46,28 +46,28 @@ def settle(
     final : Trial
         The model with all of them, fitted jointly.
     """
-    kept = list(steps)
-    final = kept[-1].trial
+    kept, final = list(steps), steps[-1].trial
     settled: set[str] = set()
     for _ in range(MOST_ROUNDS * len(steps)):
-        place = _next(final, settled)
-        if place is None:
+        words = list(dict.fromkeys(added.effect for added in final.added))
+        # the last one was chosen with all others in their places
+        open_ones = [word for word in words[:-1] if word not in settled]
+        if not open_ones:
             break
-        settled.add(final.added[place].effect)
-        without = arena.without(final, start, place)
+        word = open_ones[0]
+        settled.add(word)
+        without = arena.without(final, start, word)
         if without is None:
             continue
-        word = final.added[place].effect
         if arena.is_as_good(without, final):
             kept = [step for step in kept if step.trial.effect != word]
-            final = without
+            final, settled = without, set()
             continue
-        contest = compete(arena, without, progress)
+        contest = _contest(arena, without, final, word, progress)
         if contest is None:
             continue
         if arena.score(contest.best) < arena.score(final) - BETTER:
-            final = contest.best
-            settled = {contest.best.effect}
+            final, settled = contest.best, {contest.best.effect}
             kept = [step for step in kept if step.trial.effect != word]
             kept.append(Step(contest, final))
         elif contest.best.effect == word:
@@ -76,10 +76,10 @@ def settle(
     return kept, final
 
 
-def _next(final: Trial, settled: set[str]) -> int | None:
-    """Return the first effect to judge; ones that took several elements stay as they are."""
-    words = [added.effect for added in final.added]
-    for place, word in enumerate(words[:-1]):
-        if word not in settled and words.count(word) == 1:
-            return place
-    return None
+def _contest(
+    arena: Arena, without: Trial, final: Trial, word: str, progress: Progress
+) -> Contest | None:
+    """Compete for the place of `word`; one that took several elements keeps it."""
+    if sum(added.effect == word for added in final.added) > 1:
+        return None
+    return compete(arena, without, progress)
