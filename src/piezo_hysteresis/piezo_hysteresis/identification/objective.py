@@ -225,8 +225,12 @@ class Objective:
         stacked = np.vstack(blocks)
         if not np.all(np.isfinite(stacked)):
             return np.eye(p), np.zeros(p), float('inf')
-        full = triangle(np.ascontiguousarray(stacked.T))
-        return full[:p, :p], full[:p, p], 0.5 * float(full[:, p] @ full[:, p])
+        with np.errstate(over='ignore', invalid='ignore'):
+            full = triangle(np.ascontiguousarray(stacked.T))
+            cost = 0.5 * float(full[:, p] @ full[:, p])
+        if not (np.all(np.isfinite(full)) and isfinite(cost)):
+            return np.eye(p), np.zeros(p), float('inf')
+        return full[:p, :p], full[:p, p], cost
 
     def _map(
         self, function: Callable[..., Result], items: Sequence[object] | None = None

@@ -146,7 +146,9 @@ def solve(
         new = problem.cost(trial)
         used += 1
         ratio = (cost - new) / predicted if isfinite(new) else -1.0
-        if ratio <= 1e-4:
+        there = problem.linearise(trial) if ratio > 1e-4 else None
+        # derivatives may overflow where the model itself does not: that is no place to go
+        if there is None or not isfinite(there[2]):
             damping, growth = damping * growth, growth * 2.0
             if damping > 1e12:
                 message = 'stuck: no step lowers the error although the gradient does not vanish'
@@ -155,7 +157,7 @@ def solve(
         damping = max(damping * max(1 / 3, 1 - (2 * ratio - 1) ** 3), 1e-15)
         growth = 2.0
         x = trial
-        factor, rhs, cost = problem.linearise(x)
+        factor, rhs, cost = there
         used += 1
         history.append(cost)
         norms = np.maximum(norms, _norms(factor))
