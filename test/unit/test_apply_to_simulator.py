@@ -32,6 +32,12 @@ CASES = {
     'transport_delay': ({'delay': 0.004}, 1e-3),
     # The block answers the mean over each sample, half a sample ahead of the value at its end.
     'amplifier_lag': ({'lag_time': 0.003}, 1e-2),
+    'amplifier_lag_sampled': ({'sampled_lag_time': 0.003}, 1e-3),
+    'sensor_lag': ({'sensor_lag_time': 0.002}, 1e-2),
+    'bouc_wen_widening': (
+        {'widening': 0.05, 'widening_corner': 4.0, 'widening_memory': 0.005},
+        5e-3,
+    ),
     'slew_limit': ({'slew_rate': 20.0}, 3e-3),
     'electrostriction': ({'electrostriction': 6e-6}, 1e-3),
     'drift': ({'drift_rate': 2e-6}, 1e-3),
