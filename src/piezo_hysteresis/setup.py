@@ -3,6 +3,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 package = 'piezo_hysteresis'
+config = Path('../../config')
 
 # Every node and every verb of the command line is an executable of its own for `ros2 run`.
 nodes = [
@@ -37,6 +38,10 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
+        (
+            f'share/{package}/config/scenarios',
+            [str(file) for file in sorted(config.glob('scenarios/*.yaml'))],
+        ),
         (f'share/{package}/launch', [str(file) for file in sorted(Path('launch').glob('*.py'))]),
     ],
     install_requires=['setuptools'],

@@ -160,13 +160,33 @@ class NodeProcesses:
         parameters: Mapping[str, object] | None = None,
         *,
         name: str = '',
+        namespace: str = '',
         remap: Mapping[str, str] | None = None,
+        files: Sequence[Path] = (),
     ) -> NodeProcess:
-        """Start one node with `parameters` set, under another `name` where one is given."""
+        """Start one node.
+
+        Parameters
+        ----------
+        package, executable : str
+            What to run.
+        parameters : mapping of str to object, optional
+            Parameters that are set at start, after those of `files`.
+        name, namespace : str
+            Other than its own.
+        remap : mapping of str to str, optional
+            Names of topics and what they are to be called.
+        files : sequence of Path
+            Parameter files.
+        """
         arguments = ['--ros-args']
+        for file in files:
+            arguments += ['--params-file', str(file)]
         for key, value in (parameters or {}).items():
             arguments += ['-p', f'{key}:={_as_yaml(value)}']
-        for old, new in {**(remap or {}), **({'__node': name} if name else {})}.items():
+        special = {'__node': name, '__ns': f'/{namespace}' if namespace else ''}
+        renamed = {key: value for key, value in special.items() if value}
+        for old, new in {**(remap or {}), **renamed}.items():
             arguments += ['-r', f'{old}:={new}']
         log = Path(self._folder.name) / f'{len(self._running)}_{name or executable}.log'
         node = NodeProcess(package, executable, arguments, self.environment, log)

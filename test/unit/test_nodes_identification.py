@@ -1,0 +1,150 @@
+"""What the identification node takes in, and what it makes of it, without ROS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import named
+from piezo_hysteresis.nodes.identification_plan import Course, Edge, forgetting_of, new_method
+from piezo_hysteresis.nodes.tables import IDENTIFICATION
+
+RATE = 1000.0
+MS = 1_000_000
+DEFAULTS = {**IDENTIFICATION.defaults(), 'rate': RATE}
+
+
+class Spy:
+    """Notes what a course does with its method."""
+
+    forgetting = 1.0
+
+    def __init__(self) -> None:
+        self.did: list[object] = []
+
+    def update(self, voltage: float, _displacement: float) -> float:
+        self.did.append(voltage)
+        return 0.0
+
+    def rest(self) -> None:
+        self.did.append('rest')
+
+    def reset(self) -> None:
+        self.did.append('reset')
+
+
+def feed(course: Course, samples: list[int]) -> None:
+    for k in samples:
+        course.take(k, k * MS, float(k), 0.0)
+
+
+def spied(only_records: bool = True) -> tuple[Course, list[object]]:
+    spy = Spy()
+    return Course(spy, RATE, only_records), spy.did  # type: ignore[arg-type]
+
+
+def test_without_markers_everything_counts_once() -> None:
+    course, did = spied()
+    feed(course, [0, 1, 1, 0 + 1, 2, 3])
+    assert did == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_markers_cut_by_their_time_however_early_they_come() -> None:
+    course, did = spied()
+    for nanoseconds, name in ((1 * MS, 'a'), (3 * MS, ''), (5 * MS, 'b')):
+        course.mark(Edge(nanoseconds, name))
+    course.mark(Edge(7 * MS, ''))
+    feed(course, list(range(9)))
+    assert did == [0.0, 'rest', 1.0, 2.0, 'rest', 'rest', 5.0, 6.0, 'rest']
+    course.reset()
+    feed(course, [9])
+    assert did[-2:] == ['reset', 9.0]
+
+
+def test_samples_between_records_count_where_wanted() -> None:
+    course, did = spied(only_records=False)
+    course.mark(Edge(1 * MS, 'a'))
+    course.mark(Edge(2 * MS, ''))
+    feed(course, list(range(4)))
+    assert did == [0.0, 'rest', 1.0, 'rest', 2.0, 3.0]
+
+
+def test_an_actuator_that_starts_anew_is_at_rest() -> None:
+    course, did = spied()
+    feed(course, [0, 1, 2, 0, 1])
+    assert did == [0.0, 1.0, 2.0, 'rest', 0.0, 1.0]
+
+
+def swept(method: str, seconds: float = 4.0, **settings: object) -> tuple[Course, np.ndarray]:
+    values = {**DEFAULTS, 'method': method, **settings}
+    course = Course(new_method(values), RATE)
+    model = named('classical')
+    parameters = {**model.defaults(), 'A1': 1e-4, 'A': 3e-5, 'beta': 1.0, 'gamma': 0.2}
+    time = np.arange(round(seconds * RATE)) / RATE
+    voltage = np.sin(2 * np.pi * 5.0 * time)
+    displacement = model.respond(voltage, model.pack(parameters), 1.0 / RATE)
+    for k, (u, y) in enumerate(zip(voltage.tolist(), displacement.tolist(), strict=True)):
+        course.take(k, k * MS, u, y)
+    return course, displacement
+
+
+@pytest.mark.parametrize(('method', 'limit'), [('rls_ud', 5e-3), ('pi_bank', 2e-2)])
+def test_estimates_can_be_saved_and_simulated(method: str, limit: float, tmp_path) -> None:
+    course, displacement = swept(method)
+    saved = course.model_file(f'{method}, online')
+    saved.save(tmp_path / 'model.yaml')
+    estimate = course.method.estimate()
+    assert saved.provenance.rate == RATE
+    for name, value in estimate.parameters().items():
+        assert saved.values[name] == value
+    assert course.free_run_rms(estimate) < limit * np.std(displacement)
+
+
+def test_an_estimate_that_is_no_model_is_not_saved() -> None:
+    course, _ = swept('rls')  # the papers' recursion has no bounds
+    assert course.method.estimate().parameters()['beta'] < 0.0
+    with pytest.raises(PiezoError, match='beta'):
+        course.model_file('rls, online')
+
+
+def test_a_free_run_of_rls_is_that_of_its_estimate() -> None:
+    course, displacement = swept('rls', 1.5)
+    estimate = course.method.estimate()
+    time = np.arange(1500) / RATE
+    free = course.method.free_run(np.sin(2 * np.pi * 5.0 * time))
+    expected = float(np.sqrt(np.mean((free - displacement)[-1000:] ** 2)))
+    assert course.free_run_rms(estimate) == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_estimate_settles() -> None:
+    course, _ = swept('rls_ud', 3.0)
+    assert not course.settled(course.method.estimate())
+    assert course.settled(course.method.estimate())
+
+
+def test_forgetting_zero_is_that_of_the_method() -> None:
+    assert forgetting_of({**DEFAULTS, 'method': 'rls'}) == 1.0
+    assert forgetting_of({**DEFAULTS, 'method': 'pi_bank'}) == 0.9999
+    assert forgetting_of({**DEFAULTS, 'method': 'rls', 'forgetting': 0.99}) == 0.99
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'harmonic': 4},
+        {'harmonic': 3},
+        {'forgetting': 0.3},
+        {'method': 'rls_ud', 'natural_frequency': 600.0},
+        {'harmonic': 3, 'frequency': 10.0, 'variant': 'V2'},
+    ],
+)
+def test_settings_that_do_not_go_together_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(PiezoError):
+        new_method({**DEFAULTS, **wrong})
+
+
+def test_v0_is_no_model() -> None:
+    course = Course(new_method({**DEFAULTS, 'variant': 'V0'}), RATE)
+    with pytest.raises(PiezoError, match='V0'):
+        course.model_file('rls')
