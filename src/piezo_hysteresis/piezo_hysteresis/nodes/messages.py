@@ -72,11 +72,13 @@ def model_from(message: ModelEstimate) -> ModelFile:
     """
     if not message.model:
         raise ModelError('the estimate belongs to no model; choose another method or variant')
+    values = dict(zip(message.names, message.values, strict=False))
     if message.model in MODELS:
         model = named(message.model)
     else:
         model = Model('', tuple(named_block(name) for name in message.model.split(',')))
-    return ModelFile(model, dict(zip(message.names, message.values, strict=True)))
+    held = {name: values[name] for name in model.held if name in values}
+    return ModelFile(model.hold(**held), values)
 
 
 def _model_name(model: Model) -> str:
