@@ -147,6 +147,11 @@ class ComplexGainCancellation:
         self._gain = gain
         self._reschedule(self._frequency)
 
+    def disturb(self) -> None:
+        """Begin the window anew and learn nothing from what the last step seemed to do."""
+        if self._frequency > 0.0:
+            self._drop_window(self._frequency)
+
     def _drop_window(self, frequency: float) -> None:
         """Begin a window; choose its length and orders for `frequency`."""
         settings, dt = self._settings, self._dt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from piezo_hysteresis.compensation.afc import ComplexGainCancellation
@@ -34,8 +35,49 @@ class HarmonicLaw(Protocol):
     def set_gain(self, gain: LinearGain) -> None:
         """Take a new model of the plant gain."""
 
+    def disturb(self) -> None:
+        """Take what was seen of this window for a transient: nothing is to be learned from it."""
+
     def reset(self) -> None:
         """Forget every correction."""
+
+
+# Change of the reference's amplitude from period to period that counts as a ramp.
+RAMP = 0.02
+
+
+class RampWatch:
+    """Tells when the amplitude of the reference changes, as it does while it is eased in.
+
+    The error then changes with the reference, and a law that learns from changes of the error
+    would learn nonsense. The amplitude is that of velocity and acceleration, so that the mean of
+    the reference has no part in it; its largest value per period is compared with the period
+    before, so that a reference of several tones is no ramp.
+    """
+
+    def __init__(self) -> None:
+        self._turn = -1
+        self._largest = 0.0
+        self._before = 0.0
+
+    def changed(self, point: ReferencePoint) -> bool:
+        """Take the reference of one tick; tell whether a period ended that differs."""
+        if point.frequency <= 0.0:
+            self.reset()
+            return False
+        omega = 2.0 * math.pi * point.frequency
+        size = math.hypot(point.velocity / omega, point.acceleration / omega**2)
+        turn = math.floor(point.phase / (2.0 * math.pi))
+        if turn == self._turn:
+            self._largest = max(self._largest, size)
+            return False
+        before, now = self._before, self._largest
+        self._turn, self._before, self._largest = turn, now, size
+        return before > 0.0 and abs(now - before) > RAMP * max(now, before)
+
+    def reset(self) -> None:
+        """Forget the periods before."""
+        self._turn, self._largest, self._before = -1, 0.0, 0.0
 
 
 class HarmonicAttenuation:
@@ -64,11 +106,14 @@ class HarmonicAttenuation:
         self.settings = settings
         self._law = build_law(settings, gain, dt)
         self._sensor = SensorWatch(dt)
+        self._ramp = RampWatch()
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
         """Answer `received` minus the correction [V]."""
+        if self._ramp.changed(point):
+            self._law.disturb()
         pair = self._sensor.pair(point, measured)
         if pair is not None:
             partner, displacement = pair
@@ -91,6 +136,7 @@ class HarmonicAttenuation:
         """Forget everything but the settings."""
         self._law.reset()
         self._sensor.reset()
+        self._ramp.reset()
 
 
 def build_law(settings: AttenuationSettings, gain: LinearGain, dt: float) -> HarmonicLaw:

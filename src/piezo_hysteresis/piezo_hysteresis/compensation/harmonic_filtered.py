@@ -38,6 +38,9 @@ class FilteredReferenceRls:
         self._level = 2.0 * (1.0 - settings.forgetting) or 1e-3
         self.reset()
 
+    def disturb(self) -> None:
+        """Go on: the recursion forgets a transient by itself."""
+
     def reset(self) -> None:
         """Forget every correction."""
         count = self._orders.size

@@ -126,6 +126,9 @@ class HarmonicRls:
         """Take a new model of the plant gain."""
         self._gain = gain
 
+    def disturb(self) -> None:
+        """Go on: the recursion forgets a transient by itself."""
+
     def reset(self) -> None:
         """Forget every correction; the covariance is the identity, as in 000."""
         size = self._recursive + 2 * self._orders.size
