@@ -148,3 +148,12 @@ def test_v0_is_no_model() -> None:
     course = Course(new_method({**DEFAULTS, 'variant': 'V0'}), RATE)
     with pytest.raises(PiezoError, match='V0'):
         course.model_file('rls')
+
+
+@pytest.mark.parametrize('harmonic', [3, 5])
+def test_the_harmonic_belongs_to_its_named_model(harmonic: int) -> None:
+    course, _ = swept('rls', 0.5, harmonic=harmonic, frequency=5.0)
+    estimate = course.method.estimate()
+    model = course.model(estimate)
+    assert model is not None
+    assert set(estimate.names) == set(model.parameter_names)

@@ -242,9 +242,9 @@ class OnlineRls:
             factors.append(metre)
             order.append(7)
         if s.harmonic:
-            names += ['c3', 'c4', 'alpha1', 'alpha2']
+            names += ['c3', 'c4', 'al1', 'al2']
             if s.harmonic == 5:
-                names[-4:] = ['c5', 'c6', 'alpha3', 'alpha4']
+                names[-4:] = ['c5', 'c6', 'al3', 'al4']
             units += ['1', '1', 'm', 'm']
             factors += [1.0, 1.0, metre, metre]
             order += range(self._columns - 4, self._columns)
