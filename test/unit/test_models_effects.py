@@ -185,11 +185,12 @@ def test_a_resonance_is_guessed_where_a_harmonic_rings():
 
 
 @pytest.mark.parametrize(
-    ('name', 'parameter', 'expected'),
-    [('saturation', 'saturation_high', 0.9), ('slew_limit', 'slew_rate', 0.8 * 2 * np.pi * 7)],
+    ('name', 'parameter', 'largest'),
+    [('saturation', 'saturation_high', 1.0), ('slew_limit', 'slew_rate', 2 * np.pi * 7)],
 )
-def test_limits_are_guessed_just_inside_the_drive(name, parameter, expected):
+def test_limits_are_guessed_just_inside_the_drive(name, parameter, largest):
     baseline = models.named('classical')
     candidate = models.add_effect(baseline, models.described(name)[0])
     seen = residual_of(baseline, baseline)
-    assert candidate.guessed(seen)[parameter] == pytest.approx(expected, rel=0.01)
+    # A limit outside the drive would show nothing, and a fit could not find its way from there.
+    assert 0.75 * largest < candidate.guessed(seen)[parameter] < largest
