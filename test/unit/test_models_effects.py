@@ -170,7 +170,7 @@ def test_hum_is_guessed_from_the_residual():
     (hum,) = models.described('mains_hum')
     candidate = models.add_effect(baseline, hum)
     truth = {'hum_frequency': 50.3, 'hum_sine': 2e-7, 'hum_cosine': -1e-7}
-    guess = candidate.guessed(residual_of(candidate.model, baseline, **truth))
+    (guess,) = candidate.guessed(residual_of(candidate.model, baseline, **truth))
     assert guess['hum_frequency'] == pytest.approx(50.3, abs=0.01)
     assert np.hypot(guess['hum_sine'], guess['hum_cosine']) == pytest.approx(2.236e-7, rel=0.1)
 
@@ -181,7 +181,7 @@ def test_a_resonance_is_guessed_where_a_harmonic_rings():
     candidate = models.add_effect(baseline, resonance)
     truth = {'resonance_frequency': 68.0, 'resonance_damping': 0.015, 'resonance_share': 1.0}
     seen = residual_of(candidate.model, baseline, frequency=14.0, n=20_000, **truth)
-    assert candidate.guessed(seen)['resonance_frequency'] == pytest.approx(68.0, abs=6.0)
+    assert candidate.guessed(seen)[0]['resonance_frequency'] == pytest.approx(68.0, abs=6.0)
 
 
 @pytest.mark.parametrize(
@@ -193,4 +193,4 @@ def test_limits_are_guessed_just_inside_the_drive(name, parameter, largest):
     candidate = models.add_effect(baseline, models.described(name)[0])
     seen = residual_of(baseline, baseline)
     # A limit outside the drive would show nothing, and a fit could not find its way from there.
-    assert 0.75 * largest < candidate.guessed(seen)[parameter] < largest
+    assert 0.75 * largest < candidate.guessed(seen)[0][parameter] < largest

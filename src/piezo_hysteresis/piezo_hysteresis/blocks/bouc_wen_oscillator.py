@@ -7,7 +7,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
 _PHASES = 20  # points between two samples at which the force is interpolated
@@ -193,6 +193,25 @@ def from_linear(values: Mapping[str, float]) -> dict[str, float]:
     }
 
 
+def guess(seen: Residual) -> list[dict[str, float]]:
+    """Return oscillators part of whose stiffness yields within the motion that is seen."""
+    linear = from_linear(seen.values)
+    reach = float(np.max(np.abs(seen.simulated + seen.residual)))
+    if reach <= 0.0:
+        return []
+    return [
+        {
+            **linear,
+            'stiffness': (1.0 - 0.7 * share) * linear['stiffness'],
+            'z_alpha': share * linear['stiffness'],
+            'z_beta': 1.0 / reach,
+            'z_gamma': shape / reach,
+        }
+        for share in (0.3, 1.0)
+        for shape in (-0.9, 0.0, 0.9)
+    ]
+
+
 EFFECTS = tuple(
     Effect(
         name='hysteresis',
@@ -205,6 +224,7 @@ EFFECTS = tuple(
         neutral={'z_alpha': 0.0},
         start={'z_alpha': 2e3, 'z_beta': 5e3, 'z_gamma': 0.0},
         alternatives=({'z_gamma': -5e3}, {'z_gamma': 5e3}),
+        guess=guess,
         physics=(
             'The spring itself has memory: the restoring force lags behind the displacement, so '
             'resonance frequency and damping change with the amplitude.'

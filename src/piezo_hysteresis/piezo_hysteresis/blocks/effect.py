@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
@@ -23,6 +24,8 @@ class Residual(NamedTuple):
         Fundamental frequency of the excitation [Hz]; 0 where there is none.
     start : float
         Time of the first sample [s].
+    values : mapping of str to float
+        Parameters of the model without the effect.
     """
 
     voltage: FloatArray
@@ -31,9 +34,10 @@ class Residual(NamedTuple):
     dt: float
     frequency: float = 0.0
     start: float = 0.0
+    values: Mapping[str, float] = MappingProxyType({})
 
 
-Guess = Callable[[Residual], Mapping[str, float]]
+Guess = Callable[[Residual], Mapping[str, float] | Sequence[Mapping[str, float]]]
 Convert = Callable[[Mapping[str, float]], Mapping[str, float]]
 
 
@@ -80,7 +84,8 @@ class Effect:
         Further starts, each completing `start`, where several basins are to be tried (signs,
         frequencies).
     guess : callable or None
-        ``guess(residual)`` returns better start values for some of the parameters.
+        ``guess(residual)`` returns better start values for some of the parameters, or several
+        such mappings where several basins are to be tried.
     convert : callable or None
         ``convert(values)`` translates the values of the replaced blocks for `block`; the result
         with `neutral` reproduces the model.

@@ -127,10 +127,11 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
 
 
 def _semifinalists(fitted: Sequence[Trial]) -> list[Trial]:
-    """Return the best fits of different effects first, then the best variants."""
+    """Return the best fits of different effects, and another way of the best one."""
     leading: list[Trial] = []
     for trial in fitted:
         if all(trial.effect != other.effect for other in leading):
             leading.append(trial)
-    rest = [t for t in fitted[:2] if all(t is not other for other in leading)]
+    others = [t for t in fitted if all(t is not other for other in leading)]
+    rest = [t for t in others if t.effect == fitted[0].effect][:1]
     return [*leading[: LAST_FITS - len(rest)], *rest]

@@ -15,6 +15,7 @@ from scipy.ndimage import median_filter
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.targets import periodic_from
 from piezo_hysteresis.records import Record
 
 # Median of a periodogram of white noise over its mean.
@@ -49,12 +50,21 @@ def record_noise(record: Record, period: int) -> float:
     still = float(np.ptp(record.voltage)) == 0.0
     if still:
         return robust_rms(measured - measured.mean())
-    if period and measured.size >= 2 * period:
-        pairs = measured[: measured.size // (2 * period) * 2 * period].reshape(-1, 2, period)
+    steady = _steady(record, period) if period else measured[:0]
+    if period and steady.size >= 2 * period:
+        pairs = steady[: steady.size // (2 * period) * 2 * period].reshape(-1, 2, period)
         # Each period is used once, so that the differences of white noise are white too.
         change = ((pairs[:, 1] - pairs[:, 0]) / np.sqrt(2.0)).ravel()
         return robust_rms(change - change.mean())
     return high_band_rms(measured, record.voltage[record.warm_up_samples :])
+
+
+def _steady(record: Record, period: int) -> FloatArray:
+    """Return the part of the displacement in which the input repeats and transients are over."""
+    first = max(periodic_from(record.voltage, period), record.warm_up_samples)
+    if first > record.warm_up_samples and len(record) - first >= 4 * period:
+        first += period
+    return record.displacement[first:]
 
 
 def robust_rms(signal: FloatArray) -> float:

@@ -141,7 +141,7 @@ class Screen:
         block = candidate.effect.block
         # what depends on the clock shows best where the drive does little
         count = len(sizes) if block is not None and block.clocked else GUESSES
-        guesses = []
+        guesses: list[dict[str, float]] = []
         for place in np.argsort(sizes)[::-1][:count]:
             view, y = self._views[place], self._simulated[place]
             residual = np.zeros_like(view.voltage)
@@ -153,8 +153,9 @@ class Screen:
                 view.dt,
                 view.frequency,
                 view.start + view.first * view.dt,
+                self._trial.values,
             )
-            guesses.append(candidate.guessed(seen))
+            guesses += candidate.guessed(seen)
         return guesses
 
     def _best_step(

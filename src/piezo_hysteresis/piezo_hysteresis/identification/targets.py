@@ -115,7 +115,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     period = period_of(record)
     if period == 0:
         return []
-    same = _periodic_from(record.voltage, period)
+    same = periodic_from(record.voltage, period)
     first = max(same, record.warm_up_samples)
     count = (len(record) - first) // period
     if count < 2:
@@ -154,7 +154,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     return [mean, way_in]
 
 
-def _periodic_from(u: FloatArray, period: int) -> int:
+def periodic_from(u: FloatArray, period: int) -> int:
     """First sample from which the voltage repeats itself to the end."""
     change = np.abs(u[period:] - u[:-period])
     limit = 6 * _PERIODIC * float(np.std(u[u.size // 2 :]))
@@ -188,7 +188,7 @@ def _steady(periods: FloatArray) -> tuple[int, float] | None:
 def _drive(record: Record, period: int, first: int, settling: float) -> tuple[FloatArray, int]:
     """Voltage from the start of the record through enough periods, and the last one's start."""
     needed = ceil(settling / (period * record.dt)) * period
-    begin = _periodic_from(record.voltage, period)
+    begin = periodic_from(record.voltage, period)
     # phase of the folded period, moved as early as the settling time allows
     start = first + period * ceil(max(begin + needed - first, 0) / period)
     start -= period * ((start - begin - needed) // period)

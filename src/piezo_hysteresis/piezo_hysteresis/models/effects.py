@@ -65,15 +65,20 @@ class Candidate:
         every |= {k: v for k, v in kept.items() if k in every and k not in self.model.held}
         return every | dict(self.neutral if start is None else start)
 
-    def guessed(self, seen: Residual) -> dict[str, float]:
+    def guessed(self, seen: Residual) -> list[dict[str, float]]:
         """Return the first start with what the residual of a record says about it."""
-        start = dict(self.starts[0])
-        if self.effect.guess is not None:
-            limits = {q.name: (q.low, q.high) for q in self.model.parameters}
-            for key, value in self.effect.guess(seen).items():
+        if self.effect.guess is None:
+            return []
+        said = self.effect.guess(seen)
+        limits = {q.name: (q.low, q.high) for q in self.model.parameters}
+        starts = []
+        for guess in [said] if isinstance(said, Mapping) else said:
+            start = dict(self.starts[0])
+            for key, value in guess.items():
                 name = self.renamed[key]
                 start[name] = min(max(value, limits[name][0]), limits[name][1])
-        return start
+            starts.append(start)
+        return starts
 
 
 def described(name: str) -> tuple[Effect, ...]:
