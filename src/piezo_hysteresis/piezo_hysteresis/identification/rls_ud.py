@@ -243,6 +243,12 @@ class OnlineUd:
             spread = np.append(spread, [0.0, 0.0])
             correlation = np.pad(correlation, (0, 2))
         chain = self.model()
+        # An input that hardly moved leaves estimates that no model has; the spread says so.
+        bounds = {q.name: (q.low, q.high) for q in chain.parameters}
+        anything = (-np.inf, np.inf)
+        values = np.array(
+            [np.clip(v, *bounds.get(n, anything)) for n, v in zip(names, values, strict=True)]
+        )
         return Estimate(
             names=names,
             units=units,
