@@ -189,7 +189,7 @@ def test_an_estimate_is_saved_inside_the_folder_only(
     for name, value in zip(estimate.names, estimate.values, strict=True):
         assert saved.values[name] == pytest.approx(value, rel=1e-12, abs=1e-300)
     before = sorted(folder.parent.rglob('*'))
-    for path in ('../escaped.yaml', '/tmp/escaped.yaml', '', '.'):
+    for path in ('../escaped.yaml', '/escaped.yaml', '', '.'):
         answer = save(path)
         assert not answer.success
         assert answer.message

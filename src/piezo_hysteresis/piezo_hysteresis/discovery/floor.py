@@ -21,6 +21,9 @@ from piezo_hysteresis.records import Record
 # Median of a periodogram of white noise over its mean.
 MEDIAN = float(np.log(2.0))
 WIDTH = 101
+# Length of the blocks by which improvements are judged [s], and how many there should be.
+BLOCK = 0.3
+FEWEST_BLOCKS = 40
 
 
 def noise_floor(data: Dataset) -> float:
@@ -96,12 +99,18 @@ def high_band_rms(measured: FloatArray, voltage: FloatArray) -> float:
 def block_edges(
     sizes: Sequence[int], periods: Sequence[int], dts: Sequence[float]
 ) -> list[list[int]]:
-    """Return the edges of blocks of whole periods, some 0.3 s or more, per view."""
+    """Return the edges of blocks of whole periods, some 0.3 s or more, per view.
+
+    Few slow periods make too few blocks to judge anything by; then parts of periods are taken.
+    """
+    lengths = []
+    for period, dt in zip(periods, dts, strict=True):
+        block = max(round(BLOCK / dt), 1)
+        lengths.append(period * max(1, round(block / period)) if period else block)
+    blocks = sum(size / length for size, length in zip(sizes, lengths, strict=True))
+    shrink = min(1.0, blocks / FEWEST_BLOCKS)
     edges = []
-    for size, period, dt in zip(sizes, periods, dts, strict=True):
-        block = max(round(0.3 / dt), 1)
-        if period:
-            block = period * max(1, round(block / period))
-        count = max(1, size // block)
+    for size, length in zip(sizes, lengths, strict=True):
+        count = max(1, int(size // max(shrink * length, 1.0)))
         edges.append([k * size // count for k in range(count + 1)])
     return edges

@@ -18,12 +18,16 @@ from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.discovery.trial import Trial, errors_of, simulate
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.identification.objective import shifted
+from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Candidate
 
 # Records, those with the largest residual, from which starts are guessed.
 GUESSES = 3
+# Effects with so many parameters are judged by small changes of all of them, too.
+MANY = 5
 # Shares of a start at which a candidate is looked at: effects are not linear in their size.
 STEPS = (1.0, 0.2)
 
@@ -64,7 +68,7 @@ def orthonormal(rows: FloatArray) -> FloatArray:
     for row in rows:
         left = without(without(row, kept), kept)
         size = sqrt(inner(left, left))
-        if size > 1e-9 * sqrt(inner(row, row)):
+        if size > 1e-7 * max(sqrt(inner(row, row)), 1e-300):
             kept = np.vstack([kept, left / size])
     return kept
 
@@ -126,7 +130,8 @@ class Screen:
         for start in (*self._guesses(candidate), *candidate.starts):
             values = candidate.values(before, start)
             values['sampling_offset'] = before.get('sampling_offset', 0.0)
-            found.append(self._best_step(candidate, values))
+            share, chosen = self._best_step(candidate, values)
+            found.append((max(share, self._nearby(candidate, values)), chosen))
         found.sort(key=lambda each: -each[0])
         return Promise(candidate, tuple(each[1] for each in found), found[0][0])
 
@@ -174,6 +179,39 @@ class Screen:
             if explained > best:
                 best, chosen = explained, tried
         return best, chosen
+
+    def _nearby(self, candidate: Candidate, values: dict[str, float]) -> float:
+        """Return what small changes of all new parameters about a start would explain.
+
+        A step towards a start says little of effects with many parameters, such as a bank of
+        plays, whose start is as good as any.
+        """
+        if len(candidate.added) < MANY:
+            return 0.0
+        late = values['sampling_offset']
+        own = {name: value for name, value in values.items() if name != 'sampling_offset'}
+        rows = []
+        try:
+            packed = candidate.model.pack(own)
+        except PiezoError:
+            return 0.0
+        for view in self._views:
+            _, change = sensitivities(
+                candidate.model,
+                packed,
+                candidate.added,
+                view.voltage,
+                view.dt,
+                view.frequency,
+                view.start,
+            )
+            rows.append(shifted(change, late / view.dt)[:, view.first :: view.stride])
+        columns = np.hstack(rows)
+        if not np.all(np.isfinite(columns)):
+            return 0.0
+        basis = orthonormal(np.array([self._project(column) for column in columns]))
+        total = sum(inner(row, self._left) ** 2 for row in basis)
+        return total / max(inner(self._residual, self._residual), 1e-300)
 
     def _explained(self, candidate: Candidate, values: dict[str, float]) -> float:
         try:
