@@ -10,6 +10,10 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.identification_report import identification_page
 from piezo_hysteresis.reporting.page import Section, table, write_report
 from piezo_hysteresis.reporting.plots import GREY, PALETTE, Curve, loop_figure, spectrum_figure
 
@@ -26,6 +30,20 @@ FLAGS = (
     '--disable-background-networking', '--disable-component-update', '--disable-sync',
     '--hide-scrollbars', '--virtual-time-budget=6000', '--enable-logging=stderr',
 )  # fmt: skip
+
+
+def photographed(page, picture, width, height=1500):
+    """Show a page in the browser; return the picture and what the console says of faults."""
+    done = subprocess.run(
+        [BROWSER, *FLAGS, f'--user-data-dir={picture.parent / "profile"}',
+         f'--window-size={width},{height}', f'--screenshot={picture}', f'file://{page}'],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    said = re.findall(r'CONSOLE[^"]*"(.*)", source', done.stderr)
+    assert any('document idle' in line for line in said)  # Bokeh has drawn
+    # the browser's own remark that a layout took two rounds is harmless
+    faults = [line for line in said if '[bokeh' not in line and 'ResizeObserver' not in line]
+    return matplotlib.image.imread(picture), faults
 
 
 def share(image, colour):
@@ -48,19 +66,24 @@ def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path, width):
     )
     rows = table(('a', 'b'), [[1.0, 'long words ' * 20]] * 3)
     write_report(tmp_path / 'r.html', 'Title', 'Verdict.', [Section('One', '', figures, (rows,))])
-    picture = tmp_path / 'r.png'
-    done = subprocess.run(
-        [BROWSER, *FLAGS, f'--user-data-dir={tmp_path / "profile"}', f'--window-size={width},1500',
-         f'--screenshot={picture}', f'file://{tmp_path / "r.html"}'],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    said = re.findall(r'CONSOLE[^"]*"(.*)", source', done.stderr)
-    assert any('document idle' in line for line in said)  # Bokeh has drawn
-    # the browser's own remark that a layout took two rounds is harmless
-    faults = [line for line in said if '[bokeh' not in line and 'ResizeObserver' not in line]
+    image, faults = photographed(tmp_path / 'r.html', tmp_path / 'r.png', width)
     assert faults == []
-    image = matplotlib.image.imread(picture)
     assert share(image, GREY) > 1e-3
     assert share(image, PALETTE[1]) > 1e-4  # of the page only the third curve has it
     # what is wider than a phone scrolls in its own box: the last column of pixels stays white
+    assert np.all(image[:, -1, :3] == 1.0)
+
+
+def test_the_report_of_an_identification_reads_on_a_phone(tmp_path):
+    model, time = named('classical'), np.arange(1200) * 1e-3
+    voltage = np.sin(2 * np.pi * 5 * time)
+    values = {'A1': 1.6e-4, 'A': 3e-5, 'A0': 0.0, 'beta': 1.2, 'gamma': 0.2, 'offset': 0.0}
+    noise = 2e-8 * np.random.default_rng(1).standard_normal(time.size)
+    y = model.respond(voltage, model.pack(values), 1e-3) + noise
+    record = Record('a', 1e-3, voltage, y)
+    found = identify([record], model, count=1)
+    (tmp_path / 'r.html').write_text(identification_page([record], found))
+    image, faults = photographed(tmp_path / 'r.html', tmp_path / 'r.png', 390, 5000)
+    assert faults == []
+    assert share(image, '#7f3b08') > 1e-3  # the diagonal
     assert np.all(image[:, -1, :3] == 1.0)

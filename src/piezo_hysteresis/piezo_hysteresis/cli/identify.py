@@ -1,13 +1,13 @@
 """Identify a model from records.
 
-Leaves model.yaml (the model), params.yaml (for ros2 param load), summary.json and figures in the
-output folder. Warnings say what the records cannot tell and what to record instead.
+Leaves report.html (for people), model.yaml (the model), params.yaml (for ros2 param load),
+summary.json and figures in the output folder. Warnings say what the records cannot tell and what
+to record instead.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from typing import Any
 
@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.identification import METHODS, identify
     from piezo_hysteresis.identification.history import preceded
     from piezo_hysteresis.records import load
+    from piezo_hysteresis.reporting.identification_folder import write_identification
 
     if arguments.method not in METHODS:
         raise IdentificationError(
@@ -95,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
             **_options(arguments, start),
         )
-    _write(arguments, records, found)
+    write_identification(arguments.out, found, records, arguments.data)
     _tell(found, arguments.out)
     return 0
 
@@ -153,36 +154,6 @@ def _options(arguments: argparse.Namespace, start: dict[str, float]) -> dict[str
     return options
 
 
-def _write(arguments: argparse.Namespace, records: list[Any], found: Any) -> None:
-    import yaml
-
-    from piezo_hysteresis.identification.errors import free_run
-    from piezo_hysteresis.reporting.folder import write_folder
-    from piezo_hysteresis.reporting.identification_figures import figures
-
-    saved = found.model_file(arguments.data, records[0].rate)
-    simulated = {
-        r.name: free_run(found.model, found.values, r, found.sampling_offset) for r in records
-    }
-    drawn = figures(
-        records,
-        simulated,
-        found.records,
-        noise_floor=found.noise_floor,
-        history=found.history,
-    )
-    ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
-    write_folder(
-        arguments.out,
-        {
-            'model.yaml': yaml.safe_dump(saved.to_dict(), sort_keys=False, allow_unicode=True),
-            'params.yaml': yaml.safe_dump(ros, sort_keys=False),
-            'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
-            **drawn,
-        },
-    )
-
-
 def _tell(found: Any, out: str) -> None:
     """Print parameters with the digits they have, errors and warnings."""
     from piezo_hysteresis.identification.uncertainty import digits
@@ -201,6 +172,6 @@ def _tell(found: Any, out: str) -> None:
         )
     if found.noise_floor > 0:
         print(f'  noise floor {1e6 * found.noise_floor:.4g} um')
-    print(f'written to {out}')
+    print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
         print(f'warning: {warning}', file=sys.stderr)

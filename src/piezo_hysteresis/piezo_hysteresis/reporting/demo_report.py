@@ -9,15 +9,16 @@ from typing import Protocol
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.loop import TrackingMetrics
 from piezo_hysteresis.identification.automatic import Step
-from piezo_hysteresis.identification.errors import free_run
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.reporting.identification_certainty import parameter_section
 from piezo_hysteresis.reporting.identification_report import (
-    choice_section,
     fit_section,
-    parameter_section,
-    sentence_of,
+    free_runs,
+    identification_page,
 )
+from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import Plot, Section, table, write_report
 from piezo_hysteresis.reporting.plots import Curve, loop_figure, spectrum_figure, trace_figure
 from piezo_hysteresis.reporting.units import micrometres
@@ -80,11 +81,12 @@ def write_demo_report(
     PiezoError
         If the file cannot be written.
     """
-    simulated = _simulated(sweep, found)
+    simulated = free_runs(sweep, found)
     sections = [
         _before_after(runs, plan),
         _where(runs, plan, found.values.get('natural_frequency')),
         fit_section(sweep, found, simulated),
+        where_section(sweep, found, simulated),
         parameter_section(found),
         _next_after_demo(),
     ]
@@ -102,22 +104,8 @@ def write_data_report(
     PiezoError
         If the file cannot be written.
     """
-    sections = [
-        fit_section(records, found, _simulated(records, found)),
-        choice_section(steps),
-        parameter_section(found),
-        _next_after_data(),
-    ]
-    names = ', '.join(record.name for record in records[:3])
-    more = f' and {len(records) - 3} more' if len(records) > 3 else ''
-    write_report(path, f'Identification of {names}{more}', sentence_of(found), sections)
-
-
-def _simulated(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
-    return {
-        each.name: free_run(found.model, found.values, each, found.sampling_offset)
-        for each in records
-    }
+    page = identification_page(records, found, steps=steps)
+    write_folder(path.parent, {path.name: page})
 
 
 def _verdict(runs: Sequence[TrackingRun], plan: TrackingPlan) -> str:
@@ -227,16 +215,5 @@ def _next_after_demo() -> Section:
         '- `make demo DATA=my_record.csv` identifies an actuator of your own.\n'
         '- `params.yaml` beside this page goes into the running feedforward node with '
         '`ros2 param load /feedforward params.yaml`.'
-    )
-    return Section('What next?', text)
-
-
-def _next_after_data() -> Section:
-    text = (
-        '- `python -m piezo_hysteresis discover DATA --baseline model.yaml --out DIR` says what '
-        'the model still misses, with probabilities and alternatives.\n'
-        '- `python -m piezo_hysteresis validate OTHER_DATA --model model.yaml --out DIR` judges '
-        'the model on records that it has never seen: do that before you trust it.\n'
-        '- `ros2 param load /feedforward params.yaml` makes the feedforward node invert it.'
     )
     return Section('What next?', text)

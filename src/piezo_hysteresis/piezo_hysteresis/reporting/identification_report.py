@@ -1,4 +1,4 @@
-"""Sections of a report that tell what was identified and what it is worth."""
+"""The report on an identification: how well the model follows, where not, how sure, what next."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.annotate import annotated
 from piezo_hysteresis.identification.automatic import Step
+from piezo_hysteresis.identification.errors import free_run
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.reporting.page import Plot, Section, Table, table
-from piezo_hysteresis.reporting.plots import (
-    Curve,
-    loop_figure,
-    spectrum_figure,
-    trace_figure,
-    xy_figure,
+from piezo_hysteresis.reporting.identification_certainty import (
+    correlation_section,
+    parameter_section,
 )
+from piezo_hysteresis.reporting.identification_where import where_section
+from piezo_hysteresis.reporting.page import Plot, Section, render, table
+from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods
-from piezo_hysteresis.reporting.units import MICRO, micrometres, shown, with_deviation
+from piezo_hysteresis.reporting.units import micrometres
 
 _LOOPS = 4  # records whose loops are drawn
+_MANY_FLOORS = 3.0  # beyond this the model lacks something, not the record
 
 _TRIED = {
     'hysteresis': 'hysteresis beside the origin (Bouc-Wen)',
@@ -33,10 +35,83 @@ _TRIED = {
 }
 
 
+def identification_page(
+    records: Sequence[Record],
+    found: Identification,
+    *,
+    steps: Sequence[Step] = (),
+    data: Sequence[str] = (),
+) -> str:
+    """Return the whole report as HTML.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        What was measured.
+    found : Identification
+        What was identified from it.
+    steps : sequence of Step
+        How the model was chosen, where that was not said beforehand.
+    data : sequence of str
+        Paths, for the commands that come next; ``DATA`` where not given.
+    """
+    seen = annotated(records)
+    simulated = free_runs(records, found)
+    sections = [
+        fit_section(seen, found, simulated),
+        where_section(seen, found, simulated),
+        *([choice_section(steps)] if steps else []),
+        parameter_section(found),
+        *([correlation_section(found)] if len(found.names) > 1 else []),
+        next_section(found, data),
+    ]
+    names = ', '.join(record.name for record in records[:3])
+    more = f' and {len(records) - 3} more' if len(records) > 3 else ''
+    return render(f'Identification of {names}{more}', sentence_of(found), sections)
+
+
+def free_runs(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
+    """Return the free run of the model on every record [m], by record name."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        return {
+            each.name: free_run(
+                found.model, found.values, each, found.sampling_offset, checked=False
+            )
+            for each in records
+        }
+
+
+def sentence_of(found: Identification) -> str:
+    """Return the verdict on an identification."""
+    worst = max(found.records, key=lambda row: _size(row.nrmse_percent))
+    many = len(found.records) > 1
+    where = f' in the worst of {len(found.records)} records' if many else ''
+    if not np.isfinite(worst.free_run_rms):
+        return f'The model {found.model.name} diverges in free run{where}: do not use it.'
+    said = (
+        f'The model {found.model.name} follows the measurement within '
+        f'{micrometres(worst.free_run_rms)} µm rms ({worst.nrmse_percent:.3g} % of its standard '
+        f'deviation) in free run{where}'
+    )
+    if not found.converged:
+        return said + ', but the fit did not converge: do not use it.'
+    if found.noise_floor > 0:
+        ratio = worst.free_run_rms / found.noise_floor
+        said += f', {ratio:.3g} times the noise floor'
+        if ratio > _MANY_FLOORS:
+            return said + ': it lacks something that the data show.'
+    return said + '.'
+
+
+def _size(value: float) -> float:
+    """Return a number by which one that is not known counts as the largest."""
+    return value if np.isfinite(value) else float('inf')
+
+
 def fit_section(
     records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
 ) -> Section:
-    """Return measured and simulated loops, and the error where there are several frequencies.
+    """Return measured and simulated loops, and one record over time.
 
     Parameters
     ----------
@@ -47,37 +122,23 @@ def fit_section(
     simulated : mapping of str to ndarray
         Free run by record name [m].
     """
-    figures = [_loop(each, simulated[each.name]) for each in _spread(records)]
-    frequencies = [record.info.frequency for record in records]
-    if len({f for f in frequencies if f > 0}) > 2:
-        figures.append(_over_frequency(records, found))
-    else:
+    drawn = [each for each in records if float(np.ptp(each.voltage)) > 0] or list(records)
+    figures = [_loop(each, simulated[each.name]) for each in _spread(drawn)]
+    if len(records) < _LOOPS:
         longest = max(records, key=len)
-        figures += _trace_and_residual(longest, simulated[longest.name])
-    worst = max(found.records, key=lambda row: row.nrmse_percent)
+        curves = [
+            Curve('measured', longest.time, longest.displacement),
+            Curve('model', longest.time, simulated[longest.name]),
+        ]
+        caption = f'{longest.name} and the free run of the model.'
+        figures.append(trace_figure(curves, 'Over time', caption))
+    worst = max(found.records, key=lambda row: _size(row.nrmse_percent))
     text = (
         f'The model `{found.model.name}` runs freely: it is given the voltage alone, never the '
         f'measured displacement. Its worst record is {worst.record}: {worst.nrmse_percent:.3g} % '
         f'of the standard deviation of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
     )
     return Section('Does the model follow the actuator?', text, tuple(figures))
-
-
-def parameter_section(found: Identification) -> Section:
-    """Return the parameters with standard deviations, and what a reader must know of them."""
-    text = (
-        'Standard deviations come from the curvature of the fit and from what it leaves; they do '
-        'not cover what the model lacks.'
-    )
-    if found.noise_floor > 0:
-        text += (
-            ' From period to period the measurement repeats itself within '
-            f'{micrometres(found.noise_floor)} µm rms: the noise floor, below which no model gets.'
-        )
-    if found.warnings:
-        text += '\n\n' + '\n'.join(f'- {warning}' for warning in found.warnings)
-    tables = (_parameters(found), _records(found))
-    return Section('What was identified, and how sure is it?', text, (), tables)
 
 
 def choice_section(steps: Sequence[Step]) -> Section:
@@ -102,6 +163,30 @@ def choice_section(steps: Sequence[Step]) -> Section:
     return Section('How was the model chosen?', text, (), (table(headers, rows),))
 
 
+def next_section(found: Identification, data: Sequence[str] = ()) -> Section:
+    """Return what to do with this model, the most urgent thing first."""
+    words = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
+    lines = []
+    if not found.converged:
+        lines.append('The fit did not come to rest: record more, or take a simpler model.')
+    worst = max(_size(row.free_run_rms) for row in found.records)
+    lacks = found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
+    why = 'names what the model lacks' if lacks else 'says what the model still misses'
+    discover = (
+        f'`python -m piezo_hysteresis discover {words} --baseline model.yaml --out found` {why}, '
+        'with probabilities and alternatives.'
+    )
+    judge = (
+        '`python -m piezo_hysteresis validate OTHER_DATA --model model.yaml --out check` judges '
+        'the model on records that it has never seen: do that before you trust it.'
+    )
+    lines += [discover, judge] if lacks else [judge, discover]
+    lines.append(
+        '`ros2 param load /feedforward params.yaml` makes the feedforward node invert it.'
+    )
+    return Section('What next?', '\n'.join(f'- {line}' for line in lines))
+
+
 def _spread(records: Sequence[Record]) -> list[Record]:
     order = sorted(records, key=lambda r: (r.info.frequency, r.info.amplitude, r.name))
     places = np.unique(np.linspace(0, len(order) - 1, _LOOPS).round().astype(int))
@@ -117,83 +202,3 @@ def _loop(record: Record, simulated: FloatArray) -> Plot:
     part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
     caption = f'Input and displacement of {record.name}, {part}.'
     return loop_figure(curves, record.name, caption, record.info.input_unit)
-
-
-def _over_frequency(records: Sequence[Record], found: Identification) -> Plot:
-    by_name = {row.record: row for row in found.records}
-    pairs = sorted(
-        (r.info.frequency, by_name[r.name].free_run_rms) for r in records if r.info.frequency > 0
-    )
-    frequency, error = np.array(pairs).T
-    floor = found.noise_floor if found.noise_floor > 0 else None
-    caption = 'Free-run error of the model in every record, against the noise floor.'
-    return xy_figure(
-        [Curve('free run', frequency, error)], 'Error over frequency', caption,
-        'frequency of the drive [Hz]', 'rms error [µm]', log_y=True, floor=floor,
-    )  # fmt: skip
-
-
-def _trace_and_residual(record: Record, simulated: FloatArray) -> list[Plot]:
-    error = record.displacement - simulated
-    curves = [
-        Curve('measured', record.time, record.displacement),
-        Curve('model', record.time, simulated),
-    ]
-    rest = [Curve('measured minus model', record.time, error)]
-    cut = slice(record.warm_up_samples, None)
-    signals = [('measured', record.displacement[cut]), ('measured minus model', error[cut])]
-    return [
-        trace_figure(curves, 'Over time', f'{record.name} and the free run of the model.'),
-        trace_figure(rest, 'What the model leaves', 'Measured minus model over time.', 'error'),
-        spectrum_figure(
-            signals, record.dt, 'Spectra', 'Amplitudes of the displacement and of what is left.',
-            fundamental=record.info.frequency, highest=_highest(record),
-        ),
-    ]  # fmt: skip
-
-
-def _highest(record: Record) -> float:
-    """Return where the spectrum has become noise [Hz]: at most the 30th multiple of its peak."""
-    power = np.abs(np.fft.rfft(record.displacement - record.displacement.mean()))
-    peak = max(int(np.argmax(power)), 1) / record.duration
-    return min(30 * peak, 0.5 * record.rate)
-
-
-def _parameters(found: Identification) -> Table:
-    rows = []
-    for parameter in found.model.parameters:
-        unit, factor = shown(parameter.unit)
-        std = found.std.get(parameter.name)
-        value, deviation = with_deviation(
-            factor * found.values[parameter.name], None if std is None else factor * std
-        )
-        rows.append((parameter.name, value, deviation, unit, parameter.description))
-    headers = ('parameter', 'value', 'standard deviation', 'unit', 'what it is')
-    return table(headers, rows, f'Parameters of {found.model.name}, by {found.method}.')
-
-
-def _records(found: Identification) -> Table:
-    rows = [
-        (
-            row.record,
-            micrometres(row.free_run_rms),
-            f'{row.nrmse_percent:.3g}',
-            micrometres(row.one_step_rms),
-        )
-        for row in found.records
-    ]
-    headers = ('record', 'free run [µm]', 'free run [% of std]', 'one step [µm]')
-    return table(headers, rows, 'Rms errors of every record, after its warm-up.')
-
-
-def sentence_of(found: Identification) -> str:
-    """Return the verdict on an identification."""
-    worst = max(found.records, key=lambda row: row.nrmse_percent)
-    said = (
-        f'The model {found.model.name} follows the measurement within '
-        f'{MICRO * worst.free_run_rms:.3g} µm rms ({worst.nrmse_percent:.3g} % of its standard '
-        'deviation) in free run'
-    )
-    if len(found.records) > 1:
-        said += f' in the worst of {len(found.records)} records'
-    return said + ('.' if found.converged else ', but the fit did not converge: do not use it.')

@@ -1,0 +1,105 @@
+"""Parameters with what is known of them, and which of them the data hardly tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from bokeh.models import ColumnDataSource, FactorRange, HoverTool, LinearColorMapper
+from bokeh.palettes import PuOr11
+
+from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.identification.uncertainty import CONDITION_LIMIT, CORRELATION_LIMIT
+from piezo_hysteresis.reporting.page import Plot, Section, Table, table
+from piezo_hysteresis.reporting.plot_parts import new_axes
+from piezo_hysteresis.reporting.units import shown, with_deviation
+
+_PAIRS = 5  # most strongly linked pairs that are listed
+_WRITTEN = 9  # up to so many parameters, numbers fit into the cells
+
+
+def parameter_section(found: Identification) -> Section:
+    """Return the parameters with standard deviations, and what a reader must know of them."""
+    text = (
+        'Standard deviations come from the curvature of the fit and from what it leaves; they do '
+        'not cover what the model lacks.'
+    )
+    if found.warnings:
+        text += '\n\n' + '\n'.join(f'- {warning}' for warning in found.warnings)
+    return Section('What was identified, and how sure is it?', text, (), (_parameters(found),))
+
+
+def _parameters(found: Identification) -> Table:
+    rows = []
+    for parameter in found.model.parameters:
+        unit, factor = shown(parameter.unit)
+        std = found.std.get(parameter.name)
+        value, deviation = with_deviation(
+            factor * found.values[parameter.name], None if std is None else factor * std
+        )
+        rows.append((parameter.name, value, deviation, unit, parameter.description))
+    headers = ('parameter', 'value', 'standard deviation', 'unit', 'what it is')
+    return table(headers, rows, f'Parameters of {found.model.name}, by {found.method}.')
+
+
+def correlation_section(found: Identification) -> Section:
+    """Return the correlations between the parameters and the condition of the fit."""
+    limit = f'{CONDITION_LIMIT:.0e}'.replace('e+0', 'e')
+    far = 'below' if found.condition < CONDITION_LIMIT else 'beyond'
+    text = (
+        f'The condition number of the fit is {found.condition:.2g}, {far} the {limit} from which '
+        'on digits of single parameters mean nothing. Two parameters whose correlation is beyond '
+        f'±{CORRELATION_LIMIT} can be changed against each other without the free run telling: '
+        'their deviations are then large, and only what they do together is known.'
+    )
+    pairs = _strongest(found)
+    pairs_table = table(('parameters', 'correlation'), pairs, 'The most strongly linked pairs.')
+    return Section('Which parameters hang together?', text, (_map(found),), (pairs_table,))
+
+
+def _strongest(found: Identification) -> list[tuple[str, str]]:
+    size = len(found.names)
+    order = sorted(
+        ((i, j) for i in range(size) for j in range(i)),
+        key=lambda pair: -abs(float(found.correlation[pair])),
+    )
+    return [
+        (f'{found.names[j]}, {found.names[i]}', f'{found.correlation[i, j]:+.3f}')
+        for i, j in order[:_PAIRS]
+    ]
+
+
+def _map(found: Identification) -> Plot:
+    names = list(found.names)
+    size = len(names)
+    matrix = np.asarray(found.correlation, float)
+    plot = new_axes(
+        'Correlations', '', '',
+        x_range=FactorRange(*names), y_range=FactorRange(*reversed(names)),
+    )  # fmt: skip
+    plot.xaxis.major_label_orientation = 1.1
+    plot.grid.grid_line_color = None
+    values = [float(matrix[i, j]) for i in range(size) for j in range(size)]
+    source = ColumnDataSource(
+        {
+            'x': [names[j] for _ in range(size) for j in range(size)],
+            'y': [names[i] for i in range(size) for _ in range(size)],
+            'value': values,
+            'words': [f'{value:.2f}'.replace('0.', '.') for value in values],
+            'ink': ['#ffffff' if abs(value) > 0.75 else '#000000' for value in values],
+        }
+    )
+    cells = plot.rect(
+        'x', 'y', 0.96, 0.96, source=source, line_color=None,
+        fill_color={
+            'field': 'value',
+            'transform': LinearColorMapper(palette=PuOr11, low=-1.0, high=1.0),
+        },
+    )  # fmt: skip
+    if size <= _WRITTEN:
+        plot.text(
+            'x', 'y', 'words', source=source, text_align='center', text_baseline='middle',
+            text_font_size='10px', text_color='ink',
+        )  # fmt: skip
+    words = [('pair', '@y, @x'), ('correlation', '@value{0.000}')]
+    plot.add_tools(HoverTool(renderers=[cells], tooltips=words))
+    caption = 'Orange: both are too large together. Violet: one too large, the other too small.'
+    return Plot(plot, caption)

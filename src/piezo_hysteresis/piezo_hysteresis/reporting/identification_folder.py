@@ -1,0 +1,56 @@
+"""The folder that an identification leaves: model, parameters, figures, report; whole or not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import yaml
+
+from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.reporting.identification_figures import figures
+from piezo_hysteresis.reporting.identification_report import free_runs, identification_page
+
+
+def write_identification(
+    out: str, found: Identification, records: Sequence[Record], data: Sequence[str] = ()
+) -> None:
+    """Write model.yaml, params.yaml, summary.json, report.html and figures.
+
+    Parameters
+    ----------
+    out : str
+        Folder; made where it is not there.
+    found : Identification
+        What was found.
+    records : sequence of Record
+        In what it was found.
+    data : sequence of str
+        Where these came from.
+
+    Raises
+    ------
+    PiezoError
+        If the folder cannot be written, or the parameters make no model.
+    """
+    saved = found.model_file(data, records[0].rate)
+    drawn = figures(
+        records,
+        free_runs(records, found),
+        found.records,
+        noise_floor=found.noise_floor,
+        history=found.history,
+    )
+    ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
+    write_folder(
+        out,
+        {
+            'model.yaml': yaml.safe_dump(saved.to_dict(), sort_keys=False, allow_unicode=True),
+            'params.yaml': yaml.safe_dump(ros, sort_keys=False),
+            'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
+            'report.html': identification_page(records, found, data=data),
+            **drawn,
+        },
+    )

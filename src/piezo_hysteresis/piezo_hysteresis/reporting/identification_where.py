@@ -1,0 +1,157 @@
+"""Where a model is wrong: by record and frequency, by harmonic of the drive, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.errors import RecordErrors
+from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.page import Plot, Section, Table, table
+from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
+from piezo_hysteresis.reporting.signals import last_periods
+from piezo_hysteresis.reporting.units import micrometres
+
+_ORDERS = 9  # highest harmonic that is looked at
+
+
+def where_section(
+    records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
+) -> Section:
+    """Return the error by frequency, and its spectrum and course in the worst record.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        What was measured.
+    found : Identification
+        What was identified from it.
+    simulated : mapping of str to ndarray
+        Free run by record name [m].
+    """
+    errors = {each.name: each.displacement - simulated[each.name] for each in records}
+    by_name = {row.record: row for row in found.records}
+    worst = max(records, key=lambda r: _finite(by_name[r.name].free_run_rms))
+    figures = []
+    if len({r.info.frequency for r in records if r.info.frequency > 0}) > 2:
+        figures.append(over_frequency(records, found))
+    figures += _in_worst(worst, errors[worst.name], found.values.get('natural_frequency'))
+    rows = [_row(r, by_name[r.name], errors[r.name], found.noise_floor) for r in records]
+    text = 'Measured minus model, free run, after the warm-up.'
+    if found.noise_floor > 0:
+        text += (
+            ' From period to period the measurement repeats itself within '
+            f'{micrometres(found.noise_floor)} µm rms: the noise floor, below which no model gets.'
+        )
+    return Section('Where is the model wrong?', text, tuple(figures), (_table(rows),))
+
+
+def over_frequency(records: Sequence[Record], found: Identification) -> Plot:
+    """Draw the free-run error of every sine over its frequency."""
+    by_name = {row.record: row for row in found.records}
+    pairs = sorted(
+        (r.info.frequency, by_name[r.name].free_run_rms) for r in records if r.info.frequency > 0
+    )
+    frequency, error = np.array(pairs).T
+    floor = found.noise_floor if found.noise_floor > 0 else None
+    caption = 'Free-run error of the model in every record, against the noise floor.'
+    return xy_figure(
+        [Curve('free run', frequency, error)], 'Error over frequency', caption,
+        'frequency of the drive [Hz]', 'rms error [µm]', log_y=True, floor=floor,
+    )  # fmt: skip
+
+
+def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float]:
+    """Return the amplitudes of an error at the multiples of a drive; 0 is the mean.
+
+    Parameters
+    ----------
+    error : ndarray, shape (n,)
+        In any unit; its last whole periods are looked at.
+    frequency : float
+        Of the drive [Hz].
+    dt : float
+        Sampling interval [s].
+
+    Returns
+    -------
+    dict of int to float
+        Empty where the error is shorter than a period.
+    """
+    period = 1.0 / (frequency * dt)
+    length = round(int(error.size / period) * period)
+    if length < 2 or length > error.size:
+        return {}
+    tail = error[-length:]
+    angle = 2.0 * np.pi * frequency * dt * np.arange(length)
+    highest = min(_ORDERS, int(0.5 / (frequency * dt)))
+    found = {0: abs(float(tail.mean()))}
+    for n in range(1, highest + 1):
+        found[n] = 2.0 * abs(complex(np.exp(-1j * n * angle) @ tail)) / length
+    return found
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else float('inf')
+
+
+def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> list[Plot]:
+    cut = slice(record.warm_up_samples, None)
+    signals = [('measured', record.displacement[cut]), ('measured minus model', error[cut])]
+    frequency = record.info.frequency
+    caption = f'Amplitudes in {record.name}, the record with the largest error'
+    marked = {} if resonance is None else {'mode': resonance}
+    spectra = spectrum_figure(
+        signals, record.dt, 'Spectrum of the error',
+        f'{caption}; multiples of the drive are marked.' if frequency > 0 else f'{caption}.',
+        fundamental=frequency, marks=marked,
+        highest=None if frequency > 0 else _highest(record),
+    )  # fmt: skip
+    span = last_periods(len(record), frequency, record.dt, 3, record.warm_up_samples)
+    part = 'its last periods' if frequency > 0 else 'the whole record'
+    trace = trace_figure(
+        [Curve('error', record.time[span], error[span])],
+        'Error over time', f'Measured minus model in {record.name}, {part}.', 'error',
+    )  # fmt: skip
+    return [spectra, trace]
+
+
+def _highest(record: Record) -> float:
+    """Return where the spectrum has become noise [Hz]: at most the 30th multiple of its peak."""
+    power = np.abs(np.fft.rfft(record.displacement - record.displacement.mean()))
+    peak = max(int(np.argmax(power)), 1) / record.duration
+    return min(30 * peak, 0.5 * record.rate)
+
+
+def _row(
+    record: Record, errors: RecordErrors, error: FloatArray, floor: float
+) -> tuple[object, ...]:
+    largest = ''
+    if record.info.frequency > 0 and np.isfinite(errors.free_run_rms):
+        cut = error[record.warm_up_samples :]
+        sizes = harmonics(cut, record.info.frequency, record.dt)
+        if sizes:
+            n = max(sizes, key=lambda order: sizes[order])
+            name = 'mean' if n == 0 else f'{n}×'
+            largest = f'{name}: {micrometres(sizes[n])} µm'
+    percent = errors.nrmse_percent
+    return (
+        record.name,
+        micrometres(errors.free_run_rms),
+        f'{percent:.3g}' if np.isfinite(percent) else None,
+        f'{errors.free_run_rms / floor:.3g}' if floor > 0 else None,
+        micrometres(errors.one_step_rms),
+        largest or None,
+    )
+
+
+def _table(rows: Sequence[tuple[object, ...]]) -> Table:
+    headers = (
+        'record', 'free run [µm]', 'free run [% of std]', 'in noise floors', 'one step [µm]',
+        'largest part of the error',
+    )  # fmt: skip
+    caption = 'Rms errors, and the multiple of the drive at which most of the error sits.'
+    return table(headers, rows, caption)

@@ -1,0 +1,121 @@
+"""The report of `identify`: the verdict is the numbers, and the right thing to do comes first."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record, RecordInfo, write_csv
+from piezo_hysteresis.reporting.identification_report import (
+    identification_page,
+    next_section,
+    sentence_of,
+)
+from piezo_hysteresis.reporting.identification_where import harmonics
+
+DT = 1e-3
+VALUES = {'A1': 1.6e-4, 'A': 3e-5, 'A0': 0.0, 'beta': 1.2, 'gamma': 0.2, 'offset': 2e-6}
+
+
+def sine(frequency: float, added: float = 0.0) -> Record:
+    """Simulate a classical actuator; `added` is an amplitude at three times the frequency [m]."""
+    model, time = named('classical'), np.arange(1500) * DT
+    voltage = np.sin(2 * np.pi * frequency * time)
+    y = model.respond(voltage, model.pack(VALUES), DT)
+    y += 2e-8 * np.random.default_rng(3).standard_normal(time.size)
+    y += added * np.sin(6 * np.pi * frequency * time)
+    info = RecordInfo(excitation='sine', frequency=frequency, amplitude=1.0, warm_up=0.2)
+    return Record(f'sine_{frequency:g}Hz', DT, voltage, y, info=info)
+
+
+@pytest.fixture(scope='module')
+def records() -> list[Record]:
+    return [sine(4.0), sine(8.0), sine(10.0, added=1e-6)]
+
+
+@pytest.fixture(scope='module')
+def found(records):
+    return identify(records, named('classical'), count=1)
+
+
+def text_of(page: str) -> str:
+    body = re.sub(r'<(script|style)\b.*?</\1>', ' ', page, flags=re.DOTALL)
+    return ' '.join(re.sub(r'<[^>]+>', ' ', body).split())
+
+
+def test_the_verdict_is_that_of_the_worst_record(found):
+    worst = max(found.records, key=lambda row: row.nrmse_percent)
+    said = sentence_of(found)
+    assert worst.record == 'sine_10Hz'
+    assert f'{1e6 * worst.free_run_rms:.3g} µm rms' in said
+    assert 'lacks something' in said
+
+
+def test_the_verdict_warns_of_what_cannot_be_used(found):
+    assert 'did not converge' in sentence_of(replace(found, converged=False))
+    rows = (replace(found.records[0], free_run_rms=np.inf, nrmse_percent=np.inf),)
+    assert 'diverges' in sentence_of(replace(found, records=(*rows, *found.records[1:])))
+    quiet = replace(found, noise_floor=found.records[2].free_run_rms)
+    assert 'lacks' not in sentence_of(quiet)
+
+
+def test_what_comes_next_depends_on_what_was_found(found):
+    first = next_section(found, ['sweep']).text.splitlines()[0]
+    assert 'discover sweep --baseline model.yaml' in first
+    quiet = replace(found, noise_floor=found.records[2].free_run_rms)
+    assert 'validate' in next_section(quiet).text.splitlines()[0]
+
+
+def test_the_page_answers_in_order_and_tells_where_the_error_sits(records, found):
+    page = identification_page(records, found, data=['sweep'])
+    titles = re.findall(r'<h2>(.*?)</h2>', page)
+    assert titles == [
+        'Does the model follow the actuator?',
+        'Where is the model wrong?',
+        'What was identified, and how sure is it?',
+        'Which parameters hang together?',
+        'What next?',
+    ]
+    words = text_of(page)
+    largest = re.search(r'sine_10Hz (?:[\d.]+ ){4}3×: ([\d.]+) µm', words)
+    assert largest
+    assert float(largest.group(1)) == pytest.approx(0.8, abs=0.3)  # what was added, less the fit
+    for name in found.names:
+        assert name in words
+    i, j = np.unravel_index(
+        np.argmax(np.abs(found.correlation - np.eye(len(found.names)))), found.correlation.shape
+    )
+    assert f'{found.correlation[i, j]:+.3f}' in words
+    assert 'http' not in re.sub(r'http://www.w3.org/[\w./#-]+', '', ' '.join(
+        re.findall(r'(?:src|href)="([^"]*)"', page)
+    ))  # fmt: skip
+
+
+def test_harmonics_of_known_size():
+    time = np.arange(1003) * DT
+    error = 3.0 + 2.0 * np.cos(2 * np.pi * 5 * time) - 0.5 * np.sin(2 * np.pi * 15 * time)
+    sizes = harmonics(error, 5.0, DT)
+    assert sizes[0] == pytest.approx(3.0)
+    assert sizes[1] == pytest.approx(2.0)
+    assert sizes[3] == pytest.approx(0.5)
+    assert sizes[2] == pytest.approx(0.0, abs=1e-9)
+    assert harmonics(error[:100], 5.0, DT) == {}
+
+
+def test_the_verb_leaves_the_report_beside_the_model(tmp_path, records, capsys):
+    write_csv(tmp_path / 'mine.csv', records[0])
+    out = tmp_path / 'out'
+    words = ['identify', str(tmp_path / 'mine.csv'), '--model', 'classical', '--out', str(out)]
+    assert main(words) == 0
+    assert str(out / 'report.html') in capsys.readouterr().out
+    page = (out / 'report.html').read_text()
+    row = json.loads((out / 'summary.json').read_text())['records'][0]
+    assert f'{1e6 * row["free_run_rms_m"]:.3g} µm rms' in page
+    assert str(tmp_path / 'mine.csv') in text_of(page)
