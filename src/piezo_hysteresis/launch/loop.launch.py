@@ -1,93 +1,124 @@
-"""The whole loop: simulated actuator, excitation, feedforward, attenuation and who watches.
+"""The whole loop: simulated actuator, excitation, feedforward, a correction and who watches.
 
 ros2 launch piezo_hysteresis loop.launch.py preset:=zhou_tef namespace:=stage_x
 
-Several actuators side by side are several launches with different namespaces. With
-`simulator:=false` a driver of real hardware takes the simulator's place.
+With `simulator:=false` a driver of real hardware takes the simulator's place. Several actuators
+side by side are started by stages.launch.py, or by several launches with different namespaces.
 """
 
+from pathlib import Path
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = {
     'namespace': ('piezo', 'Namespace of all nodes and topics.'),
-    'scenario': ('tracking', 'Parameter file of config/scenarios, without .yaml.'),
+    'scenario': ('tracking', 'Parameter file: a name of config/scenarios, or a path to your own.'),
     'preset': ('fdk_pzba_00030', 'Actuator that is simulated.'),
     'clock': ('real_time', 'real_time, or lock_step as fast as the nodes answer.'),
     'speed_factor': ('1.0', 'How many times real time the real_time clock runs.'),
     'simulator': ('true', 'false where a driver of real hardware runs instead.'),
+    'correction': ('attenuation', 'Link behind the feedforward: attenuation or feedback.'),
     'identification': ('true', 'Identify online.'),
     'gap_monitor': ('false', 'Compare with a model.'),
     'model_file': ('', 'Model to invert and to compare with; empty for none.'),
 }
 
 
+def _scenario_file(context, name):
+    """Return the path of a scenario that is named, or is a path already."""
+    if name.endswith('.yaml'):
+        found = Path(name)
+    else:
+        share = Path(FindPackageShare('piezo_hysteresis').perform(context))
+        found = share / 'config' / 'scenarios' / f'{name}.yaml'
+    if not found.is_file():
+        here = ', '.join(sorted(file.stem for file in found.parent.glob('*.yaml')))
+        raise RuntimeError(f'scenario:={name} is not there; {found.parent} has: {here or "none"}')
+    return str(found)
+
+
+def _nodes(context):
+    values = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    scenario = _scenario_file(context, values['scenario'])
+    where = {'namespace': values['namespace']}
+    # In lock-step the first tick waits for whoever reads the states.
+    readers = 2 + sum(values[name] == 'true' for name in ('identification', 'gap_monitor'))
+    return [
+        Node(
+            package='piezo_sim',
+            executable='simulator',
+            condition=IfCondition(values['simulator']),
+            parameters=[
+                scenario,
+                {
+                    'preset': values['preset'],
+                    'clock': values['clock'],
+                    'speed_factor': float(values['speed_factor']),
+                    'wait_for': readers,
+                },
+            ],
+            **where,
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='excitation',
+            parameters=[scenario, {'actuator': values['preset']}],
+            **where,
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='feedforward',
+            parameters=[scenario, {'model_file': values['model_file']}],
+            **where,
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='attenuation',
+            condition=IfCondition(str(values['correction'] == 'attenuation')),
+            parameters=[scenario],
+            **where,
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='feedback',
+            condition=IfCondition(str(values['correction'] == 'feedback')),
+            parameters=[scenario],
+            **where,
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='identification',
+            condition=IfCondition(values['identification']),
+            parameters=[scenario],
+            **where,
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='gap_monitor',
+            condition=IfCondition(values['gap_monitor']),
+            parameters=[scenario, {'model_file': values['model_file']}],
+            **where,
+        ),
+    ]
+
+
 def generate_launch_description():
-    values = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    file = [values['scenario'], '.yaml']
-    share = FindPackageShare('piezo_hysteresis')
-    scenario = PathJoinSubstitution([share, 'config', 'scenarios', file])
-    simulator = Node(
-        package='piezo_sim',
-        executable='simulator',
-        namespace=values['namespace'],
-        condition=IfCondition(values['simulator']),
-        parameters=[
-            scenario,
-            {
-                'preset': values['preset'],
-                'clock': values['clock'],
-                'speed_factor': values['speed_factor'],
-            },
-        ],
-    )
-    excitation = Node(
-        package='piezo_hysteresis',
-        executable='excitation',
-        namespace=values['namespace'],
-        parameters=[scenario, {'actuator': values['preset']}],
-    )
-    feedforward = Node(
-        package='piezo_hysteresis',
-        executable='feedforward',
-        namespace=values['namespace'],
-        parameters=[scenario, {'model_file': values['model_file']}],
-    )
-    attenuation = Node(
-        package='piezo_hysteresis',
-        executable='attenuation',
-        namespace=values['namespace'],
-        parameters=[scenario],
-    )
-    identification = Node(
-        package='piezo_hysteresis',
-        executable='identification',
-        namespace=values['namespace'],
-        condition=IfCondition(values['identification']),
-        parameters=[scenario],
-    )
-    gap_monitor = Node(
-        package='piezo_hysteresis',
-        executable='gap_monitor',
-        namespace=values['namespace'],
-        condition=IfCondition(values['gap_monitor']),
-        parameters=[scenario, {'model_file': values['model_file']}],
-    )
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(name, default_value=default, description=words)
+                DeclareLaunchArgument(
+                    name,
+                    default_value=default,
+                    description=words,
+                    choices=['attenuation', 'feedback'] if name == 'correction' else None,
+                )
                 for name, (default, words) in ARGUMENTS.items()
             ),
-            simulator,
-            excitation,
-            feedforward,
-            attenuation,
-            identification,
-            gap_monitor,
+            OpaqueFunction(function=_nodes),
         ]
     )
