@@ -50,7 +50,7 @@ class Listener:
         self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
         return book
 
-    def until(self, condition: Callable[[], Any], timeout: float = 30.0) -> None:
+    def until(self, condition: Callable[[], Any], timeout: float = 90.0) -> None:
         """Serve until `condition` holds.
 
         Raises
@@ -79,11 +79,11 @@ class Listener:
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
-    def matched(self, topic: str, timeout: float = 30.0) -> None:
+    def matched(self, topic: str, timeout: float = 90.0) -> None:
         """Serve until somebody publishes `topic`."""
         self.until(lambda: self.node.count_publishers(topic) > 0, timeout)
 
-    def call(self, kind: type, service: str, request: Any, timeout: float = 30.0) -> Any:
+    def call(self, kind: type, service: str, request: Any, timeout: float = 90.0) -> Any:
         """Call a service and return its response."""
         client = self._clients.get(service)
         if client is None:

@@ -16,6 +16,7 @@ from piezo_hysteresis.waveforms import from_spec
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 
@@ -207,3 +208,22 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     result = loop.result(loop.send(**GOAL))
     assert result.result.success, result.result.message
     assert loop.states[count].sample == 0
+
+
+def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
+    listener = loop.listener
+    count = len(loop.markers)
+    assert listener.set_one('excitation', 'marker_listeners', 2) == ''
+    assert listener.set_one('excitation', 'deadline', 0.5) == ''
+    given_up = loop.result(loop.send(**GOAL)).result
+    assert not given_up.success
+    assert 'record/marker' in given_up.message
+    assert not any(marker.record for marker in loop.markers[count:])
+    assert listener.set_one('excitation', 'deadline', 30.0) == ''
+    handle = loop.send(**GOAL)
+    late: list[RecordMarker] = []
+    listener.node.create_subscription(RecordMarker, 'record/marker', late.append, LOOP)
+    assert loop.result(handle).result.success
+    listener.until(lambda: sum(bool(marker.record) for marker in late) == 4)
+    assert listener.set_one('excitation', 'marker_listeners', 0) == ''
+    assert listener.set_one('excitation', 'deadline', 2.0) == ''

@@ -69,7 +69,9 @@ def online(
     states = listener.listen(ActuatorState, 'actuator/state')
     estimates = listener.listen(ModelEstimate, 'model/estimate', latched=True)
     processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 5, 'seed': 5})
-    processes.start('piezo_hysteresis', 'excitation', {'actuator': 'bender'})
+    processes.start(
+        'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'marker_listeners': 3}
+    )
     processes.start(
         'piezo_hysteresis',
         'identification',
@@ -196,6 +198,14 @@ def test_an_estimate_is_saved_inside_the_folder_only(
     assert sorted(folder.parent.rglob('*')) == before
 
 
+def went_back(states: list[ActuatorState]) -> Any:
+    return np.diff([state.sample for state in states]) < 0
+
+
+def clock_went_back(clock: list[Clock]) -> Any:
+    return np.diff([each.clock.sec * 10**9 + each.clock.nanosec for each in clock]) < 0
+
+
 def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
     online, folder: Path, processes: NodeProcesses, listener: Listener
 ) -> None:
@@ -208,18 +218,17 @@ def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
         stderr=subprocess.PIPE,
         start_new_session=True,
     ) as verb:
-        listener.until(lambda: len(states) > 2500)
+        listener.until(lambda: np.any(went_back(states)) and np.any(clock_went_back(clock)), 60.0)
         verb.send_signal(signal.SIGINT)
         assert verb.wait(10.0) == 0
         assert b'Traceback' not in verb.stderr.read()
     length = round(2 * (1000 * SECONDS + 100))
-    samples = [state.sample for state in states]
-    first = samples[0]
-    assert samples == [(first + k) % length for k in range(len(samples))]
-    times = [each.clock.sec * 10**9 + each.clock.nanosec for each in clock]
-    laps = np.flatnonzero(np.diff(times) < 0)
-    assert 1 <= laps.size <= 2
-    assert len(times) > len(states) - 50
+    samples = np.array([state.sample for state in states])
+    steps = np.diff(samples) % length
+    # at five times real time a busy machine may lose some ticks, but no lap and not their order
+    assert np.all((steps >= 1) & (steps < length // 4))
+    assert np.mean(steps == 1) > 0.9
+    assert np.count_nonzero(clock_went_back(clock)) <= np.count_nonzero(went_back(states)) + 1
 
 
 def test_playing_what_cannot_be_played_is_one_line(processes: NodeProcesses, tmp_path) -> None:

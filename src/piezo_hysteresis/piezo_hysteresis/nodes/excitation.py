@@ -97,7 +97,8 @@ class Excitation(Node):
         if message.sample <= self._newest_state:
             return
         self._newest_state = message.sample
-        self._heard = time.monotonic()
+        if not self._sweeps.waits:
+            self._heard = time.monotonic()
         self._emit(message.sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
@@ -120,7 +121,8 @@ class Excitation(Node):
         if sample <= self._emitted:
             return
         if self._sweeps.active:
-            self._emit_sweep(sample)
+            if not self._sweeps.waits:
+                self._emit_sweep(sample)
         elif self._params.text('mode') != 'idle' and self._listened_to():
             self._emit_experiment(sample)
 
@@ -242,10 +244,16 @@ class Excitation(Node):
         idle = self._params.text('mode') == 'idle' and not self._sweeps.active
         if idle or silent < deadline:
             return
-        reason = (
-            f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the actuator '
-            'or a link of the chain is not running; start it and set mode again'
-        )
+        if self._sweeps.waits:
+            reason = (
+                'fewer subscribers of record/marker than marker_listeners asks for; start the '
+                'recorder and run the sweep again'
+            )
+        else:
+            reason = (
+                f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the '
+                'actuator or a link of the chain is not running; start it and set mode again'
+            )
         self.get_logger().error(reason)
         self.exit_code = NO_ANSWER
         if self._sweeps.active:

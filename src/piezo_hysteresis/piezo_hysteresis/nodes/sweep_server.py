@@ -30,7 +30,7 @@ class SweepServer:
     node : Node
         Whose action it is.
     parameters : NodeParameters
-        Of the node: ``rate``, ``actuator``, ``mode``.
+        Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``.
     begin : callable
         Called when a sweep is accepted, so that the node starts to emit.
     """
@@ -64,6 +64,14 @@ class SweepServer:
     def active(self) -> bool:
         """Whether a sweep runs."""
         return self._sweep is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether the sweep has not begun because somebody is missing who shall hear markers."""
+        if not self.active or self._first >= 0:
+            return False
+        wanted = self._parameters.integer('marker_listeners')
+        return bool(self._markers.get_subscription_count() < wanted)
 
     @property
     def busy(self) -> bool:

@@ -48,6 +48,13 @@ EXCITATION = ParameterTable(
         ParameterSpec(
             'wait_for', 0, 'Subscribers that must be there before the first tick.', low=0, high=99
         ),
+        ParameterSpec(
+            'marker_listeners',
+            0,
+            'Subscribers of record/marker that must be there before a sweep begins.',
+            low=0,
+            high=99,
+        ),
         ParameterSpec('exit_when_done', False, 'End the process when the experiment ends.'),
         ParameterSpec(
             'deadline',
