@@ -1,0 +1,242 @@
+"""What a control on the page looks like, from what a running node tells of its parameter."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from piezo_hysteresis.reporting.units import shown
+
+Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str] | list[bool]
+
+# sentence, then the unit in brackets, then the words that are allowed
+_DESCRIPTION = re.compile(r'^(?P<sentence>.*?)(?: \[(?P<unit>[^\[\]]+)\])?(?: One of .*)?$', re.S)
+_CHOICES = re.compile(r'^one of (.*)$')
+# A slider reaches so many times as far as the value it is at.
+_REACH = 3.0
+_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a running node.
+
+    Attributes
+    ----------
+    node, name : str
+        Whose it is and what it is called.
+    value : bool, int, float, str or list
+        Present value, in SI units.
+    sentence : str
+        What it is.
+    unit : str
+        SI unit, '' for none.
+    low, high : float
+        Allowed range.
+    choices : tuple of str
+        Allowed words, empty for any.
+    read_only : bool
+        Whether the node refuses every change.
+    """
+
+    node: str
+    name: str
+    value: Value
+    sentence: str = ''
+    unit: str = ''
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    @property
+    def group(self) -> str:
+        """First part of a dotted name, '' for the others."""
+        return self.name.partition('.')[0] if '.' in self.name else ''
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether it is true or false."""
+        return isinstance(self.value, bool)
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is a number."""
+        return isinstance(self.value, int | float) and not self.is_switch
+
+    @property
+    def shown_unit(self) -> str:
+        """Unit that people read."""
+        return shown(self.unit)[0]
+
+    @property
+    def factor(self) -> float:
+        """From the SI unit to the one that people read."""
+        return shown(self.unit)[1]
+
+    def with_value(self, value: Value) -> Parameter:
+        """Return the parameter at another value."""
+        return replace(self, value=value)
+
+    def parse(self, text: str) -> Value:
+        """Return the value that a typed text means; a text that is none stays one.
+
+        The node then refuses it with its own reason.
+        """
+        if not isinstance(self.value, list):
+            return text
+        words = [word for word in re.split(r'[\s,]+', text.strip('[] ')) if word]
+        try:
+            if isinstance(next(iter(self.value), 0.0), int) and not any('.' in w for w in words):
+                return [int(word) for word in words]
+            if not isinstance(next(iter(self.value), 0.0), str):
+                return [float(word) for word in words]
+        except ValueError:
+            pass
+        return words
+
+
+def described(
+    node: str,
+    name: str,
+    value: Value,
+    description: str = '',
+    constraints: str = '',
+    bounds: tuple[float, float] | None = None,
+    read_only: bool = False,
+) -> Parameter:
+    """Return the parameter that a descriptor tells of.
+
+    Parameters
+    ----------
+    node, name : str
+        Whose it is and what it is called.
+    value : bool, int, float, str or list
+        Present value.
+    description : str
+        ``Sentence. [unit] One of a, b.``
+    constraints : str
+        ``one of a, b`` where only these words are allowed.
+    bounds : tuple of float, optional
+        Allowed range.
+    read_only : bool
+        Whether it is fixed.
+    """
+    found = _DESCRIPTION.match(description)
+    words = _CHOICES.match(constraints)
+    low, high = bounds or (-math.inf, math.inf)
+    return Parameter(
+        node,
+        name,
+        value,
+        found['sentence'] if found else description,
+        (found['unit'] or '') if found else '',
+        low if abs(low) < 1e300 else -math.inf,
+        high if abs(high) < 1e300 else math.inf,
+        tuple(words.group(1).split(', ')) if words else (),
+        read_only,
+    )
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What a slider spans, in the unit that people read.
+
+    Attributes
+    ----------
+    start, end, step : float
+        As the slider wants them.
+    """
+
+    start: float
+    end: float
+    step: float
+
+    def nearest(self, value: float) -> float:
+        """Return `value` [shown unit], or the end of the slider that is next to it."""
+        return min(max(value, self.start), self.end)
+
+
+def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> Reach:
+    """Return a useful range of a slider: the allowed one, cut to the size of what is usual.
+
+    Ranges such as 0 .. 500 V hold for any actuator; a slider over all of it would be useless. It
+    therefore goes to a round number beyond three times the present value, or, where that is zero,
+    of the largest relative of the same unit. The field beside the slider takes the whole range.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        A number.
+    siblings : iterable of Parameter
+        Of the same group.
+    """
+    assert isinstance(parameter.value, int | float)
+    factor = parameter.factor
+    low, high = parameter.low * factor, parameter.high * factor
+    size = abs(parameter.value) * factor
+    if size == 0.0:
+        relatives = (
+            abs(s.value) * factor
+            for s in siblings
+            if s.unit == parameter.unit and isinstance(s.value, int | float) and not s.is_switch
+        )
+        size = max(relatives, default=0.0) or min(abs(high), 1.0) or 1.0
+    end = min(high, round_up(_REACH * size))
+    start = max(low, -end if low < 0.0 else 0.0)
+    if math.isfinite(high - low) and high - low <= 2.0 * (end - start):
+        start, end = low, high
+    whole = isinstance(parameter.value, int)
+    step = 1.0 if whole else 10.0 ** math.floor(math.log10((end - start) / _STEPS))
+    return Reach(start, max(end, start + step), step)
+
+
+def round_up(value: float) -> float:
+    """Return the next of 1, 2, 5 times a power of ten."""
+    size = 10.0 ** math.floor(math.log10(value))
+    return next(k * size for k in (1.0, 2.0, 5.0, 10.0) if k * size >= value * (1 - 1e-9))
+
+
+# What a person at the bench reaches for first; whatever of it is running is shown.
+DRIVE = (
+    ('excitation', 'mode'),
+    ('excitation', 'waveform'),
+    ('excitation', 'frequency'),
+    ('excitation', 'reference.amplitude'),
+    ('excitation', 'reference.offset'),
+    ('excitation', 'voltage.amplitude'),
+    ('excitation', 'voltage.offset'),
+    ('feedforward', 'follow_estimate'),
+    ('attenuation', 'enabled'),
+    ('attenuation', 'orders'),
+    ('feedback', 'method'),
+)
+
+EFFECTS = 'effects'
+
+
+def drive_parameters(nodes: Mapping[str, Mapping[str, Parameter]]) -> list[Parameter]:
+    """Return what is reached for first, of the nodes that are there."""
+    return [nodes[node][name] for node, name in DRIVE if name in nodes.get(node, {})]
+
+
+def effect_parameters(nodes: Mapping[str, Mapping[str, Parameter]]) -> list[Parameter]:
+    """Return the effect switches of whatever simulates the actuator."""
+    return [
+        parameter
+        for parameters in nodes.values()
+        for parameter in parameters.values()
+        if parameter.group == EFFECTS and parameter.is_switch
+    ]
+
+
+def groups_of(parameters: Iterable[Parameter]) -> dict[str, list[Parameter]]:
+    """Return tunable parameters by the first part of their name, those without one first."""
+    found: dict[str, list[Parameter]] = {}
+    for parameter in sorted(parameters, key=lambda p: (p.group != '', p.group)):
+        if not parameter.read_only and parameter.name != 'use_sim_time':
+            found.setdefault(parameter.group, []).append(parameter)
+    return found

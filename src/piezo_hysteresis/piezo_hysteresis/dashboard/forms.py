@@ -1,0 +1,199 @@
+"""Starts of a sweep and of a discovery, with progress, cancel and what came out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+from bokeh.models import (
+    Button,
+    Column,
+    Div,
+    MultiChoice,
+    NumericInput,
+    Progress,
+    Row,
+    Select,
+    TextInput,
+)
+
+from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
+from piezo_hysteresis.dashboard.live import Job
+from piezo_hysteresis.dashboard.template import WIDGET_STYLE
+from piezo_hysteresis.dashboard.words import job_words
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import NAMES
+
+_NAME = re.compile(r'^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$')
+
+
+def numbers(text: str, what: str) -> tuple[float, ...]:
+    """Return the numbers of a typed list.
+
+    Raises
+    ------
+    PiezoError
+        If there is none, or a word is no number.
+    """
+    words = [word for word in re.split(r'[\s,;]+', text) if word]
+    if not words:
+        raise PiezoError(f'{what}: type at least one number, such as 1, 5, 10')
+    try:
+        return tuple(float(word) for word in words)
+    except ValueError:
+        raise PiezoError(f'{what}: {text!r} is no list of numbers, such as 1, 5, 10') from None
+
+
+class JobBox:
+    """Progress, cancel and words of one job.
+
+    Parameters
+    ----------
+    name : str
+        Prefix of the names of its parts.
+    start, cancel : callable
+        What the buttons do.
+    """
+
+    def __init__(self, name: str, start: Callable[[], None], cancel: Callable[[], None]) -> None:
+        self._start = start
+        self._shown: tuple[Job, bool] | None = None
+        self.start = Button(label=f'Start {name}', button_type='primary', name=f'{name}.start')
+        self.cancel = Button(label='Cancel', disabled=True, name=f'{name}.cancel')
+        self.bar = Progress(
+            value=0, max=100, name=f'{name}.bar', sizing_mode='stretch_width', visible=False
+        )
+        self.words = Div(
+            text='', name=f'{name}.words', stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width'
+        )
+        self.start.on_click(self._press)
+        self.cancel.on_click(cancel)
+        self.parts = [Row(self.start, self.cancel), self.bar, self.words]
+
+    def _press(self) -> None:
+        try:
+            self._start()
+        except PiezoError as error:
+            self.words.text = f'<p class="error">{escape(str(error))}</p>'
+
+    def refresh(self, job: Job, offered: bool, hint: str) -> None:
+        """Show how it stands; `hint` is said where nobody offers it."""
+        if self._shown == (job, offered):
+            return
+        self._shown = (job, offered)
+        self.start.disabled = job.busy or not offered
+        self.cancel.disabled = not job.busy
+        self.bar.visible = job.busy
+        self.bar.value = round(100 * job.fraction)
+        said = job_words(job)
+        self.words.text = said or ('' if offered else f'<p class="soft">{hint}</p>')
+
+
+class SweepForm:
+    """Frequencies and amplitudes of a sweep, and the bag that it is recorded into."""
+
+    def __init__(
+        self,
+        start: Callable[[SweepOrder], None],
+        cancel: Callable[[], None],
+        next_name: Callable[[], str],
+    ) -> None:
+        self._order = start
+        self._next_name = next_name
+        wide = {'sizing_mode': 'stretch_width'}
+        self._frequencies = TextInput(
+            title='frequencies [Hz]', value='1, 5, 10, 15, 20, 23, 40', name='sweep.frequencies',
+            **wide,
+        )  # fmt: skip
+        self._amplitudes = TextInput(
+            title='amplitudes [V]', value='1.0, 0.5', name='sweep.amplitudes', **wide
+        )
+        self._seconds = self._number('each [s]', 3.0, 'sweep.seconds')
+        self._warm_up = self._number('left out [s]', 1.0, 'sweep.warm_up')
+        self._pause = self._number('rest [s]', 0.0, 'sweep.pause')
+        self._name = TextInput(title='recorded as', value=next_name(), name='sweep.name', **wide)
+        self.box = JobBox('sweep', self._start, cancel)
+        self.root = Column(
+            self._frequencies,
+            self._amplitudes,
+            Row(self._seconds, self._warm_up, self._pause, **wide),
+            self._name,
+            *self.box.parts,
+            name='sweep', **wide,
+        )  # fmt: skip
+
+    def _number(self, title: str, value: float, name: str) -> NumericInput:
+        return NumericInput(
+            title=title, value=value, mode='float', name=name, sizing_mode='stretch_width',
+            min_width=60,
+        )  # fmt: skip
+
+    def _start(self) -> None:
+        if not _NAME.match(self._name.value):
+            raise PiezoError(
+                f'{self._name.value!r} is no name of a bag: letters, digits, dots, dashes'
+            )
+        self._order(
+            SweepOrder(
+                numbers(self._frequencies.value, 'frequencies'),
+                numbers(self._amplitudes.value, 'amplitudes'),
+                float(self._seconds.value or 0.0),
+                float(self._warm_up.value or 0.0),
+                float(self._pause.value or 0.0),
+                self._name.value,
+            )
+        )
+
+    def refresh(self, job: Job, offered: bool) -> None:
+        """Show how the sweep stands; a new one gets a new name."""
+        ended = self.box.bar.visible and not job.busy
+        self.box.refresh(job, offered, 'No excitation node offers sweeps.')
+        if ended:
+            self._name.value = self._next_name()
+
+
+class DiscoveryForm:
+    """Which records against which baseline."""
+
+    def __init__(
+        self,
+        start: Callable[[DiscoveryOrder], None],
+        cancel: Callable[[], None],
+        bags: Callable[[], list[str]],
+    ) -> None:
+        self._order = start
+        self._bags = bags
+        found = bags()
+        self._data = MultiChoice(
+            title='recorded data', options=found, value=found[:1], name='discovery.data',
+            sizing_mode='stretch_width', placeholder='record a sweep first',
+        )  # fmt: skip
+        self._baseline = Select(
+            title='baseline model', value='classical', options=list(NAMES),
+            name='discovery.baseline', sizing_mode='stretch_width',
+        )  # fmt: skip
+        self.box = JobBox('discovery', self._start, cancel)
+        self.root: Any = Column(
+            self._data, self._baseline, *self.box.parts, name='discovery',
+            sizing_mode='stretch_width',
+        )  # fmt: skip
+
+    def _start(self) -> None:
+        if not self._data.value:
+            raise PiezoError('choose recorded data first; a sweep makes them')
+        self._order(DiscoveryOrder(tuple(self._data.value), self._baseline.value))
+
+    def look(self) -> None:
+        """Offer what has been recorded since; the newest is chosen by itself."""
+        found = self._bags()
+        if found == list(self._data.options):
+            return
+        new = [bag for bag in found if bag not in self._data.options]
+        kept = [bag for bag in self._data.value if bag in found]
+        self._data.update(options=found, value=new[:1] or kept)
+
+    def refresh(self, job: Job, offered: bool) -> None:
+        """Show how the discovery stands."""
+        self.box.refresh(job, offered, 'No discovery node is running.')

@@ -1,0 +1,242 @@
+"""Controls that set parameters; a refusal is shown in words and the control goes back."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from html import escape
+from typing import Any
+
+from bokeh.models import Column, Div, NumericInput, Row, Select, Slider, Switch, TextInput
+
+from piezo_hysteresis.dashboard.backend import Answer
+from piezo_hysteresis.dashboard.controls import Parameter, Value, reach
+from piezo_hysteresis.dashboard.template import WIDGET_STYLE
+
+Send = Callable[[str, str, Value], Answer]
+Find = Callable[[str, str], Parameter | None]
+
+
+class ParameterRow:
+    """One parameter on the page.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        As it is now.
+    send : callable
+        Sets it: node, name, value.
+    siblings : iterable of Parameter
+        Of the same group; they tell the usual size of a number that is zero.
+    brief : bool
+        Whether the sentence is left out and only shown on hovering.
+    """
+
+    def __init__(
+        self,
+        parameter: Parameter,
+        send: Send,
+        siblings: Iterable[Parameter] = (),
+        brief: bool = False,
+    ) -> None:
+        self._parameter = parameter
+        self._send = send
+        self._siblings = tuple(siblings)
+        self._answer: Answer | None = None
+        self._waiting: list[Value] = []
+        self._quiet = False
+        self.reason = Div(text='', css_classes=['refusal'], stylesheets=[WIDGET_STYLE])
+        self.reason.name = f'{self.key}.reason'
+        self._slider: Slider | None = None
+        self._field: Any = None
+        self.root = self._build(brief)
+
+    @property
+    def key(self) -> str:
+        """Node and name."""
+        return f'{self._parameter.node}.{self._parameter.name}'
+
+    def _build(self, brief: bool) -> Any:
+        p = self._parameter
+        if p.is_switch:
+            return self._switch(brief)
+        unit = f' <span class="unit">[{escape(p.shown_unit)}]</span>' if p.shown_unit else ''
+        head = Div(
+            text=f'<b>{escape(p.name)}</b>{unit} <span class="soft">{escape(p.sentence)}</span>',
+            sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE],
+        )  # fmt: skip
+        parts = self._number() if p.is_number else [self._word()]
+        line = Row(*parts, sizing_mode='stretch_width')
+        return Column(head, line, self.reason, sizing_mode='stretch_width', margin=(0, 0, 8, 0))
+
+    def _switch(self, brief: bool) -> Any:
+        p = self._parameter
+        name = p.name.removeprefix('effects.') if brief else p.name
+        widget = Switch(active=bool(p.value), name=f'{self.key}.switch', margin=(3, 8, 3, 2))
+        sentence = '' if brief else f' <span class="soft">{escape(p.sentence)}</span>'
+        label = Div(
+            text=f'<span title="{escape(p.sentence)}">{escape(name)}{sentence}</span>',
+            sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE], margin=(1, 0, 1, 0),
+        )  # fmt: skip
+        widget.on_change('active', lambda _, __, new: self._changed(bool(new)))
+        self._field = widget
+        line = Row(widget, label, sizing_mode='stretch_width')
+        return Column(line, self.reason, sizing_mode='stretch_width')
+
+    def _number(self) -> list[Any]:
+        p = self._parameter
+        assert isinstance(p.value, int | float)
+        span = reach(p, self._siblings)
+        shown = p.factor * p.value
+        slider = Slider(
+            start=span.start, end=span.end, step=span.step,
+            value=span.nearest(shown),
+            show_value=False, title=None, sizing_mode='stretch_width', name=f'{self.key}.slider',
+            margin=(8, 14, 0, 10), bar_color='#56b4e9',
+        )  # fmt: skip
+        box = NumericInput(
+            value=_tidy(shown), mode='int' if isinstance(p.value, int) else 'float', width=100,
+            name=f'{self.key}.number', margin=(0, 0, 0, 4),
+        )  # fmt: skip
+        slider.on_change('value', lambda _, __, new: self._typed(new))
+        box.on_change('value', lambda _, __, new: self._typed(new))
+        self._slider, self._field = slider, box
+        return [slider, box]
+
+    def _word(self) -> Any:
+        p = self._parameter
+        if p.choices:
+            widget: Any = Select(value=str(p.value), options=list(p.choices))
+        else:
+            widget = TextInput(value=_text(p.value))
+        widget.update(sizing_mode='stretch_width', name=f'{self.key}.word', margin=(0, 0, 0, 0))
+        widget.on_change('value', lambda _, __, new: self._changed(p.parse(new)))
+        self._field = widget
+        return widget
+
+    def _typed(self, new: float | None) -> None:
+        if new is None:
+            return
+        p = self._parameter
+        value = new / p.factor
+        if isinstance(p.value, int):
+            self._changed(round(value))
+        else:
+            # 23.0 µm is 2.3e-05 m, not 2.2999999999999997e-05 m
+            self._changed(float(f'{value:.12g}'))
+
+    def _changed(self, value: Value) -> None:
+        if self._quiet or (value == self._parameter.value and self._answer is None):
+            return
+        self._waiting = [value]
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Send the newest wish once the one before is answered."""
+        if self._answer is None and self._waiting:
+            self._parameter_wanted = self._waiting.pop()
+            p = self._parameter
+            self._answer = self._send(p.node, p.name, self._parameter_wanted)
+
+    def refresh(self, find: Find) -> None:
+        """Take the answer in, and what was changed by others."""
+        if self._answer is not None:
+            if not self._answer.done:
+                return
+            reason, self._answer = self._answer.reason, None
+            self.reason.text = escape(reason)
+            if not reason:
+                self._parameter = self._parameter.with_value(self._parameter_wanted)
+            if self._waiting:
+                self._go_on()
+                return
+            self._show()
+            return
+        found = find(self._parameter.node, self._parameter.name)
+        if found is not None and found.value != self._parameter.value:
+            self._parameter = found
+            self._show()
+
+    @contextlib.contextmanager
+    def _silently(self) -> Iterator[None]:
+        self._quiet = True
+        try:
+            yield
+        finally:
+            self._quiet = False
+
+    def _show(self) -> None:
+        """Put the widgets where the node is."""
+        p = self._parameter
+        with self._silently():
+            if p.is_switch:
+                self._field.active = bool(p.value)
+            elif p.is_number:
+                self._show_number()
+            else:
+                self._field.value = _text(p.value)
+
+    def _show_number(self) -> None:
+        p = self._parameter
+        assert isinstance(p.value, int | float)
+        assert self._slider is not None
+        shown = p.factor * p.value
+        if not self._slider.start <= shown <= self._slider.end:
+            span = reach(p, self._siblings)
+            self._slider.update(start=span.start, end=span.end, step=span.step)
+        self._slider.value = min(max(shown, self._slider.start), self._slider.end)
+        self._field.value = _tidy(shown)
+
+
+def _tidy(value: float) -> float:
+    return value if isinstance(value, int) else float(f'{value:.6g}')
+
+
+def _text(value: Value) -> str:
+    return ', '.join(str(v) for v in value) if isinstance(value, list) else str(value)
+
+
+class RowList:
+    """A list of parameters that is built anew only where other parameters are wanted.
+
+    Parameters
+    ----------
+    send, find : callable
+        Set a parameter; look one up.
+    name : str
+        Of the root.
+    empty : str
+        What is said where there is nothing.
+    brief : bool
+        Whether sentences are only shown on hovering.
+    """
+
+    def __init__(self, send: Send, find: Find, name: str, empty: str, brief: bool = False) -> None:
+        self._send, self._find, self._brief = send, find, brief
+        self._rows: list[ParameterRow] = []
+        self._keys: list[tuple[Any, ...]] = []
+        self._hint = Div(text=empty, stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width')
+        classes = ['brief'] if brief else []
+        self.root = Column(
+            self._hint, sizing_mode='stretch_width', name=name, css_classes=classes,
+            stylesheets=[WIDGET_STYLE],
+        )  # fmt: skip
+
+    def refresh(self, wanted: Iterable[Parameter], all_of: Mapping[str, Any]) -> None:
+        """Show `wanted`; `all_of` holds the parameters by node and name."""
+        listed = list(wanted)
+        # what a control looks like depends on these, not on the value
+        keys = [(p.node, p.name, type(p.value), p.low, p.high, p.choices) for p in listed]
+        if keys != self._keys:
+            self._keys = keys
+            self._rows = [
+                ParameterRow(p, self._send, _siblings(p, all_of), self._brief) for p in listed
+            ]
+            self.root.children = [row.root for row in self._rows] or [self._hint]
+        for row in self._rows:
+            row.refresh(self._find)
+
+
+def _siblings(parameter: Parameter, all_of: Mapping[str, Any]) -> list[Parameter]:
+    known: Iterable[Parameter] = all_of.get(parameter.node, {}).values()
+    return [other for other in known if other.group == parameter.group]

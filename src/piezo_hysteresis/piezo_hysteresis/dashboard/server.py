@@ -1,0 +1,160 @@
+"""Serves the page and the reports to this machine, from a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.document import Document
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from bokeh.server.util import bind_sockets
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+from tornado.web import HTTPError, StaticFileHandler
+
+from piezo_hysteresis.dashboard.backend import Backend
+from piezo_hysteresis.dashboard.page import Page
+from piezo_hysteresis.errors import PiezoError
+
+# Names of this machine as a browser on it writes them.
+OWN_NAMES = ('localhost', '127.0.0.1')
+# A reader who went away is forgotten after so long [ms].
+FORGOTTEN = 5000
+
+
+class ReportHandler(StaticFileHandler):
+    """Hands out reports, and nothing else, from one folder."""
+
+    def initialize(
+        self,
+        path: str,
+        default_filename: str | None = None,
+        allowed_symlink_directory: str | list[str] | None = None,
+        hosts: Sequence[str] = (),
+    ) -> None:
+        """Take the folder and the hosts by whose names the page may be opened."""
+        super().initialize(path, default_filename, allowed_symlink_directory)
+        self._hosts = hosts
+
+    def prepare(self) -> None:
+        """Refuse a foreign page that has its own name point to this machine."""
+        if self.request.host not in self._hosts:
+            raise HTTPError(403)
+
+    def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
+        """Refuse what is no report or leads out of the folder, links followed."""
+        target = Path(absolute_path).resolve()
+        if Path(root).resolve() not in target.parents or target.suffix != '.html':
+            raise HTTPError(404)
+        return super().validate_absolute_path(root, absolute_path)
+
+
+class DashboardServer:
+    """The web server of the page.
+
+    Parameters
+    ----------
+    backend : Backend
+        Speaks to the nodes.
+    address, port : str, int
+        Where it listens; port 0 takes a free one.
+    folder : str
+        Whose reports are served.
+    origins : sequence of str
+        Further ``HOST:PORT`` that browsers may open the page as.
+    refresh : float
+        How often pages are drawn [Hz].
+
+    Raises
+    ------
+    PiezoError
+        If the port is taken or the address is not of this machine.
+    """
+
+    def __init__(
+        self,
+        backend: Backend,
+        *,
+        address: str,
+        port: int,
+        folder: str,
+        origins: Sequence[str] = (),
+        refresh: float = 10.0,
+    ) -> None:
+        self._backend = backend
+        self._refresh = refresh
+        try:
+            self._sockets, self.port = bind_sockets(address, port)
+        except OSError as error:
+            raise PiezoError(
+                f'{address}:{port} cannot be listened to ({error.strerror or error}); '
+                'give another port'
+            ) from None
+        self._address, self._folder = address, folder
+        self._hosts = [f'{name}:{self.port}' for name in OWN_NAMES] + list(origins)
+        self._loop: IOLoop | None = None
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name='dashboard', daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        name = self._address if self._address in OWN_NAMES else 'localhost'
+        return f'http://{name}:{self.port}/'
+
+    @property
+    def local(self) -> bool:
+        """Whether only this machine reaches it."""
+        return all(s.getsockname()[0].startswith(('127.', '::1')) for s in self._sockets)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+        self._ready.wait(10.0)
+
+    def stop(self) -> None:
+        """Close every page and end the thread."""
+        if self._loop is not None:
+            self._loop.add_callback(self._loop.stop)
+        self._thread.join(5.0)
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        loop = IOLoop.current()
+        application = Application(FunctionHandler(self._new_page))
+        settings: dict[str, Any] = {'path': self._folder, 'hosts': self._hosts}
+        tornado = BokehTornado(
+            {'/': application},
+            extra_websocket_origins=self._hosts,
+            extra_patterns=[(r'/reports/(.*)', ReportHandler, settings)],
+            unused_session_lifetime_milliseconds=FORGOTTEN,
+            check_unused_sessions_milliseconds=FORGOTTEN,
+            stats_log_frequency_milliseconds=3_600_000,
+        )
+        http = HTTPServer(tornado)
+        http.add_sockets(self._sockets)
+        server = BaseServer(loop, tornado, http)
+        server.start()
+        self._loop = loop
+        self._ready.set()
+        try:
+            loop.start()
+        finally:
+            with contextlib.suppress(Exception):  # pages that are open end with the process
+                server.stop(wait=False)
+            loop.close(all_fds=True)
+
+    def _new_page(self, document: Document) -> None:
+        asked = document.session_context.request.arguments.get('actuator', [])
+        known = self._backend.actuators()
+        wanted = asked[0].decode('utf-8', 'replace').strip('/') if asked else known[0]
+        if asked and wanted not in known:
+            wanted = known[0]
+        Page(document, self._backend, wanted, self._refresh)

@@ -1,0 +1,173 @@
+"""The newest samples of one actuator, put together by their numbers from several topics."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray, IntArray
+
+# Messages of one writer come in order; further back than this it was started anew.
+REORDERED = 64
+CAPACITY = 1 << 17
+NANO = 1e-9
+
+
+@dataclass(frozen=True)
+class State:
+    """One tick of an actuator.
+
+    Attributes
+    ----------
+    sample : int
+        Number of the tick.
+    stamp : int
+        Its time [ns].
+    voltage, displacement : float
+        [V] and [m].
+    """
+
+    sample: int
+    stamp: int
+    voltage: float
+    displacement: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """The last samples, one per tick; what did not arrive is NaN.
+
+    Attributes
+    ----------
+    first : int
+        Number of the first sample.
+    dt : float
+        Sampling interval [s].
+    voltage, displacement, reference : ndarray, shape (n,)
+        [V], [m] and [m].
+    """
+
+    first: int
+    dt: float
+    voltage: FloatArray
+    displacement: FloatArray
+    reference: FloatArray
+
+    def __len__(self) -> int:
+        return int(self.voltage.size)
+
+    @property
+    def newest(self) -> int:
+        """Number of the last sample."""
+        return self.first + len(self) - 1
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured minus desired displacement [m], NaN where there is no reference."""
+        return self.displacement - self.reference
+
+    @property
+    def tracked(self) -> bool:
+        """Whether there is a reference now; samples of the last tenth of a second tell."""
+        recent = self.reference[-max(2, round(0.1 / self.dt)) :]
+        return bool(np.any(np.isfinite(recent)))
+
+    def last(self, seconds: float) -> Window:
+        """Return the end of the window."""
+        n = min(len(self), max(1, round(seconds / self.dt)))
+        cut = slice(len(self) - n, None)
+        return Window(
+            self.first + len(self) - n,
+            self.dt,
+            self.voltage[cut],
+            self.displacement[cut],
+            self.reference[cut],
+        )
+
+
+class Signals:
+    """Keeps the newest samples; filled by one thread, read by others.
+
+    Parameters
+    ----------
+    capacity : int
+        Samples that are kept.
+    """
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self._lock = threading.Lock()
+        self._capacity = capacity
+        self._clear()
+
+    def _clear(self) -> None:
+        self._newest = -1
+        self._dt = 1e-3
+        self._number = np.full(self._capacity, -1, np.int64)
+        self._stamp = np.zeros(self._capacity, np.int64)
+        self._voltage = np.zeros(self._capacity)
+        self._displacement = np.zeros(self._capacity)
+        self._referred = np.full(self._capacity, -1, np.int64)
+        self._reference = np.zeros(self._capacity)
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest sample, -1 before the first."""
+        return self._newest
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz] as the time stamps tell."""
+        return 1.0 / self._dt
+
+    def add_states(self, states: Sequence[State]) -> None:
+        """Take in what the actuator said, in its order."""
+        with self._lock:
+            for state in states:
+                if state.sample < self._newest - REORDERED:
+                    self._clear()
+                slot = state.sample % self._capacity
+                self._number[slot] = state.sample
+                self._stamp[slot] = state.stamp
+                self._voltage[slot] = state.voltage
+                self._displacement[slot] = state.displacement
+                self._newest = max(self._newest, state.sample)
+            self._measure_interval()
+
+    def add_references(self, samples: Sequence[int], displacements: Sequence[float]) -> None:
+        """Take in desired displacements [m]; they come a tick before their states."""
+        with self._lock:
+            for sample, displacement in zip(samples, displacements, strict=True):
+                slot = sample % self._capacity
+                self._referred[slot] = sample
+                self._reference[slot] = displacement
+
+    def _measure_interval(self) -> None:
+        last = self._newest % self._capacity
+        for back in (1000, 100, 10, 1):
+            earlier = (self._newest - back) % self._capacity
+            if self._newest >= back and self._number[earlier] == self._newest - back:
+                passed = int(self._stamp[last] - self._stamp[earlier])
+                if passed > 0:
+                    self._dt = NANO * passed / back
+                return
+
+    def window(self, seconds: float) -> Window:
+        """Return the last `seconds`, or what there is of them; at most half of what is kept."""
+        with self._lock:
+            wanted = min(max(1, round(seconds / self._dt)), self._capacity // 2)
+            count = min(wanted, self._newest + 1)
+            first = self._newest + 1 - count
+            numbers: IntArray = np.arange(first, first + count, dtype=np.int64)
+            slots = numbers % self._capacity
+            here = self._number[slots] == numbers
+            referred = self._referred[slots] == numbers
+            return Window(
+                first,
+                self._dt,
+                np.where(here, self._voltage[slots], np.nan),
+                np.where(here, self._displacement[slots], np.nan),
+                np.where(referred, self._reference[slots], np.nan),
+            )

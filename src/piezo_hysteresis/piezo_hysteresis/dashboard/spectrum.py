@@ -1,0 +1,88 @@
+"""Amplitude spectrum of what was measured last, with the harmonics of the drive in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.reporting.signals import amplitude_spectrum
+
+ORDERS = (1, 2, 3, 4, 5, 7, 9)
+LONGEST = 1 << 15
+SHORTEST = 32
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Lines of a spectrum and the harmonics of the drive.
+
+    Attributes
+    ----------
+    frequency, amplitude : ndarray, shape (n,)
+        Of each line [Hz], [m].
+    orders : tuple of int
+        Harmonic orders below half the sampling rate.
+    harmonics : ndarray
+        Amplitude at each order [m], over whole periods.
+    """
+
+    frequency: FloatArray
+    amplitude: FloatArray
+    orders: tuple[int, ...] = ()
+    harmonics: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+def unbroken_end(signal: FloatArray) -> FloatArray:
+    """Return the end of `signal` from behind the last sample that is missing."""
+    missing = np.flatnonzero(np.isnan(signal))
+    if missing.size and missing[-1] == signal.size - 1:
+        # of a tick whose reference is still on its way
+        return unbroken_end(signal[:-1]) if signal.size > 1 else signal[:0]
+    return signal[missing[-1] + 1 :] if missing.size else signal
+
+
+def live_spectrum(
+    signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...] = ORDERS
+) -> Spectrum | None:
+    """Return the spectrum of the last whole periods of `signal`, None where it is too short.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n,)
+        Displacement or error [m]; NaN where a sample is missing.
+    dt : float
+        Sampling interval [s].
+    fundamental : float
+        Frequency of the drive [Hz], 0 for none.
+    orders : tuple of int
+        Harmonics that are wanted.
+    """
+    end = unbroken_end(signal)[-LONGEST:]
+    end = end[end.size - whole_periods(end.size, fundamental, dt) :]
+    if end.size < SHORTEST:
+        return None
+    frequency, amplitude = amplitude_spectrum(end, dt)
+    inside = tuple(k for k in orders if 0 < k * fundamental < 0.5 / dt)
+    return Spectrum(frequency, amplitude, inside, _projected(end, dt, fundamental, inside))
+
+
+def whole_periods(n: int, frequency: float, dt: float) -> int:
+    """Return how many of `n` samples are whole periods; all where not even one is."""
+    periods = math.floor(n * frequency * dt + 1e-9)
+    return min(n, round(periods / (frequency * dt))) if periods > 0 else n
+
+
+def _projected(
+    signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...]
+) -> FloatArray:
+    """Amplitude at each order, all fitted at once: periods need not fall on samples."""
+    if not orders:
+        return np.empty(0)
+    phase = 2 * np.pi * fundamental * dt * np.arange(signal.size)
+    columns = [f(k * phase) for k in orders for f in (np.sin, np.cos)]
+    design = np.stack([np.ones_like(phase), *columns], axis=1)
+    weights = np.linalg.lstsq(design, signal, rcond=None)[0][1:]
+    return np.asarray(np.hypot(weights[::2], weights[1::2]), np.float64)

@@ -1,0 +1,98 @@
+"""The frame of the page: HTML and CSS for the bench screen and the phone."""
+
+from __future__ import annotations
+
+from jinja2 import Environment, Template
+
+from piezo_hysteresis.reporting.page_style import STYLE
+
+# Bokeh's widgets live in shadow trees, which no style of the page reaches.
+WIDGET_STYLE = """
+:host { font: 14px/1.45 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
+  color: #1b1f24; overflow-wrap: anywhere; }
+.soft, .unit { color: #57606a; } .soft { font-size: 13px; }
+p { margin: .3rem 0; }
+.error, :host(.refusal) { color: #a40e26; }
+.warning { color: #8a4600; }
+.good { color: #00593f; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px; }
+th, td { text-align: left; padding: .15rem .9rem .15rem 0; vertical-align: top;
+  border-bottom: 1px solid #d0d7de; overflow-wrap: normal; }
+code { background: #f3f4f6; padding: .05em .3em; border-radius: 3px; }
+a { color: #0072b2; font-weight: 600; }
+.banner { background: #fff4e5; border-left: 5px solid #d55e00; padding: .6rem .9rem;
+  font-size: 15px; }
+.dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em; }
+.on { background: #009e73; } .off { background: #d55e00; }
+:host(.brief) { display: grid; gap: 0 .8rem;
+  grid-template-columns: repeat(auto-fill, minmax(170px, 1fr)); }
+"""
+
+_PAGE = """{% from macros import embed %}<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>{{ title | e }}</title>
+<style>__STYLE__</style>
+{{ bokeh_css if bokeh_css }}
+{{ bokeh_js if bokeh_js }}
+</head>
+<body>
+<main>
+<header><h1>piezo_hysteresis</h1>{{ embed(roots.actuator) }}{{ embed(roots.pulse) }}</header>
+{{ embed(roots.banner) }}
+<div class="page">
+<section class="pictures" aria-label="Signals">
+{{ embed(roots.view) }}
+<div class="plots">
+{% for plot in ('loop', 'trace', 'spectrum', 'error') %}<figure>{{ embed(roots[plot]) }}</figure>
+{% endfor %}
+<figure>{{ embed(roots.gap) }}{{ embed(roots.gap_words) }}</figure>
+<figure>{{ embed(roots.voltage) }}</figure>
+<figure>{{ embed(roots.estimate_choice) }}{{ embed(roots.estimate) }}</figure>
+<figure>{{ embed(roots.estimates) }}</figure>
+</div>
+</section>
+<aside class="controls" aria-label="Controls">
+<details open><summary>Drive</summary>{{ embed(roots.drive) }}</details>
+<details open><summary>Effects of the simulator</summary>{{ embed(roots.effects) }}</details>
+<details open><summary>Sweep</summary>{{ embed(roots.sweep) }}</details>
+<details open><summary>Discovery</summary>{{ embed(roots.discovery) }}</details>
+<details><summary>All parameters</summary>{{ embed(roots.all) }}</details>
+<details open><summary>Nodes</summary>{{ embed(roots.status) }}</details>
+</aside>
+</div>
+<noscript>This page needs JavaScript; all of it comes from this machine.</noscript>
+</main>
+{{ plot_script }}
+</body>
+</html>
+"""
+
+_STYLE = (
+    STYLE
+    + """
+main { max-width: 1720px; padding-top: .4rem; }
+header { display: flex; flex-wrap: wrap; align-items: center; gap: .2rem 1.2rem;
+  margin-bottom: .4rem; }
+h1 { margin: 0; font-size: 1.3rem; }
+.page { display: grid; gap: 1.4rem; grid-template-columns: minmax(0, 1fr) minmax(330px, 400px); }
+.pictures .plots { gap: .6rem 1.2rem; margin: .2rem 0; align-items: start;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 400px), 1fr)); }
+.controls { min-width: 0; }
+details { border: 1px solid var(--line); border-radius: 6px; margin-bottom: .7rem;
+  padding: 0 .7rem .3rem; }
+summary { cursor: pointer; font-weight: 600; padding: .45rem 0; }
+@media (max-width: 900px) { .page { grid-template-columns: minmax(0, 1fr); } }
+"""
+)
+
+PAGE = _PAGE.replace('__STYLE__', _STYLE)
+
+
+def page_template() -> Template:
+    """Return the template of the document."""
+    return Environment(autoescape=False).from_string(PAGE)

@@ -1,0 +1,234 @@
+"""The live page: ROS in this thread, the web server in another, `Live` between them."""
+
+from __future__ import annotations
+
+import argparse
+import queue
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+
+from piezo_hysteresis.dashboard.backend import Answer, DiscoveryOrder, SweepOrder
+from piezo_hysteresis.dashboard.controls import Value
+from piezo_hysteresis.dashboard.live import Job, Live
+from piezo_hysteresis.dashboard.server import DashboardServer
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.dashboard_ear import CommonEar, Ear
+from piezo_hysteresis.nodes.dashboard_jobs import Jobs
+from piezo_hysteresis.nodes.dashboard_nodes import Directory, shown
+from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
+from piezo_ros_common import topics
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.running import run_node
+from piezo_ros_common.timers import wall_timer
+
+LISTEN_EVERY = 0.03
+LOOK_EVERY = 1.0
+STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
+
+
+class Desk:
+    """All that serves one actuator."""
+
+    def __init__(self, node: Node, ear_node: Node, live: Live, folder: Path, later: Later) -> None:
+        self.live = live
+        self.ear = Ear(ear_node, live)
+        self.directory = Directory(node, live)
+        self.jobs = Jobs(node, live, self.ear, folder, later)
+
+
+Later = Callable[[float, Callable[[], None]], None]
+
+
+class Dashboard(Node):
+    """Serves the page; is the `Backend` that it speaks to, from any thread."""
+
+    def __init__(self) -> None:
+        super().__init__('dashboard')
+        self._params = NodeParameters(self, DASHBOARD, lambda _: None)
+        self._folder = Path(self._params.text('folder'))
+        self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._due: list[tuple[float, Callable[[], None]]] = []
+        self._desks: dict[str, Desk] = {}
+        self._lives: dict[str, Live] = {}
+        self._found: list[str] = []
+        self._ear_node = Node(
+            'dashboard_ear',
+            context=self.context,
+            start_parameter_services=False,
+            enable_rosout=False,
+            use_global_arguments=False,
+        )
+        self._common = CommonEar(self._ear_node, self._live_of, self._on_event)
+        self._look()
+        self._server = self._serve()
+        wall_timer(self, LISTEN_EVERY, self._tick)
+        wall_timer(self, LOOK_EVERY, self._look)
+
+    def _serve(self) -> DashboardServer:
+        try:
+            server = DashboardServer(
+                self,
+                address=self._params.text('address'),
+                port=self._params.integer('port'),
+                folder=str(self._folder.resolve()),
+                origins=self._words('origins'),
+                refresh=self._params.number('refresh'),
+            )
+        except PiezoError as error:
+            self.get_logger().fatal(str(error))
+            raise SystemExit(2) from None
+        if not server.local:
+            self.get_logger().warning(
+                f'whoever reaches port {server.port} of this machine can move the actuator: '
+                'leave address at 127.0.0.1 unless the network is yours'
+            )
+        server.start()
+        self.get_logger().info(f'open {server.url}')
+        return server
+
+    def _words(self, name: str) -> list[str]:
+        return [str(word) for word in self._params.values[name] if word]  # type: ignore[union-attr]
+
+    # --- in the thread of ROS ------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        while not self._wishes.empty():
+            self._wishes.get()()
+        now = self._now()
+        for entry in [entry for entry in self._due if entry[0] <= now]:
+            self._due.remove(entry)
+            entry[1]()
+        self._common.poll()
+        for desk in self._desks.values():
+            desk.ear.poll()
+
+    def _now(self) -> float:
+        return time.monotonic()
+
+    def _later(self, seconds: float, what: Callable[[], None]) -> None:
+        self._due.append((self._now() + seconds, what))
+
+    def _look(self) -> None:
+        self._found = self._find_actuators()
+        spaces: dict[str, set[str]] = {}
+        for name, space in self.get_node_names_and_namespaces():
+            if shown(name):
+                spaces.setdefault(space.strip('/'), set()).add(name)
+        for actuator, desk in self._desks.items():
+            publishers = self.get_publishers_info_by_topic(desk.ear.topic(topics.STATE))
+            desk.live.published = bool(publishers)
+            if publishers:
+                desk.ear.counting = publishers[0].node_name
+            desk.directory.look(spaces.get(actuator, set()))
+            desk.jobs.watch()
+
+    def _find_actuators(self) -> list[str]:
+        wanted = [word.strip('/') for word in self._words('actuators')]
+        own = self.get_namespace().strip('/')
+        if wanted or own:
+            return wanted or [own]
+        return sorted(
+            name.removesuffix(topics.STATE).strip('/')
+            for name, types in self.get_topic_names_and_types()
+            if STATE_TYPE in types
+            and name.endswith(f'/{topics.STATE}')
+            and self.count_publishers(name)
+        )
+
+    def _live_of(self, full: str) -> tuple[Live | None, str]:
+        space, _, name = full.rpartition('/')
+        return self._lives.get(space.strip('/')), name
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        space, _, name = event.node.rpartition('/')
+        desk = self._desks.get(space.strip('/'))
+        if desk is not None:
+            desk.directory.follow(name, event)
+
+    def _open(self, live: Live) -> None:
+        self._desks[live.actuator] = Desk(self, self._ear_node, live, self._folder, self._later)
+        self._look()
+
+    # --- from the threads of the page ----------------------------------------------------------
+
+    def actuators(self) -> list[str]:
+        """Return the namespaces there are, never an empty list."""
+        return self._found or ['']
+
+    def live(self, actuator: str) -> Live:
+        """Return what is known of an actuator."""
+        if actuator not in self._lives:
+            live = self._lives[actuator] = Live(actuator)
+            self._wishes.put(lambda: self._open(live))
+        return self._lives[actuator]
+
+    def set_parameters(self, actuator: str, node: str, values: Mapping[str, Value]) -> Answer:
+        """Set parameters of a node."""
+        answer = Answer()
+        self._wish(actuator, lambda desk: desk.directory.set(node, values, answer))
+        return answer
+
+    def start_sweep(self, actuator: str, order: SweepOrder) -> None:
+        """Run a sweep and record it, after the experiment that runs has been ended."""
+        live = self.live(actuator)
+        live.sweep = Job('asked', 0.0, 'asking the excitation')
+        mode = live.parameter('excitation', 'mode')
+        if mode is not None and mode.value != 'idle':
+            self._wish(
+                actuator, lambda desk: desk.directory.set('excitation', {'mode': 'idle'}, Answer())
+            )
+        self._wish(actuator, lambda desk: desk.jobs.run_sweep(order))
+
+    def cancel_sweep(self, actuator: str) -> None:
+        """Let the actuator return to rest."""
+        self._wish(actuator, lambda desk: desk.jobs.sweep.cancel())
+
+    def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
+        """Find what the baseline misses in recorded data."""
+        self.live(actuator).discovery = Job('asked', 0.0, 'asking the discovery node')
+        self._wish(actuator, lambda desk: desk.jobs.run_discovery(order))
+
+    def cancel_discovery(self, actuator: str) -> None:
+        """Give a discovery up."""
+        self._wish(actuator, lambda desk: desk.jobs.discovery.cancel())
+
+    def bags(self, actuator: str) -> list[str]:
+        """Return the bags that were recorded, the newest first."""
+        desk = self._desks.get(actuator)
+        return desk.jobs.bags() if desk is not None else []
+
+    def _wish(self, actuator: str, what: Callable[[Desk], None]) -> None:
+        self.live(actuator)
+        self._wishes.put(lambda: what(self._desks[actuator]))
+
+    def close(self) -> None:
+        """End the server and finish what is being recorded."""
+        self._server.stop()
+        for desk in self._desks.values():
+            desk.jobs.close()
+        self._ear_node.destroy_node()
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the page for the verb ``dashboard``."""
+    parser = argparse.ArgumentParser(prog='dashboard')
+    parser.add_argument('--namespace', default='')
+    parser.add_argument('--folder', default='.')
+    parser.add_argument('--port', type=int, default=5006)
+    parser.add_argument('--address', default='127.0.0.1')
+    words = parser.parse_args(list(arguments))
+    ros = ['--ros-args', '-p', f'folder:={words.folder}', '-p', f'port:={words.port}']
+    ros += ['-p', f'address:={words.address}']
+    if words.namespace:
+        ros += ['-r', f'__ns:=/{words.namespace.strip("/")}']
+    return run_node(Dashboard, ros)
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(Dashboard))

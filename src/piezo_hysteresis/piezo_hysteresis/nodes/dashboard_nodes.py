@@ -1,0 +1,167 @@
+"""Which nodes there are, and their parameters with what they tell about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+
+from piezo_hysteresis.dashboard.backend import Answer
+from piezo_hysteresis.dashboard.controls import Parameter, Value, described
+from piezo_hysteresis.dashboard.live import Live, NodeState
+
+PATIENCE = 5.0  # for an answer [s]
+# Nodes of tools, which come and go.
+NOT_SHOWN = ('_', 'dashboard', 'launch_ros', 'ros2cli', 'rqt', 'transform_listener')
+
+
+def from_ros(node: str, name: str, value: Any, about: ParameterDescriptor) -> Parameter:
+    """Return a parameter as the page knows it."""
+    ranges = list(about.floating_point_range) + list(about.integer_range)
+    bounds = (float(ranges[0].from_value), float(ranges[0].to_value)) if ranges else None
+    return described(
+        node,
+        name,
+        _plain(value),
+        about.description,
+        about.additional_constraints,
+        bounds,
+        about.read_only,
+    )
+
+
+def _plain(value: Any) -> Value:
+    if isinstance(value, bool | int | float | str):
+        return value
+    return list(value) if value is not None else ''
+
+
+class Directory:
+    """Watches the nodes of one actuator.
+
+    Parameters
+    ----------
+    node : Node
+        Asks them.
+    live : Live
+        Where it is written down.
+    """
+
+    def __init__(self, node: Node, live: Live) -> None:
+        self._node, self._live = node, live
+        self._clients: dict[str, AsyncParameterClient] = {}
+        self._asked: dict[str, float] = {}  # nodes whose parameters are being asked for
+        self._answers: list[tuple[float, str, Answer]] = []
+
+    def look(self, present: set[str]) -> None:
+        """Note who is there; ask whoever is new."""
+        now = self._live.clock()
+        nodes = self._live.nodes
+        for name in present:
+            state = nodes.get(name)
+            if state is None or not state.present:
+                nodes[name] = NodeState(name, True, now)
+                self._asked.pop(name, None)
+            if not nodes[name].parameters:
+                self._ask(name)
+        for name, state in list(nodes.items()):
+            if state.present and name not in present:
+                nodes[name] = replace(state, present=False, since=now)
+        self._expire(now)
+
+    def _client(self, name: str) -> AsyncParameterClient:
+        if name not in self._clients:
+            full = f'/{self._live.actuator}/{name}' if self._live.actuator else f'/{name}'
+            self._clients[name] = AsyncParameterClient(self._node, full)
+        return self._clients[name]
+
+    def _ask(self, name: str) -> None:
+        """Ask a node for all it has, once its services are there."""
+        now = self._live.clock()
+        client = self._client(name)
+        if now - self._asked.get(name, -PATIENCE) < PATIENCE or not client.services_are_ready():
+            return
+        self._asked[name] = now
+        client.list_parameters(callback=lambda listed: self._listed(name, listed))
+
+    def _listed(self, name: str, listed: Any) -> None:
+        names = [n for n in listed.result().result.names if not n.startswith('qos_overrides')]
+        found: dict[str, Any] = {}
+
+        def both(what: str) -> Callable[[Any], None]:
+            def note(future: Any) -> None:
+                found[what] = future.result()
+                if len(found) == 2:
+                    self._told(name, names, found)
+
+            return note
+
+        client = self._client(name)
+        client.describe_parameters(names, callback=both('about'))
+        client.get_parameters(names, callback=both('values'))
+
+    def _told(self, name: str, names: list[str], found: Mapping[str, Any]) -> None:
+        self._asked.pop(name, None)
+        state = self._live.nodes.get(name)
+        values, about = found['values'].values, found['about'].descriptors
+        if state is None or not len(names) == len(values) == len(about):
+            return  # it has changed meanwhile and is asked again
+        parameters = {
+            key: from_ros(name, key, parameter_value_to_python(value), descriptor)
+            for key, value, descriptor in zip(names, values, about, strict=True)
+        }
+        self._live.nodes[name] = replace(state, parameters=parameters)
+
+    def follow(self, name: str, event: ParameterEvent) -> None:
+        """Take in what a node says of its own changes."""
+        state = self._live.nodes.get(name)
+        if state is None or not state.parameters:
+            return
+        gone = {p.name for p in event.deleted_parameters}
+        known = {k: p for k, p in state.parameters.items() if k not in gone}
+        strange = False
+        for message in (*event.new_parameters, *event.changed_parameters):
+            if message.name in known:
+                value = _plain(parameter_value_to_python(message.value))
+                known[message.name] = known[message.name].with_value(value)
+            elif not message.name.startswith('qos_overrides'):
+                strange = True
+        self._live.nodes[name] = replace(state, parameters=known)
+        if strange:
+            self._ask(name)
+
+    def set(self, name: str, values: Mapping[str, Value], answer: Answer) -> None:
+        """Set parameters of a node; `answer` gets the first refusal."""
+        state = self._live.nodes.get(name)
+        if state is None or not state.present:
+            answer.give(f'{name} is not there; start it first')
+            return
+        try:
+            wanted = [RosParameter(key, value=value) for key, value in values.items()]
+        except (TypeError, ValueError) as error:
+            answer.give(str(error))
+            return
+        self._answers.append((self._live.clock() + PATIENCE, name, answer))
+
+        def answered(future: Any) -> None:
+            refused = [r.reason or 'refused' for r in future.result().results if not r.successful]
+            answer.give(refused[0] if refused else '')
+
+        self._client(name).set_parameters(wanted, callback=answered)
+
+    def _expire(self, now: float) -> None:
+        for due, name, answer in self._answers:
+            if due < now and not answer.done:
+                answer.give(f'{name} did not answer within {PATIENCE:g} s; see whether it runs')
+        self._answers = [entry for entry in self._answers if not entry[2].done]
+
+
+def shown(name: str) -> bool:
+    """Tell whether a node is worth showing."""
+    return not name.startswith(NOT_SHOWN)
