@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from piezo_hysteresis.discovery.dataset import Dataset, thinned
-from piezo_hysteresis.discovery.floor import block_edges
+from piezo_hysteresis.discovery.floor import Noise, block_edges
 from piezo_hysteresis.discovery.significance import improvement
 from piezo_hysteresis.discovery.tones import on_one_clock
 from piezo_hysteresis.discovery.trial import (
@@ -29,6 +29,8 @@ LAST_EVALUATIONS = 40
 # A mean square above that of the noise by less than this is nothing anybody would miss.
 NEGLIGIBLE = 0.03
 NEGLIGIBLE_IN_ONE = 0.2
+# So many standard deviations of a mean square are no evidence of anything.
+DOUBTS = 3.0
 # No model of an effect is better than this share of the effect, so that what is left of it cannot
 # be told from another one; banks and fitted laws that stand for many others are coarser.
 EXACT = 0.02
@@ -49,8 +51,8 @@ class Arena:
     ----------
     data : Dataset
         Only its training views are looked at; of held-out ones only the drive.
-    floor : float
-        Noise rms [m].
+    noise : Noise
+        Of the records.
     seed : int
         Of every random choice.
     workers : int
@@ -62,13 +64,15 @@ class Arena:
     def __init__(
         self,
         data: Dataset,
-        floor: float,
+        noise: Noise,
         seed: int,
         workers: int,
         hints: Sequence[Mapping[str, float]] = (),
     ) -> None:
         self.data = data
-        self.floor = floor
+        self.noise = noise
+        self.floor = noise.rms
+        self.negligible = NEGLIGIBLE + DOUBTS * noise.doubt
         self.seed = seed
         self.hints = tuple(hints)
         self._workers = max(1, workers)
@@ -86,7 +90,7 @@ class Arena:
         if any(block.clocked for block in trial.model.blocks):
             return self
         data = on_one_clock(self.data, trial)
-        return Arena(data, self.floor, self.seed, self._workers, self.hints)
+        return Arena(data, self.noise, self.seed, self._workers, self.hints)
 
     def candidates(self, trial: Trial) -> tuple[Candidate, ...]:
         """Return the model of `trial` with every effect that it can take up."""
@@ -111,8 +115,11 @@ class Arena:
 
     def lacks_something(self, trial: Trial) -> bool:
         """Tell whether the gap is above the floor anywhere by more than anybody would accept."""
-        views = [float(e @ e) / e.size / self.floor**2 - 1.0 for e in trial.errors]
-        return self.excess(trial) > NEGLIGIBLE or max(views) > NEGLIGIBLE_IN_ONE
+        return self.excess(trial) > self.negligible or any(
+            float(e @ e) / e.size / self.floor**2 - 1.0
+            > NEGLIGIBLE_IN_ONE + DOUBTS * np.sqrt(2.0 / e.size)
+            for e in trial.errors
+        )
 
     def is_crumb(self, trial: Trial, start: Trial) -> bool:
         """Tell whether what is left is what no model of the effects so far could do better."""
@@ -129,7 +136,7 @@ class Arena:
         share = (simpler.square - richer.square) / max(
             simpler.square - simpler.samples * self.floor**2, 1e-300
         )
-        return gain.ratio < SURE or share < 0.05 or self.excess(simpler) < NEGLIGIBLE
+        return gain.ratio < SURE or share < 0.05 or self.excess(simpler) < self.negligible
 
     def fit(
         self, trial: Trial, *beside: Trial, short: bool = False, evaluations: int = 0

@@ -106,12 +106,12 @@ def discover(
     records = annotated(records)
     found = check(records)
     data = split(records)
-    floor = noise_floor(data)
+    noise = noise_floor(data)
     progress(0.02, 'checked, split and noise measured')
     base = baselines(data, baseline)
     progress(0.12, 'baselines fitted')
     hints = [trial.values for trial in (base.slow,) if trial is not None]
-    arena = Arena(data, floor, seed, workers, hints)
+    arena = Arena(data, noise, seed, workers, hints)
     arena, steps, last = _compete(arena, base.joint, progress)
     final = base.joint
     if steps:
@@ -120,7 +120,7 @@ def discover(
     progress(0.95, 'proving on held-out records')
     proof = prove(arena.data, base.joint, final)
     seen = arena.data
-    discovery = Discovery(_placeholder(), seen, floor, base, tuple(steps), final, proof, found)
+    discovery = Discovery(_placeholder(), seen, noise.rms, base, tuple(steps), final, proof, found)
     verdict = _verdict(discovery, arena, last, name or base.joint.model.name, seed)
     return replace(discovery, verdict=replace(verdict, seconds=time.monotonic() - began))
 
