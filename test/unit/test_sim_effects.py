@@ -153,6 +153,15 @@ def test_rate_dependence_widens_the_loop_with_the_logarithm_of_the_rate(law):
     assert areas[2] - areas[1] == pytest.approx(areas[1] - areas[0], rel=0.3)
 
 
+@pytest.mark.parametrize('law', ['bouc_wen', 'play', 'preisach'])
+def test_rate_dependence_widens_the_loop_with_a_power_of_the_rate(law):
+    numbers = {'rate__widening': 0.1, 'rate__exponent': 0.5, 'rate__memory': 0.3}
+    p = plant('rate_dependence', law, rate=10_000.0, **numbers)
+    areas = [loop_area(*held(p, f)[::-1]) / f for f in (5.0, 20.0, 80.0)]
+    assert areas[1] > 1.1 * areas[0]
+    assert areas[2] - areas[1] == pytest.approx(2.0 * (areas[1] - areas[0]), rel=0.1)
+
+
 def test_gain_decay_takes_off_amplitude_with_its_time_constant():
     p = plant('gain_decay', depolarisation__loss=0.2, depolarisation__time_constant=2.0)
     _, command = sine(10.0, seconds=10.0)

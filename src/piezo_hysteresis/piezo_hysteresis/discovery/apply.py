@@ -64,6 +64,7 @@ def _bouc_wen_widening(v: Mapping[str, float]) -> SimulatorValues:
         **_bouc_wen(v),
         'effects.rate_dependence': True,
         'rate.widening': v['widening'],
+        'rate.exponent': 0.0,
         'rate.reference': v['widening_corner'],
         'rate.memory': v['widening_memory'],
     }

@@ -2,9 +2,11 @@
 
 Bouc-Wen, play bank and Preisach each contribute their deviation from a straight line, so they can
 be switched one by one or together. The strain is a function of the path of the voltage alone,
-except for the rate dependence, which widens the loops with the logarithm of the voltage rate (as
-the coercive field of a ferroelectric grows), and for the loss of polarisation, which takes off
-gain with time. To widen a loop is to multiply what the strain lags behind its steepest slope.
+except for the rate dependence and for the loss of polarisation, which takes off gain with time.
+The rate dependence widens the loops with the logarithm of the voltage rate (walls that creep over
+barriers by heat) or with a power of it (the coercive field by Ishibashi and Orihara; for viscous
+walls the power is 1). To widen a loop is to multiply what the strain lags behind its steepest
+slope.
 """
 
 from __future__ import annotations
@@ -18,7 +20,22 @@ from piezo_sim.table import Effect, Parameter
 
 PARAMETERS = (
     Parameter('actuator.gain', 'm/V', 100e-6, 1e-12, 1.0, 'Displacement per volt before losses.'),
-    Parameter('rate.widening', '1', 0.08, 0.0, 0.3, 'Widening of the loop per e-fold of rate.'),
+    Parameter(
+        'rate.widening',
+        '1',
+        0.08,
+        0.0,
+        0.3,
+        'Widening of the loop per e-fold of rate; by the power law, that at the reference.',
+    ),
+    Parameter(
+        'rate.exponent',
+        '1',
+        0.0,
+        0.0,
+        1.5,
+        'Power of the rate with which the loop widens; 0 for its logarithm.',
+    ),
     Parameter('rate.reference', 'V/s', 4.0, 1e-6, 1e9, 'Voltage rate at which widening sets in.'),
     Parameter('rate.memory', 's', 5e-3, 1e-6, 10.0, 'Time over which the voltage rate is felt.'),
     Parameter(
@@ -37,7 +54,11 @@ PARAMETERS = (
 )
 
 EFFECTS = (
-    Effect('rate_dependence', 'Loops widen with the rate of the voltage.', {'rate.widening': 0.0}),
+    Effect(
+        'rate_dependence',
+        'Loops widen with the logarithm or a power of the voltage rate.',
+        {'rate.widening': 0.0},
+    ),
     Effect(
         'electrostriction',
         'A strain with the square of the voltage.',
@@ -63,7 +84,9 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
     if p.rate.widening > 0.0:
         rate = abs(s.voltage - s.voltage_before) / dt
         s.rate += (rate - s.rate) * -math.expm1(-dt / p.rate.memory)
-        s.widening = 1.0 + p.rate.widening * math.log1p(s.rate / p.rate.reference)
+        fast = s.rate / p.rate.reference
+        power = p.rate.exponent
+        s.widening = 1.0 + p.rate.widening * (fast**power if power > 0.0 else math.log1p(fast))
     else:
         s.widening = 1.0
     s.voltage_before = s.voltage
