@@ -8,7 +8,7 @@ stays in the memory of this process and is written (out/discovery/results.jsonl)
 verdict is there. A run that was interrupted goes on where it stopped; --table prints what is
 there already.
 
-What an effect of the simulator may be called is stated in `discovery_worlds.KNOBS`: backlash is
+What an effect of the simulator may be called is stated in `discovery_effects.KNOBS`: backlash is
 friction, a second mode a resonance, floor vibration a tone (mains_hum), both creep laws creep, a
 play bank or Preisach plane that a Bouc-Wen baseline meets is nonlocal_memory and one that a linear
 baseline meets is hysteresis, the bandwidth of the sensor a lag.

@@ -7,55 +7,23 @@ noise-free readings with everything taken off that a refit of the model would ab
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from bench.discovery_actuators import Generator, Overrides, World, share, world
+from bench.discovery_effects import ANY, EXOTIC, KNOBS, Knob
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import simulate
 
 FloatArray = npt.NDArray[np.float64]
-Generator = np.random.Generator
-Overrides = dict[str, float | bool]
 
 PRESET = 'generic_bouc_wen'
 # A hidden effect is at least so large [noise floors], after a refit of the model.
 VISIBLE = 3.0
-
-
-@dataclass(frozen=True)
-class World:
-    """An actuator without anything hidden.
-
-    Attributes
-    ----------
-    name : str
-        Kind of world.
-    baseline : str
-        Named model that describes it.
-    overrides : dict
-        Parameters and switches of the simulator.
-    absorbed : tuple of str
-        Parameters of the simulator that a refit of the baseline stands for.
-    """
-
-    name: str
-    baseline: str
-    overrides: Overrides
-    absorbed: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Knob:
-    """One effect of the simulator: in which worlds it shows, its names, how its size is drawn."""
-
-    worlds: tuple[str, ...]
-    names: tuple[str, ...]
-    draw: Callable[[Generator, float, Mapping[str, float]], Overrides]
-    most: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -93,253 +61,6 @@ class Hidden:
     noise_db: float
     seed: int
     floors: tuple[float, ...] = field(default=())
-
-
-def _sign(rng: Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def _share(rng: Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _bouc_wen(rng: Generator) -> Overrides:
-    beta = _share(rng, 0.5, 3.0)
-    return {
-        'actuator.gain': _share(rng, 0.7e-4, 2e-4),
-        'bouc_wen.alpha': float(rng.uniform(0.25, 0.6)),
-        'bouc_wen.beta': beta,
-        'bouc_wen.gamma': beta * float(rng.uniform(-0.5, 0.8)),
-    }
-
-
-def _mode(rng: Generator) -> Overrides:
-    return {
-        'effects.resonance': True,
-        'structure.natural_frequency': _share(rng, 55.0, 280.0),
-        'structure.damping_ratio': _share(rng, 0.01, 0.08),
-    }
-
-
-def _play(rng: Generator) -> Overrides:
-    """Return a bank with thresholds at tenths of the range, nine operators."""
-    weights = rng.exponential(1.0, 9)
-    weights *= rng.uniform(0.2, 0.4) / weights.sum()
-    bank: Overrides = {'effects.bouc_wen': False, 'effects.play': True}
-    for j in range(12):
-        bank[f'play.radius_{j + 1:02}'] = 0.1 * (j + 1) if j < 9 else 1.0
-        bank[f'play.weight_{j + 1:02}'] = float(weights[j]) if j < 9 else 0.0
-    return {**bank, 'actuator.gain': _share(rng, 0.7e-4, 2e-4)}
-
-
-_OWN = ('actuator.gain', 'bouc_wen.alpha', 'bouc_wen.beta', 'bouc_wen.gamma')
-_MODAL = ('structure.natural_frequency', 'structure.damping_ratio')
-
-
-def world(name: str, rng: Generator) -> World:
-    """Draw the numbers of a kind of world."""
-    if name == 'static':
-        return World(name, 'classical', _bouc_wen(rng), _OWN)
-    if name == 'off_centre':
-        own = _bouc_wen(rng) | {'effects.asymmetry': True}
-        own['bouc_wen.asymmetry'] = _sign(rng) * float(rng.uniform(0.02, 0.15))
-        return World(name, 'modified', own, (*_OWN, 'bouc_wen.asymmetry'))
-    if name == 'mode':
-        return World(name, 'bouc_wen_mode', _bouc_wen(rng) | _mode(rng), (*_OWN, *_MODAL))
-    if name == 'linear':
-        own = {'effects.bouc_wen': False, 'actuator.gain': _share(rng, 0.7e-4, 2e-4)} | _mode(rng)
-        return World(name, 'linear_mode', own, ('actuator.gain', *_MODAL))
-    if name == 'play':
-        weights = tuple(f'play.weight_{j:02}' for j in range(1, 10))
-        return World(name, 'prandtl_ishlinskii', _play(rng), ('actuator.gain', *weights))
-    raise ValueError(f'there is no world {name}')
-
-
-def _law(name: str) -> Callable[[Generator, float, Mapping[str, float]], Overrides]:
-    """Return how a hysteresis that the model does not have at all is drawn."""
-
-    def draw(rng: Generator, size: float, seen: Mapping[str, float]) -> Overrides:
-        if name == 'bouc_wen':
-            return {'effects.bouc_wen': True, **_bouc_wen(rng)}
-        if name == 'play':
-            return _play(rng)
-        return {
-            'effects.bouc_wen': False,
-            'effects.preisach': True,
-            'preisach.weight': float(rng.uniform(0.3, 0.6)),
-            'preisach.scale': float(rng.uniform(0.3, 0.9)),
-            'preisach.asymmetry': 0.0,
-        }
-
-    return draw
-
-
-def _saturation(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    level = seen['amplitude'] * (1.0 - min(0.06 * x, 0.45))
-    far, sides = 2.0 * seen['amplitude'], rng.integers(0, 3)
-    return {
-        'amplifier.clip_high': level if sides != 1 else far,
-        'amplifier.clip_low': -level if sides != 2 else -far,
-    }
-
-
-def _creep(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    gains = rng.permutation([0.03, 0.02, 0.02]) * x * rng.permutation([1.0, 1.0, 0.0])
-    return {f'creep.gain_{j + 1}': float(gain) for j, gain in enumerate(gains)}
-
-
-def _drift(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    which = rng.integers(0, 2)
-    return {
-        'drift.rate': _sign(rng) * 1e-7 * x * float(which == 0),
-        'drift.warming': _sign(rng) * 2e-6 * x * float(which == 1),
-        'drift.warming_time': _share(rng, 3.0, 60.0),
-    }
-
-
-def _curve(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    which = rng.integers(0, 3)
-    return {
-        'sensor.quadratic': _sign(rng) * 80.0 * x * float(which != 0),
-        'sensor.cubic': _sign(rng) * 1e6 * x * float(which != 1),
-    }
-
-
-def _hum(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    return {
-        'mains.amplitude': 5e-7 * x,
-        'mains.frequency': float(rng.choice([50.0, 60.0, round(rng.uniform(20.0, 300.0), 2)])),
-        'mains.third': float(rng.choice([0.0, 0.1])),
-    }
-
-
-def _second_mode(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    return {
-        'mode_2.frequency': _share(rng, 60.0, 0.4 * seen['rate']),
-        'mode_2.damping_ratio': _share(rng, 0.01, 0.06),
-        'mode_2.share': _sign(rng) * min(0.08 * x, 0.6),
-    }
-
-
-def _simple(key: str, unit: float, most: float = np.inf, either: bool = False) -> Any:
-    """Return a draw of one number that grows with the size of the effect."""
-
-    def draw(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-        return {key: (_sign(rng) if either else 1.0) * min(unit * x, most)}
-
-    return draw
-
-
-_ANY = ('static', 'off_centre', 'mode', 'play')
-_SMOOTH = ('static', 'mode')
-
-KNOBS: dict[str, Knob] = {
-    'transport_delay': Knob(_ANY, ('transport_delay',), _simple('amplifier.delay', 2e-3, 0.02)),
-    'amplifier_lag': Knob(
-        _ANY, ('amplifier_lag',), _simple('amplifier.lag_time_constant', 1e-3, 0.02)
-    ),
-    'saturation': Knob(_ANY, ('saturation',), _saturation),
-    'slew_limit': Knob(
-        _ANY,
-        ('slew_limit',),
-        lambda rng, x, seen: {'amplifier.slew_rate': seen['rise'] / (1.0 + 0.3 * x)},
-    ),
-    'rate_dependence': Knob(_SMOOTH, ('rate_dependence',), _simple('rate.widening', 0.06, 0.3)),
-    'electrostriction': Knob(
-        _ANY, ('electrostriction',), _simple('electrostriction.coefficient', 0.03, 0.3, True)
-    ),
-    'asymmetry': Knob(_SMOOTH, ('asymmetry',), _simple('bouc_wen.asymmetry', 0.08, 0.3, True)),
-    'gain_decay': Knob(
-        _ANY,
-        ('gain_decay',),
-        lambda rng, x, seen: {
-            'depolarisation.loss': min(0.1 * x, 0.6),
-            'depolarisation.time_constant': _share(rng, 3.0, 40.0),
-        },
-    ),
-    'backlash': Knob(
-        ('static', 'off_centre', 'mode'), ('friction',), _simple('backlash.half_width', 1e-6), 30.0
-    ),
-    'hysteresis_exponent': Knob(
-        ('static', 'mode'),
-        ('hysteresis_exponent',),
-        lambda rng, x, seen: {'bouc_wen.exponent': 1.0 + min(0.7 * x, 4.0)},
-    ),
-    'play': Knob(('static', 'mode'), ('nonlocal_memory',), _law('play')),
-    'preisach': Knob(('static', 'mode'), ('nonlocal_memory',), _law('preisach')),
-    'resonance': Knob(('static',), ('resonance',), lambda rng, x, seen: _mode(rng)),
-    'second_mode': Knob(('mode', 'static'), ('resonance',), _second_mode),
-    'stiffness': Knob(('mode',), ('stiffness',), _simple('structure.cubic', 6e6, 6e7, True)),
-    'friction': Knob(
-        ('mode',),
-        ('friction',),
-        lambda rng, x, seen: {
-            'friction.coulomb': 6e-7 * x,
-            'friction.presliding': _share(rng, 1e-6, 5e-6),
-        },
-    ),
-    'bouc_wen': Knob(('linear',), ('hysteresis',), _law('bouc_wen')),
-    'restoring_hysteresis': Knob(
-        ('linear',), ('hysteresis',), _simple('restoring.share', 0.2, 0.7)
-    ),
-    'creep': Knob(_ANY, ('creep',), _creep),
-    'log_creep': Knob(
-        _ANY,
-        ('creep',),
-        lambda rng, x, seen: {
-            'log_creep.gain': 0.015 * x,
-            'log_creep.start': _share(rng, 0.02, 0.3),
-        },
-    ),
-    'drift': Knob(_ANY, ('drift',), _drift),
-    'sensor_nonlinearity': Knob(_ANY, ('sensor_nonlinearity',), _curve),
-    'mains_hum': Knob(_ANY, ('mains_hum',), _hum),
-    'floor_vibration': Knob(
-        _ANY,
-        ('mains_hum',),
-        lambda rng, x, seen: {
-            'vibration.amplitude': 3e-7 * x,
-            'vibration.frequency': round(float(rng.uniform(6.0, 45.0)), 2),
-        },
-    ),
-    'sensor_bandwidth': Knob(
-        _ANY, ('amplifier_lag',), lambda rng, x, seen: {'sensor.bandwidth': 300.0 / x}
-    ),
-}
-"""Effects inside the vocabulary."""
-
-EXOTIC: dict[str, Knob] = {
-    'amplitude_dead_time': Knob(_ANY, (), _simple('amplifier.delay_per_volt', 2e-3, 0.02)),
-    'sensor_clipping': Knob(
-        _ANY, (), lambda rng, x, seen: {'sensor.range': seen['reach'] * (1 - min(0.08 * x, 0.5))}
-    ),
-    'rate_limit': Knob(
-        _ANY, (), lambda rng, x, seen: {'sensor.rate_limit': seen['speed'] / (1.0 + 0.3 * x)}
-    ),
-    'jitter': Knob(_ANY, (), _simple('sensor.jitter', 5e-5), 40.0),
-    'dropouts': Knob(_ANY, (), _simple('sensor.dropout_probability', 5e-3, 0.3), 60.0),
-    'noise_bursts': Knob(_ANY, (), _simple('sensor.burst_rms', 2e-6)),
-    'modulated_tone': Knob(
-        _ANY,
-        (),
-        lambda rng, x, seen: {
-            'modulated_tone.amplitude': 1e-6 * x,
-            'modulated_tone.frequency': round(float(rng.uniform(60.0, 300.0)), 2),
-            'modulated_tone.modulation': _share(rng, 0.3, 2.0),
-        },
-    ),
-    'switching': Knob(_ANY, (), _simple('switching.step', 1.5e-6)),
-    'amplitude_damping': Knob(('mode',), (), _simple('structure.quadratic_damping', 200.0), 50.0),
-    'parametric_excitation': Knob(
-        ('mode',),
-        (),
-        lambda rng, x, seen: {
-            'structure.pump_depth': min(0.15 * x, 0.45),
-            'structure.pump_frequency': round(float(rng.uniform(15.0, 70.0)), 2),
-        },
-    ),
-}
-"""Effects outside it: the right answer is unknown."""
 
 
 def experiments(design: str, rng: Generator, mode: float) -> tuple[Mapping[str, Any], ...]:
@@ -424,7 +145,7 @@ def draw(kind: str, index: int, seed: int, design: str = 'careful') -> Hidden:
     rng = np.random.default_rng([seed, index, ('single', 'pair', 'null', 'unknown').index(kind)])
     table = EXOTIC if kind == 'unknown' else KNOBS
     effects = _chosen(kind, index, rng, table)
-    fitting = set(table[effects[0]].worlds) if effects else {*_ANY, 'linear'}
+    fitting = set(table[effects[0]].worlds) if effects else {*ANY, 'linear'}
     for name in effects[1:]:
         fitting &= set(table[name].worlds)
     actuator = world(str(rng.choice(sorted(fitting))), rng)
@@ -489,7 +210,7 @@ def _visible(
         'reach': float(np.max(np.abs(before))),
         'speed': float(np.max(np.abs(np.diff(before)))) * rate,
     }
-    size, state = _share(rng, 0.4, 2.5), int(rng.integers(1, 2**31))
+    size, state = share(rng, 0.4, 2.5), int(rng.integers(1, 2**31))
     while True:
         own = knob.draw(np.random.default_rng(state), size, seen) | {f'effects.{name}': True}
         change = readings(specs, actuator.overrides | own, rate) - before

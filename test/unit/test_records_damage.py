@@ -1,17 +1,14 @@
 """Damage: each kind has a clear one-line refusal, and what is readable is salvaged and counted."""
 
 import sqlite3
-import warnings
 
 import numpy as np
 import pytest
-import yaml
+from damaged_bags import NAME, STROKE, TICKS, chunk_starts, make, mcap_of, raw_bag, refused
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import (
-    DamageWarning,
     Record,
-    RecordInfo,
     bag_writer,
     cdr,
     load,
@@ -20,51 +17,9 @@ from piezo_hysteresis.records import (
     survey,
     write_bag,
 )
-from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
+from piezo_hysteresis.records.definitions import STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_hysteresis.records.storage import Topic
-
-FIELDS = bag_writer.fixed_fields(STATE)
-NAME = '/piezo/actuator/state'
-
-
-def make(n=1000, name='a', **info):
-    ticks = np.arange(n)
-    return Record(name, 1e-3, ticks / 256, 1e-9 * ticks, info=RecordInfo(**info))
-
-
-def raw_bag(path, parts, topic=NAME):
-    """Write states of (sample numbers, stamps [s], displacements) as a driver would send them."""
-    with Recorder(path) as recorder:
-        for part, (sample, stamp, displacement) in enumerate(parts):
-            name = topic if len(parts) == 1 else f'/{"abc"[part]}/actuator/state'
-            number = recorder.add_topic(name, STATE, definition=definition_of(STATE)[0])
-            stamps = np.round(np.asarray(stamp) * 1e9).astype(np.int64)
-            columns = {'sample': sample, 'voltage': np.asarray(sample) * 1.0,
-                       'displacement': displacement}  # fmt: skip
-            rows = cdr.encode(FIELDS, stamps, columns)
-            for row, time in zip(rows, stamps.tolist(), strict=True):
-                recorder.write(number, row.tobytes(), time)
-    return path
-
-
-def refused(path, message):
-    """Check that reading refuses in one sentence, and that salvaging counts something."""
-    with pytest.raises(RecordError, match=message) as caught:
-        load([path])
-    assert '\n' not in str(caught.value)
-    assert '--salvage' in str(caught.value)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter('always')
-        load([path], salvage=True)
-    assert any(issubclass(item.category, DamageWarning) for item in told)
-    found = survey([path], salvage=True)
-    assert found.damage
-    return found
-
-
-TICKS = np.arange(300)
-STROKE = 1e-9 * TICKS
 
 
 def test_gaps(tmp_path):
@@ -268,17 +223,6 @@ def test_a_storage_file_that_is_missing(tmp_path):
         load([tmp_path / 'empty'], salvage=True)
 
 
-def mcap_of(tmp_path):
-    write_bag(tmp_path / 'bag', [make(100_000)])
-    file = tmp_path / 'bag' / 'bag_0.mcap'
-    return file, bytearray(file.read_bytes())
-
-
-def chunk_starts(data):
-    walk = mcap_format.walk(np.frombuffer(bytes(data[8:]), np.uint8))
-    return [at + 8 for code, at, _ in walk.others.tolist() if code == mcap_format.CHUNK]
-
-
 def test_a_flipped_bit_in_a_value(tmp_path):
     file, data = mcap_of(tmp_path)
     start = chunk_starts(data)[1]
@@ -397,116 +341,3 @@ def test_a_database_that_is_none(tmp_path):
         read_bag(tmp_path / 'b.db3')
     with pytest.raises(RecordError):
         read_bag(tmp_path / 'b.db3', salvage=True)
-
-
-def test_markers_end_records_and_samples_outside_are_noted(tmp_path):
-    """As a live sweep: idle, record one, pause, record two, idle."""
-    from piezo_hysteresis.records.definitions import typestore
-
-    types = typestore().types
-    with Recorder(tmp_path / 'bag') as recorder:
-        state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])
-        mark = recorder.add_topic('/p/record/marker', MARKER, definition=definition_of(MARKER)[0])
-        columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
-        for k, row in enumerate(cdr.encode(FIELDS, TICKS * 1_000_000, columns)):
-            recorder.write(state, row.tobytes(), k * 1_000_000)
-        for tick, name in [(50, 'one'), (150, ''), (150, 'two'), (250, '')]:
-            stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=tick * 1_000_000)
-            message = types[MARKER](
-                header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=''), record=name,
-                actuator='x', excitation='sine', frequency=5.0, amplitude=1.0, warm_up=0.01,
-                rate=1000.0, input_unit='V',
-            )  # fmt: skip
-            # Markers come from another process: later than the samples they belong to.
-            raw = bytes(typestore().serialize_cdr(message, MARKER))
-            recorder.write(mark, raw, 299_000_000)
-    found = survey([tmp_path / 'bag'])
-    assert [(r.name, len(r), r.voltage[0]) for r in found.records] == [
-        ('one', 100, 50.0), ('two', 100, 150.0)]  # fmt: skip
-    assert found.records[0].info == RecordInfo('x', 'sine', 5.0, 1.0, 0.01)
-    assert any('100 samples lie outside' in str(note) for note in found.notes)
-
-
-def test_a_marker_that_states_another_rate(tmp_path):
-    write_bag(tmp_path / 'bag', [make(100)])
-    record = make(100)
-    assert read_bag(tmp_path / 'bag')[0].dt == record.dt
-    file = tmp_path / 'bag' / 'bag_0.mcap'
-    data = file.read_bytes()
-    at = data.index(np.float64(1000.0).tobytes())
-    data = data[:at] + np.float64(2000.0).tobytes() + data[at + 8 :]
-    start = chunk_starts(data)[0]
-    size = int.from_bytes(data[start - 8 : start], 'little')
-    content = data[start + 40 : start + size]
-    crc = mcap_crc(content)
-    file.write_bytes(data[: start + 24] + crc + data[start + 28 :])
-    refused(tmp_path / 'bag', 'marker says 2000 Hz but its samples come at 1000 Hz')
-
-
-def test_markers_of_another_definition(tmp_path):
-    """What was added is left alone; what is missing or no number is said."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    from piezo_hysteresis.records.definitions import MESSAGES
-
-    plain = MESSAGES[MARKER]
-    for name, text, value, message in [
-        ('more', plain + 'string operator\n', 0.5, ''),
-        ('less', plain.replace('float64 warm_up', 'float64 pause'), 0.5, 'lacks agreed fields'),
-        ('nan', plain, np.nan, 'marker of record x has no usable amplitude'),
-    ]:
-        store = get_typestore(Stores.ROS2_JAZZY)
-        store.register(get_types_from_msg(text, MARKER))
-        kind = store.types[MARKER]
-        stamp = store.types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
-        header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
-        values = dict.fromkeys(kind.__dataclass_fields__, 0.5) | {
-            'header': header, 'record': 'x', 'actuator': '', 'excitation': '', 'input_unit': 'N',
-            'operator': 'me', 'amplitude': value, 'rate': 1000.0,
-        }  # fmt: skip
-        marker = kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__
-                         and not k.startswith('__')})  # fmt: skip
-        with Recorder(tmp_path / name) as recorder:
-            state = recorder.add_topic('/p/actuator/state', STATE,
-                                       definition=definition_of(STATE)[0])  # fmt: skip
-            definition, _ = store.generate_msgdef(MARKER, ros_version=2)
-            mark = recorder.add_topic('/p/record/marker', MARKER, definition=definition)
-            recorder.write(mark, bytes(store.serialize_cdr(marker, MARKER)), 0)
-            columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
-            for row in cdr.encode(FIELDS, TICKS * 1_000_000, columns):
-                recorder.write(state, row.tobytes(), 0)
-        found = refused(tmp_path / name, message) if message else survey([tmp_path / name])
-        assert [record.name for record in found.records] == ['x']
-        assert found.records[0].info.input_unit == 'N'
-        assert found.records[0].info.amplitude == (0.0 if np.isnan(value) else 0.5)
-
-
-def mcap_crc(content):
-    from zlib import crc32
-
-    return crc32(content).to_bytes(4, 'little')
-
-
-def test_references_that_do_not_cover_a_record_are_left_out(tmp_path):
-    fields = bag_writer.fixed_fields(REFERENCE)
-    with Recorder(tmp_path / 'bag') as recorder:
-        state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])
-        text = definition_of(REFERENCE)[0]
-        wish = recorder.add_topic('/p/reference', REFERENCE, definition=text)
-        columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
-        for k, row in enumerate(cdr.encode(FIELDS, TICKS * 1_000_000, columns)):
-            recorder.write(state, row.tobytes(), k * 1_000_000)
-        columns = dict.fromkeys([name for name, _ in fields], 0.0) | {'sample': TICKS[:290]}
-        for row in cdr.encode(fields, TICKS[:290] * 1_000_000, columns):
-            recorder.write(wish, row.tobytes(), 0)
-    found = survey([tmp_path / 'bag'])
-    assert found.records[0].reference is None
-    assert any('10 samples have no reference' in str(note) for note in found.notes)
-
-
-def test_metadata_of_our_bags_are_plain_yaml(tmp_path):
-    write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
-    content = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
-    assert set(content['rosbag2_bagfile_information']['custom_data']) == {
-        'piezo_hysteresis.checksum'
-    }

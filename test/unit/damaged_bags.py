@@ -1,0 +1,79 @@
+"""Bags to damage, and what every refusal has to do."""
+
+import warnings
+from zlib import crc32
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import (
+    DamageWarning,
+    Record,
+    RecordInfo,
+    bag_writer,
+    cdr,
+    load,
+    mcap_format,
+    survey,
+    write_bag,
+)
+from piezo_hysteresis.records.definitions import STATE, definition_of
+from piezo_hysteresis.records.recorder import Recorder
+
+FIELDS = bag_writer.fixed_fields(STATE)
+NAME = '/piezo/actuator/state'
+
+
+def make(n=1000, name='a', **info):
+    ticks = np.arange(n)
+    return Record(name, 1e-3, ticks / 256, 1e-9 * ticks, info=RecordInfo(**info))
+
+
+def raw_bag(path, parts, topic=NAME):
+    """Write states of (sample numbers, stamps [s], displacements) as a driver would send them."""
+    with Recorder(path) as recorder:
+        for part, (sample, stamp, displacement) in enumerate(parts):
+            name = topic if len(parts) == 1 else f'/{"abc"[part]}/actuator/state'
+            number = recorder.add_topic(name, STATE, definition=definition_of(STATE)[0])
+            stamps = np.round(np.asarray(stamp) * 1e9).astype(np.int64)
+            columns = {'sample': sample, 'voltage': np.asarray(sample) * 1.0,
+                       'displacement': displacement}  # fmt: skip
+            rows = cdr.encode(FIELDS, stamps, columns)
+            for row, time in zip(rows, stamps.tolist(), strict=True):
+                recorder.write(number, row.tobytes(), time)
+    return path
+
+
+def refused(path, message):
+    """Check that reading refuses in one sentence, and that salvaging counts something."""
+    with pytest.raises(RecordError, match=message) as caught:
+        load([path])
+    assert '\n' not in str(caught.value)
+    assert '--salvage' in str(caught.value)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter('always')
+        load([path], salvage=True)
+    assert any(issubclass(item.category, DamageWarning) for item in told)
+    found = survey([path], salvage=True)
+    assert found.damage
+    return found
+
+
+TICKS = np.arange(300)
+STROKE = 1e-9 * TICKS
+
+
+def mcap_of(tmp_path):
+    write_bag(tmp_path / 'bag', [make(100_000)])
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    return file, bytearray(file.read_bytes())
+
+
+def chunk_starts(data):
+    walk = mcap_format.walk(np.frombuffer(bytes(data[8:]), np.uint8))
+    return [at + 8 for code, at, _ in walk.others.tolist() if code == mcap_format.CHUNK]
+
+
+def mcap_crc(content):
+    return crc32(content).to_bytes(4, 'little')
