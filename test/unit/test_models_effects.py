@@ -9,6 +9,8 @@ from piezo_hysteresis import models
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.identification import output_error
+from piezo_hysteresis.records import Record, RecordInfo
 
 DT = 1e-3
 VOLTS, METRES = 150.0, 20e-6
@@ -34,8 +36,9 @@ VOCABULARY = {
     'sensor_nonlinearity',
     'offset',
 }
-# the band-limited oscillator knows the force between samples, the baseline held it
-APPROXIMATE = {'restoring_force': 0.2, 'restoring_force_held_input': 1e-6}
+# the band-limited oscillator knows the force between samples, the baseline held it; a mode in the
+# place of an autoregression keeps only its static gain
+APPROXIMATE = {'restoring_force': 0.2, 'restoring_force_held_input': 1e-6, 'series_mode': 1.0}
 BASELINES = [models.named(name) for name in models.NAMES]
 PAIRS = [(model, effect) for model in BASELINES for effect in EFFECTS]
 APPLICABLE = [
@@ -117,7 +120,7 @@ def test_two_effects_go_together_and_survive_a_file(one, other, tmp_path):
 
 
 def test_a_second_mode_gets_its_own_names():
-    (resonance,) = models.described('resonance')
+    resonance = models.described('resonance')[0]
     once = models.add_effect(models.named('classical'), resonance)
     twice = models.add_effect(once.model, resonance)
     assert twice.added == (
@@ -137,6 +140,45 @@ def test_an_effect_is_not_added_twice_and_unknown_names_are_refused():
         models.add_effect(free.model, asymmetry)
     with pytest.raises(ModelError, match='choose one of'):
         models.described('ghosts')
+
+
+@pytest.mark.parametrize('variant', ['nonlocal_memory', 'nonlocal_memory_fine'])
+def test_ranges_are_scaled_once_however_often_a_model_is_suited(variant):
+    effect = next(e for e in models.described('nonlocal_memory') if e.variant == variant)
+    model = models.for_range(models.named('classical'), VOLTS, METRES)
+    candidate = models.add_effect(model, effect, VOLTS, METRES)
+    again = models.for_range(candidate.model, VOLTS, METRES)
+    (name,) = effect.holds
+    assert again.held[name] == candidate.model.held[name] == VOLTS
+    assert again.defaults() == candidate.model.defaults()
+    assert [q.scale for q in again.parameters] == [q.scale for q in candidate.model.parameters]
+
+
+def test_fitting_keeps_the_range_that_an_effect_was_given():
+    effect = models.described('nonlocal_memory')[0]
+    candidate = models.add_effect(models.named('classical'), effect, VOLTS, METRES)
+    wave = VOLTS * np.sin(2 * np.pi * 5 * DT * np.arange(2000))
+    truth = candidate.values(candidate.model.defaults()) | {'memory3': 0.1 * METRES / VOLTS}
+    truth |= {'A1': METRES / VOLTS, 'A': 0.3 * METRES / VOLTS, 'beta': 1 / VOLTS}
+    y = answer(candidate.model, truth, wave)
+    record = Record('wave', DT, wave, y, info=RecordInfo(excitation='sine', frequency=5.0))
+    result = output_error(candidate.model, [record], sampling_offset=False, count=3)
+    assert result.values['memory_range'] == VOLTS
+    assert result.residuals['wave'].std() < 1e-3 * METRES
+
+
+def test_a_mode_takes_the_place_of_an_autoregression_with_its_static_gain():
+    effect = next(e for e in models.described('resonance') if e.variant == 'series_mode')
+    model = models.named('extended')
+    candidate = models.add_effect(model, effect)
+    assert 'autoregressive' not in candidate.model.block_names
+    before = model.defaults()
+    slow = np.concatenate([np.linspace(0, 1, 20_000), np.ones(2000)])
+    y = answer(model, before, slow)
+    changed = answer(candidate.model, candidate.values(before), slow)
+    np.testing.assert_allclose(changed[-1], y[-1], rtol=1e-3)
+    guesses = candidate.guessed(Residual(slow, y, 0 * y, DT, 0.0, 0.0, before))
+    assert guesses[0]['resonance_frequency'] == pytest.approx(68.0, abs=5.0)
 
 
 def test_linear_model_becomes_an_oscillator_of_the_same_stiffness_and_frequency():
@@ -177,7 +219,7 @@ def test_hum_is_guessed_from_the_residual():
 
 def test_a_resonance_is_guessed_where_a_harmonic_rings():
     baseline = models.named('classical')
-    (resonance,) = models.described('resonance')
+    resonance = models.described('resonance')[0]
     candidate = models.add_effect(baseline, resonance)
     truth = {'resonance_frequency': 68.0, 'resonance_damping': 0.015, 'resonance_share': 1.0}
     seen = residual_of(candidate.model, baseline, frequency=14.0, n=20_000, **truth)

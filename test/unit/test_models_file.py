@@ -131,3 +131,5 @@ def test_held_parameters_are_marked_and_left_alone():
     suited = models.for_range(model, 150.0, 20e-6)
     assert suited.held == {'pi_range': 150.0}
     assert suited.defaults()['w0'] == pytest.approx(1e-4 * 20 / 130 / 150)
+    known = model.hold(pi_range=75.0)
+    assert models.for_range(known, 150.0, 20e-6).held == {'pi_range': 75.0}

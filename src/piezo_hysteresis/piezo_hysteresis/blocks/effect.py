@@ -87,8 +87,8 @@ class Effect:
         ``guess(residual)`` returns better start values for some of the parameters, or several
         such mappings where several basins are to be tried.
     convert : callable or None
-        ``convert(values)`` translates the values of the replaced blocks for `block`; the result
-        with `neutral` reproduces the model.
+        ``convert(values)`` translates the values of the replaced blocks for `block`, and those of
+        other blocks that change with them; the result with `neutral` reproduces the model.
     """
 
     name: str

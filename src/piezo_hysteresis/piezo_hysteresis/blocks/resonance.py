@@ -1,5 +1,6 @@
 """A mode of which the quasi-static displacement has only a share."""
 
+from collections.abc import Mapping
 from math import pi
 
 import numpy as np
@@ -8,6 +9,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.blocks.mode import kernel as mode_kernel
 from piezo_hysteresis.jit import jit
 
 
@@ -45,22 +47,44 @@ def guess(seen: Residual) -> dict[str, float]:
     return {'resonance_frequency': place / (seen.residual.size * seen.dt)}
 
 
-BLOCK = Block(
+def poles(seen: Residual) -> list[dict[str, float]]:
+    """Return the mode that the autoregression stands for, and faster ones."""
+    c1, c2 = seen.values['c1'], seen.values['c2']
+    rates = np.log(np.roots([1.0, -1.0, -c1, -c2]).astype(complex)) / seen.dt
+    slowest = rates[int(np.argmin(np.abs(rates)))]
+    own = float(abs(slowest)) / (2.0 * pi)
+    highest = 0.45 / seen.dt
+    return [
+        {'resonance_frequency': min(factor * own, highest), 'resonance_damping': 0.03}
+        for factor in (1.0, 1.5, 3.0)
+    ]
+
+
+def static_gain(values: Mapping[str, float]) -> dict[str, float]:
+    """Return the gains that the hysteresis has without the autoregression behind it."""
+    gain = -1.0 / (values['c1'] + values['c2'])
+    return {name: gain * values[name] for name in ('A1', 'A', 'A0')}
+
+
+_FREQUENCY = Parameter(
+    'resonance_frequency', 'Hz', 68.0, 1e-2, 1e6, 'Undamped natural frequency.', 68.0
+)
+_DAMPING = Parameter(
+    'resonance_damping',
+    '1',
+    0.02,
+    1e-5,
+    0.3,
+    'Damping over critical; beyond 0.3 hardly anything stands out.',
+    0.02,
+)
+
+_RESONANCE = Block(
     name='resonance',
     slot=Slot.STRUCTURE,
     parameters=(
-        Parameter(
-            'resonance_frequency', 'Hz', 68.0, 1e-2, 1e6, 'Undamped natural frequency.', 68.0
-        ),
-        Parameter(
-            'resonance_damping',
-            '1',
-            0.02,
-            1e-5,
-            0.3,
-            'Damping over critical; beyond 0.3 hardly anything stands out.',
-            0.02,
-        ),
+        _FREQUENCY,
+        _DAMPING,
         Parameter(
             'resonance_share',
             '1',
@@ -77,12 +101,30 @@ BLOCK = Block(
     source='002 (3); 000 where 14 and 23 Hz drives hit a mode near 68 Hz',
 )
 
+_SERIES = Block(
+    name='series_mode',
+    slot=Slot.STRUCTURE,
+    parameters=(_FREQUENCY, _DAMPING),
+    kernel=mode_kernel,
+    state_size=2,
+    description='One mode of unit DC gain that carries the whole displacement.',
+    source='002 (3) in the place of the autoregression of 000 (3)',
+)
+
+BLOCKS = (_RESONANCE, _SERIES)
+
+_EXPERIMENT = (
+    'A sweep in which n times the drive passes the suspected frequency (n = 1, 3, 5, 7), or a '
+    'chirp to above it.'
+)
+_MISTAKEN = ('odd_harmonic', 'transport_delay', 'amplifier_lag', 'rate_dependence')
+
 EFFECTS = (
     Effect(
         name='resonance',
         variant='resonance',
         repeatable=True,
-        block=BLOCK,
+        block=_RESONANCE,
         neutral={'resonance_share': 0.0},
         start={'resonance_share': 1.0, 'resonance_damping': 0.02},
         alternatives=tuple(
@@ -93,10 +135,24 @@ EFFECTS = (
             'A lightly damped mode of the structure rings where the drive, or one of the odd '
             'harmonics that hysteresis makes of it, comes near its frequency.'
         ),
-        experiment=(
-            'A sweep in which n times the drive passes the suspected frequency (n = 1, 3, 5, 7), '
-            'or a chirp to above it.'
+        experiment=_EXPERIMENT,
+        mistaken_for=_MISTAKEN,
+    ),
+    Effect(
+        name='resonance',
+        variant='series_mode',
+        block=_SERIES,
+        replaces=('autoregressive',),
+        convert=static_gain,
+        neutral={'resonance_frequency': 1e4, 'resonance_damping': 0.3},
+        start={'resonance_frequency': 68.0, 'resonance_damping': 0.02},
+        guess=poles,
+        physics=(
+            'The whole displacement goes through a lightly damped mode. The autoregression of the '
+            'model has as many coefficients as a mode has numbers, but its first one is fixed, so '
+            'that it bends towards the mode and misses its sharpness and its delay.'
         ),
-        mistaken_for=('odd_harmonic', 'transport_delay', 'amplifier_lag', 'rate_dependence'),
+        experiment=_EXPERIMENT,
+        mistaken_for=_MISTAKEN,
     ),
 )

@@ -87,6 +87,10 @@ def _mode(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
+def _series_mode(v: Mapping[str, float]) -> SimulatorValues:
+    return _resonance({**v, 'resonance_share': 1.0})
+
+
 def _resonance(v: Mapping[str, float]) -> SimulatorValues:
     if abs(v['resonance_share'] - 1.0) < 0.1:
         return {
@@ -159,6 +163,7 @@ TABLE: dict[str, Translation] = {
     'bouc_wen_power': _bouc_wen_power,
     'mode': _mode,
     'resonance': _resonance,
+    'series_mode': _series_mode,
     'mains_hum': _hum,
     'saturation': _saturation,
     'creep': _creep,

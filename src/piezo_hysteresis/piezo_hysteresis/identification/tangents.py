@@ -288,6 +288,7 @@ def nonlocal_memory(
 
 TANGENTS: dict[str, Tangent] = {
     'nonlocal_memory_fine': nonlocal_memory,
+    'series_mode': mode,
     **{
         each.__name__: each
         for each in (

@@ -61,7 +61,8 @@ class Candidate:
         every = self.model.defaults()
         kept = dict(before)
         if self.effect.convert is not None:
-            kept |= {self.renamed[k]: v for k, v in self.effect.convert(before).items()}
+            converted = self.effect.convert(before)
+            kept |= {self.renamed.get(k, k): v for k, v in converted.items()}
         every |= {k: v for k, v in kept.items() if k in every and k not in self.model.held}
         return every | dict(self.neutral if start is None else start)
 

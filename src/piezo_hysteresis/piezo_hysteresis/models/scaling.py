@@ -41,12 +41,15 @@ def factor(parameter: Parameter, ratios: tuple[float, float]) -> float:
 
 
 def suited(block: Block, ratios: tuple[float, float]) -> Block:
-    """Return `block` with defaults and scales for amplitudes `ratios` times the reference."""
+    """Return `block` with defaults and scales for amplitudes `ratios` times the reference.
+
+    The result is stated for these amplitudes once and for all: suiting it again changes nothing.
+    """
     parameters = []
     for q in block.parameters:
         ratio = factor(q, ratios)
         default = float(np.clip(q.default * ratio, q.low, q.high))
-        parameters.append(replace(q, default=default, scale=q.scale * ratio))
+        parameters.append(replace(q, default=default, scale=q.scale * ratio, powers=(0, 0)))
     return replace(block, parameters=tuple(parameters))
 
 
@@ -65,7 +68,9 @@ def for_range(model: Model, input_amplitude: float, displacement_amplitude: floa
     Returns
     -------
     Model
-        Same blocks; ``defaults()`` are start values, ``parameters[i].scale`` typical sizes.
+        Same blocks; ``defaults()`` are start values, ``parameters[i].scale`` typical sizes. Blocks
+        that were suited to an actuator before, and ranges held at other values than their
+        default, are left as they are.
 
     Raises
     ------
@@ -81,9 +86,15 @@ def for_range(model: Model, input_amplitude: float, displacement_amplitude: floa
         input_amplitude / REFERENCE_INPUT,
         displacement_amplitude / REFERENCE_DISPLACEMENT,
     )
+    own = [q for block in model.blocks for q in block.parameters]
     held = {
-        q.name: q.default * (factor(q, ratios) if q.follows_range else 1.0)
-        for q in model.parameters
-        if q.name in model.held
+        name: model.held[name] * (factor(q, ratios) if _grows(q, model.held[name]) else 1.0)
+        for q, name in zip(own, model.parameter_names, strict=True)
+        if name in model.held
     }
     return Model(model.name, tuple(suited(block, ratios) for block in model.blocks), held)
+
+
+def _grows(parameter: Parameter, held: float) -> bool:
+    """Tell whether a held value is the range of the reference and not one that somebody knows."""
+    return parameter.follows_range and held == parameter.default
