@@ -1,0 +1,266 @@
+"""A fault campaign over the live loop: every node dies and freezes, every message goes wrong.
+
+    python bench/faults.py [--trials 100] [--seed 0] [--out out/faults.json] [--only NAME ...]
+
+Eight processes run in real time: simulator, excitation, feedforward, attenuation, feedback,
+identification, gap monitor, recorder. At random moments each node is killed (SIGKILL), ended
+(SIGTERM, and SIGINT twice as `ros2 launch` does) and started again, or frozen (SIGSTOP, SIGCONT),
+`--trials` times each; the simulator's own faults are injected, and a rogue publisher sends what is
+not a number, doubled, reordered, stale or from another time. An observer says whether the applied
+voltage stayed within its limits and its slew, how long it took until the node was heard again and
+the loop tracked again, and whether the recorder lost a sample that was published while it lived.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from bench.faults_watch import Watch
+from bench.live_loop import NODES, Loop, Observer, Setting, end_on_terminate, wait_until
+from bench.rogue import FAULTS, TARGETS, Rogue
+from piezo_interfaces.srv import InjectFault
+from piezo_ros_common.processes import NodeProcesses
+
+# Signal, and after how many seconds it is sent again.
+ENDINGS: dict[str, tuple[int, float | None]] = {
+    'kill': (signal.SIGKILL, None),
+    'terminate': (signal.SIGTERM, None),
+    'interrupt': (signal.SIGINT, 0.05),
+}
+FREEZE = 'freeze'
+INJECTED = ('sensor_dropout', 'stuck_sensor', 'amplifier_trip')
+MESSAGES = 20
+PATIENCE = 90.0
+
+
+@dataclass
+class Trial:
+    """What one fault did.
+
+    Attributes
+    ----------
+    target, fault : str
+        The node or topic, and what happened to it.
+    beyond : float
+        How far the applied voltage left its limits [V].
+    jump, command_jump : float
+        Largest change of the applied voltage in a tick, and largest distance of a command from
+        the voltage applied before, in multiples of what the slew allows.
+    heard, back : float or None
+        Time from the restart until the node was heard, and until the loop tracked again [s].
+    code : int or None
+        Exit code of a node that was asked to end.
+    traceback : bool
+        Whether it printed one.
+    lost : int
+        Samples that a recorder lost, its last unflushed moment after SIGKILL left out.
+    unflushed : float
+        That moment [s].
+    """
+
+    target: str
+    fault: str
+    beyond: float = 0.0
+    jump: float = 0.0
+    command_jump: float = 0.0
+    heard: float | None = None
+    back: float | None = None
+    code: int | None = None
+    traceback: bool = False
+    lost: int = 0
+    unflushed: float = 0.0
+
+    @property
+    def faults(self) -> list[str]:
+        """Everything that is wrong with it; empty where all is as it should be."""
+        found = {
+            'limits': self.beyond > 0.0,
+            'jump': self.jump > 1.0 + 1e-9,
+            'not back': self.back is None,
+            'not heard': self.heard is None and self.target in NODES,
+            f'code {self.code}': self.fault in ('terminate', 'interrupt') and self.code != 0,
+            'traceback': self.traceback,
+            f'{self.lost} lost': self.lost > 0,
+        }
+        return [words for words, wrong in found.items() if wrong]
+
+
+@dataclass
+class Campaign:
+    """Runs trials one after the other on one loop.
+
+    Attributes
+    ----------
+    loop, observer, rogue, watch
+        What runs, who listens, who disturbs, who judges.
+    random : numpy Generator
+        Chooses every moment and length.
+    trials : list of Trial
+        What was done so far.
+    """
+
+    loop: Loop
+    observer: Observer
+    rogue: Rogue
+    watch: Watch
+    random: np.random.Generator
+    trials: list[Trial] = field(default_factory=list)
+
+    def run(self, target: str, fault: str) -> Trial:
+        """Disturb the running loop once, at a random moment, and say what it did."""
+        time.sleep(float(self.random.uniform(0.0, 1.0 / self.loop.setting.frequency)))
+        trial = Trial(target, fault)
+        first = self.watch.mark()
+        if fault in ENDINGS:
+            begun = self._end_and_restart(trial)
+        elif fault == FREEZE:
+            begun = self._freeze(target)
+        elif fault in INJECTED:
+            request = InjectFault.Request(fault=fault, duration=0.3)
+            self.observer.call(InjectFault, 'simulator/inject_fault', request)
+            begun = time.monotonic() + 0.3
+        else:
+            self.rogue.talk(target, fault, MESSAGES)
+            wait_until(lambda: self.rogue.silent(target), PATIENCE)
+            begun = time.monotonic()
+        trial.back, trial.heard = self.watch.back(begun, target, PATIENCE)
+        trial.beyond, trial.jump, trial.command_jump = self.watch.voltage(first)
+        self.trials.append(trial)
+        if trial.back is None:
+            words = {name: node.tail() for name, node in self.loop.running.items()}
+            print(f'{target} {fault}: not back; last words of the nodes: {words}', flush=True)
+            self._start_all_anew()
+        return trial
+
+    def _end_and_restart(self, trial: Trial) -> float:
+        number, again = ENDINGS[trial.fault]
+        asked = time.monotonic()
+        trial.code, text = self.loop.end(trial.target, number, again)
+        trial.traceback = 'Traceback' in text
+        if trial.target == 'recorder':
+            killed = number == signal.SIGKILL
+            trial.lost, trial.unflushed = self.watch.lost(self.loop.bags[-1], asked, killed)
+        # At once, or so late that the others have given up waiting.
+        time.sleep(float(self.random.choice([0.0, self.random.uniform(0.0, 1.0)])))
+        self.loop.start(trial.target)
+        return time.monotonic()
+
+    def _freeze(self, target: str) -> float:
+        node = self.loop.running[target]
+        node.signal(signal.SIGSTOP)
+        time.sleep(float(self.random.uniform(0.02, 1.0)))
+        node.signal(signal.SIGCONT)
+        return time.monotonic()
+
+    def _start_all_anew(self) -> None:
+        for name in NODES:
+            if name in self.loop.running:
+                self.loop.end(name, signal.SIGKILL)
+        self.begin()
+
+    def begin(self) -> None:
+        """Start every node and wait until the loop tracks.
+
+        Raises
+        ------
+        SystemExit
+            If it never does.
+        """
+        begun = time.monotonic()
+        for name in NODES:
+            self.loop.start(name)
+        if not self.watch.settle(begun, 2.0 * PATIENCE):
+            silent = [n for n in NODES if self.observer.seen.heard.get(n, 0.0) < begun]
+            raise SystemExit(f'the loop does not run; silent are: {", ".join(silent) or "none"}')
+
+
+KINDS = (
+    *((name, fault) for name in NODES for fault in (*ENDINGS, FREEZE)),
+    *(('simulator', fault) for fault in INJECTED),
+    *((topic, fault) for topic in TARGETS for fault in FAULTS),
+)
+
+
+def plan(trials: int, seed: int, only: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """Return targets and faults in a random order, `trials` times each."""
+    everything = [kind for kind in KINDS if not only or not set(only).isdisjoint(kind)] * trials
+    np.random.default_rng(seed).shuffle(everything)
+    return [(str(target), str(fault)) for target, fault in everything]
+
+
+def show(trials: Sequence[Trial]) -> None:
+    """Print the table: one line per target and fault."""
+    print(
+        f'{"target":20}{"fault":16}{"n":>4}{"jump":>6}{"cmd":>6}{"heard s (p50 max)":>19}'
+        f'{"back s (p50 p95 max)":>22}{"lost":>5}  wrong'
+    )
+    groups: dict[tuple[str, str], list[Trial]] = {}
+    for trial in trials:
+        groups.setdefault((trial.target, trial.fault), []).append(trial)
+    for (target, fault), group in sorted(groups.items()):
+        heard = np.array([t.heard for t in group if t.heard is not None] or [np.nan])
+        back = np.array([t.back for t in group if t.back is not None] or [np.nan])
+        p50, p95 = np.percentile(back, [50, 95])
+        wrong = sorted({words for t in group for words in t.faults})
+        count = sum(bool(t.faults) for t in group)
+        print(
+            f'{target:20}{fault:16}{len(group):>4}{max(t.jump for t in group):6.2f}'
+            f'{max(t.command_jump for t in group):6.1f}{np.median(heard):12.2f}{heard.max():7.2f}'
+            f'{p50:9.2f}{p95:7.2f}{back.max():6.2f}{sum(t.lost for t in group):>5}'
+            f'  {f"{count}: " + ", ".join(wrong) if wrong else "-"}'
+        )
+
+
+def main() -> int:
+    """Run the campaign; the exit code tells whether every trial went well."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--trials', type=int, default=100, help='of each fault on each target')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--minutes', type=float, default=1e9, help='end after so long')
+    names = sorted({word for kind in KINDS for word in kind})
+    parser.add_argument('--only', nargs='*', default=(), choices=names, metavar='TARGET|FAULT')
+    parser.add_argument('--out', type=Path, default=Path('out/faults.json'))
+    words = parser.parse_args()
+    end_on_terminate()
+    end = time.monotonic() + 60.0 * words.minutes
+    with tempfile.TemporaryDirectory() as folder, NodeProcesses() as processes:
+        observer = Observer(processes)
+        loop = Loop(processes, Path(folder), Setting())
+        watch = Watch(observer.seen, loop.setting)
+        random = np.random.default_rng(words.seed)
+        campaign = Campaign(loop, observer, Rogue(observer.node), watch, random)
+        campaign.begin()
+        wanted = plan(words.trials, words.seed, words.only)
+        for target, fault in wanted:
+            trial = campaign.run(target, fault)
+            if trial.faults:
+                print(f'{target} {fault}: {", ".join(trial.faults)}', flush=True)
+            if sys.stderr.isatty():
+                print(f'\r{len(campaign.trials)} of {len(wanted)}', end='', file=sys.stderr)
+            if time.monotonic() > end:
+                break
+        observer.close()
+    show(campaign.trials)
+    wrong = [trial for trial in campaign.trials if trial.faults]
+    print(f'{len(campaign.trials)} trials, {len(wrong)} went wrong; load {os.getloadavg()[0]:.1f}')
+    words.out.parent.mkdir(parents=True, exist_ok=True)
+    words.out.write_text(json.dumps([asdict(t) for t in campaign.trials], indent=1) + '\n')
+    return 1 if wrong else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

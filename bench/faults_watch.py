@@ -1,0 +1,171 @@
+"""Judges the loop from what an observer heard: voltage, tracking, recorded samples.
+
+Used by `bench/faults.py`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from bench.live_loop import NODES, Observed, Setting, State, wait_until
+from piezo_hysteresis.records.bag_content import read_content
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.definitions import STATE
+
+Key = tuple[int, float, float]
+
+
+class Watch:
+    """Answers questions about the loop.
+
+    Parameters
+    ----------
+    seen : Observed
+        What is heard; grows meanwhile.
+    setting : Setting
+        Limits, slew and reference of the loop.
+    """
+
+    def __init__(self, seen: Observed, setting: Setting) -> None:
+        self._seen = seen
+        self._setting = setting
+        self._bound = math.inf
+
+    def mark(self) -> int:
+        """Return the number of samples that have been seen."""
+        return len(self._seen.states)
+
+    # --- voltage -------------------------------------------------------------------------------
+
+    def voltage(self, first: int) -> tuple[float, float, float]:
+        """Return excess over the limits [V] and jumps of voltage and command since `first`.
+
+        Jumps are in multiples of what the slew allows from tick to tick. An actuator that is
+        started anew is at 0 V; its first voltage counts from there.
+        """
+        s = self._setting
+        states = self._seen.states[max(0, first - 1) :]
+        beyond = max((max(x.voltage - s.high, s.low - x.voltage) for x in states), default=0.0)
+        jump = max((self._jump(a, b, b.voltage) for a, b in pairwise(states)), default=0.0)
+        command_jump = 0.0
+        for a, b in pairwise(states):
+            command = self._seen.commands.get(b.sample)
+            if command is not None and a.life == b.life == states[-1].life:
+                command_jump = max(command_jump, self._jump(a, b, command))
+        return max(0.0, beyond), jump, command_jump
+
+    def _jump(self, before: State, after: State, voltage: float) -> float:
+        s = self._setting
+        anew = after.life != before.life
+        ticks = 1 if anew else after.sample - before.sample
+        change = abs(voltage - (0.0 if anew else before.voltage))
+        return change / (ticks * s.slew / s.rate)
+
+    # --- tracking ------------------------------------------------------------------------------
+
+    def error(self) -> float:
+        """Return the rms tracking error over the newest period [m]; nan where it has gaps."""
+        states = self._seen.states[-self._setting.period :]
+        if len(states) < self._setting.period or states[0].life != states[-1].life:
+            return math.nan
+        references = self._seen.references
+        wanted = [references.get(state.sample) for state in states]
+        total = 0.0
+        for state, point in zip(states, wanted, strict=True):
+            if point is None:
+                return math.nan
+            total += (state.displacement - point) ** 2
+        return math.sqrt(total / len(states))
+
+    def settle(self, since: float, timeout: float) -> bool:
+        """Wait until all nodes are heard and the error no longer falls; keep its bound."""
+
+        def steady() -> bool:
+            return all(self._seen.heard.get(name, 0.0) > since for name in NODES)
+
+        end = time.monotonic() + timeout
+        if not wait_until(steady, timeout):
+            return False
+        before = math.inf
+        while time.monotonic() < end:
+            time.sleep(2.0 / self._setting.frequency)
+            now = self.error()
+            if now > 0.9 * before:
+                if math.isinf(self._bound):
+                    self._bound = 2.0 * max(now, before) + 1e-6
+                return now < self._bound
+            before = now if math.isfinite(now) else math.inf
+        return False
+
+    def back(self, since: float, target: str, timeout: float) -> tuple[float | None, float | None]:
+        """Wait until the loop tracks as before, on samples that are all newer than `since`.
+
+        Returns
+        -------
+        back, heard : float or None
+            Seconds after `since` at which the period began over which the error was as small as
+            before, and at which `target` was heard; None where it did not happen.
+        """
+        heard: list[float] = []
+        begun: list[float] = []
+
+        def done() -> bool:
+            if not heard and self._seen.heard.get(target, 0.0) > since:
+                heard.append(self._seen.heard[target] - since)
+            if not heard and target in NODES:
+                return False
+            states = self._seen.states[-self._setting.period :]
+            if states and states[0].arrived > since and self.error() <= self._bound:
+                begun.append(states[0].arrived - since)
+                return True
+            return False
+
+        wait_until(done, timeout)
+        return (begun[0] if begun else None), (heard[0] if heard else None)
+
+    # --- recorder ------------------------------------------------------------------------------
+
+    def lost(self, bag: Path, asked: float, killed: bool) -> tuple[int, float]:
+        """Return how many samples miss in a bag, and what a kill took of its end [s].
+
+        Counted are the samples that were seen from the first one in the bag until the recorder
+        was asked to end. One that was killed could not write what it had not flushed: that is
+        told apart, as time.
+        """
+        content = read_content(bag, DamageLog(True)).of_type(STATE)
+        columns = [[*part.column(n).tolist()] for part in content for n in _FIELDS]
+        held = list(zip(*columns, strict=True)) if columns else []
+        seen = [s for s in self._seen.states if s.arrived <= asked]
+        return missing(held, seen, killed)
+
+
+_FIELDS = ('sample', 'voltage', 'displacement')
+
+
+def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[int, float]:
+    """Return how many of the samples `seen` after the first one `held` are not held.
+
+    Parameters
+    ----------
+    held : sequence of (sample, voltage, displacement)
+        What the bag holds.
+    seen : sequence of State
+        What was published until the recorder was asked to end.
+    killed : bool
+        Leave out what is missing at the end, and return how long that is [s] instead.
+    """
+    if not held:
+        return (0, 0.0) if killed else (len(seen), 0.0)
+    keys = [(s.sample, s.voltage, s.displacement) for s in seen]
+    have = set(held)
+    first = next((k for k, key in enumerate(keys) if key in have), len(keys))
+    absent = [k for k in range(first, len(keys)) if keys[k] not in have]
+    tail = 0
+    while killed and tail < len(absent) and absent[-1 - tail] == len(keys) - 1 - tail:
+        tail += 1
+    unflushed = seen[-1].arrived - seen[len(keys) - tail].arrived if tail else 0.0
+    return len(absent) - tail, unflushed

@@ -1,0 +1,210 @@
+"""The control loop in real time at 1 kHz for minutes: lost, late, latency, CPU.
+
+    python bench/real_time.py [--minutes 10] [--rate 1000] [--together] [--out out/real_time.json]
+
+Simulator, excitation, feedforward and attenuation run as processes; with `--together` the last
+three run in one, `control_loop`. A tick is late where its command was not there when the actuator
+took the tick: after the time of the next tick, in terms of the state that it answers. A sample is
+lost where no command for it ever came, or an observer that is connected for all of the run did not
+receive it. Latency is the time from the state to the command that answers it, by the time stamps
+of the middleware at the two writers, on one machine. CPU time is that of the processes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+import rclpy
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from bench.live_loop import end_on_terminate
+from piezo_hysteresis.models import ModelFile, named
+from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
+from piezo_ros_common import topics
+from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.running import make_executor
+
+SETTLE = 3.0
+TICKS_PER_SECOND = os.sysconf('SC_CLK_TCK')
+SEPARATE = ('excitation', 'feedforward', 'attenuation')
+TOGETHER = ('control_loop',)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a run showed.
+
+    Attributes
+    ----------
+    seconds, samples : float, int
+        Length of the run, and ticks of the actuator in it.
+    lost : int
+        Samples without a command, or that the observer did not receive.
+    late : int
+        Samples whose command came too late.
+    late_percent : float
+        Of all samples.
+    overruns : int
+        Ticks that the actuator itself took late, because it was not scheduled in time.
+    p50, p99, p999 : float
+        Latency from the state to the command that answers it [us].
+    cpu : float
+        CPU time of all processes per sample [us].
+    load : float
+        Load of the machine during the run, without this loop where it was idle before.
+    """
+
+    seconds: float
+    samples: int
+    lost: int
+    late: int
+    late_percent: float
+    overruns: int
+    p50: float
+    p99: float
+    p999: float
+    cpu: float
+    load: float
+
+
+class Stopwatch(Node):
+    """Notes when states and commands were written."""
+
+    def __init__(self) -> None:
+        super().__init__('stopwatch')
+        self.states: list[tuple[int, int]] = []
+        self.commands: list[tuple[int, int]] = []
+        self.counts: dict[str, int] = {}
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
+        self.create_subscription(VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP)
+        self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
+
+    def _on_state(self, message: ActuatorState, info: dict[str, int]) -> None:
+        self.states.append((message.sample, info['source_timestamp']))
+
+    def _on_command(self, message: VoltageCommand, info: dict[str, int]) -> None:
+        self.commands.append((message.sample, info['source_timestamp']))
+
+    def _on_status(self, message: LoopStatus) -> None:
+        more = dict(zip(message.names.split(','), message.counts, strict=True))
+        self.counts = {'late': message.late, 'missed': message.missed, **more}
+
+
+def cpu_seconds(pids: list[int]) -> float:
+    """Return the CPU time that processes have used so far [s]."""
+    total = 0
+    for pid in pids:
+        words = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+        total += int(words[11]) + int(words[12])
+    return total / TICKS_PER_SECOND
+
+
+def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
+    """Run the loop in real time for so long."""
+    model = named('bouc_wen_mode')
+    file = folder / 'model.yaml'
+    ModelFile(model, {**model.defaults(), 'natural_frequency': 68.0}).save(file)
+    reference = {'mode': 'reference', 'frequency': 10.0, 'reference.amplitude': 8e-5}
+    own: dict[str, dict[str, object]] = {
+        'excitation': {**reference, 'deadline': 60.0},
+        'feedforward': {'model_file': str(file)},
+        'attenuation': {'method': 'afc', 'orders': [0, 1, 3]},
+    }
+    own['control_loop'] = {**own['excitation'], **own['feedforward'], **own['attenuation']}
+    with NodeProcesses() as processes:
+        os.environ['ROS_DOMAIN_ID'] = str(processes.domain)
+        rclpy.init()
+        watch = Stopwatch()
+        executor = make_executor('auto')
+        executor.add_node(watch)
+        processes.start('piezo_sim', 'simulator', {'rate': rate})
+        for name in TOGETHER if together else SEPARATE:
+            processes.start('piezo_hysteresis', name, {'rate': rate, **own[name]})
+        serve = functools.partial(_serve, executor, processes)
+        serve(60.0, lambda: bool(watch.commands))
+        serve(SETTLE)
+        first, before = watch.states[-1][0] + 1, dict(watch.counts)
+        pids = [node.pid for node in processes.nodes]
+        cpu, begun = cpu_seconds(pids), time.monotonic()
+        serve(seconds)
+        cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - begun
+        last = watch.states[-1][0]
+        serve(1.5)  # the counters, and what is under way
+        after = watch.counts
+        executor.shutdown()
+        watch.destroy_node()
+        rclpy.shutdown()
+    grown = {name: after[name] - before.get(name, 0) for name in after}
+    return figures(watch, range(first, last + 1), grown, cpu, took)
+
+
+def _serve(
+    executor: Executor,
+    processes: NodeProcesses,
+    seconds: float,
+    condition: Callable[[], bool] = lambda: False,
+) -> None:
+    """Listen for so long, or until `condition` holds."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not condition():
+        executor.spin_until_future_complete(Future(), timeout_sec=0.2)
+        processes.check()
+
+
+def figures(
+    watch: Stopwatch, ticks: range, grown: dict[str, int], cpu: float, took: float
+) -> Figures:
+    """Sum a run up over the samples `ticks`."""
+    states, commands = dict(watch.states), dict(watch.commands)
+    answered = [k for k in ticks if k in commands and k - 1 in states]
+    unseen = sum(1 for k in ticks if k not in states or k not in commands)
+    latency = np.array([commands[k] - states[k - 1] for k in answered]) / 1e3
+    p50, p99, p999 = (float(p) for p in np.percentile(latency, [50, 99, 99.9]))
+    n = len(ticks)
+    return Figures(
+        took, n, unseen, grown['late'], 100.0 * grown['late'] / n, grown['overruns'],
+        p50, p99, p999, 1e6 * cpu / n, os.getloadavg()[1],
+    )  # fmt: skip
+
+
+def main() -> int:
+    """Run it and print the figures; the exit code tells whether the goals are reached."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--minutes', type=float, default=10.0)
+    parser.add_argument('--rate', type=float, default=1000.0, help='sampling rate [Hz]')
+    parser.add_argument('--together', action='store_true', help='controllers in one process')
+    parser.add_argument('--out', type=Path, default=Path('out/real_time.json'))
+    words = parser.parse_args()
+    end_on_terminate()
+    before = os.getloadavg()[0]
+    with tempfile.TemporaryDirectory() as folder:
+        found = run(60.0 * words.minutes, words.rate, words.together, Path(folder))
+    print(
+        f'{found.samples} samples in {found.seconds:.1f} s at {words.rate:g} Hz: {found.lost} '
+        f'lost, {found.late} late ({found.late_percent:.3f} %), {found.overruns} overruns\n'
+        f'latency p50 {found.p50:.0f}  p99 {found.p99:.0f}  p99.9 {found.p999:.0f} us; '
+        f'CPU {found.cpu:.0f} us per sample; load {before:.1f} before, {found.load:.1f} at the end'
+    )
+    words.out.parent.mkdir(parents=True, exist_ok=True)
+    words.out.write_text(json.dumps(asdict(found), indent=2) + '\n')
+    return 0 if found.lost == 0 and found.late_percent <= 0.1 else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""Somebody who talks into the loop: what is not a number, twice, out of order, from another time.
+
+Used by `bench/faults.py`.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from bench.live_loop import ROGUE
+from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
+from piezo_ros_common import topics
+from piezo_ros_common.qos import LOOP
+
+# Where the rogue talks, and the field that carries the value.
+TARGETS: dict[str, tuple[type, str]] = {
+    topics.STATE: (ActuatorState, 'displacement'),
+    topics.REFERENCE: (Reference, 'displacement'),
+    topics.VOLTAGE_FEEDFORWARD: (VoltageCommand, 'voltage'),
+    topics.VOLTAGE_COMMAND: (VoltageCommand, 'voltage'),
+}
+
+# A value that is allowed, and far from the genuine one [V], [m].
+SPIKES = {'voltage': 0.9, 'displacement': 1.2e-4}
+
+
+def _valued(value: float) -> Callable[[Any, str], None]:
+    def spoil(message: Any, field: str) -> None:
+        message.sample += 1
+        setattr(message, field, value)
+
+    return spoil
+
+
+def _spike(message: Any, field: str) -> None:
+    message.sample += 1
+    setattr(message, field, SPIKES[field])
+
+
+def _numbered(step: int) -> Callable[[Any, str], None]:
+    def spoil(message: Any, _: str) -> None:
+        message.sample = max(0, message.sample + step)
+
+    return spoil
+
+
+def _first(message: Any, _: str) -> None:
+    message.sample = 0
+
+
+def _late_stamp(message: Any, _: str) -> None:
+    message.sample += 1
+    message.header.stamp.sec += 3600
+
+
+# What is done to a copy of the newest genuine message. Values are spoilt for the next tick, so
+# that the rogue is there before the genuine message of that tick is.
+FAULTS: dict[str, Callable[[Any, str], None]] = {
+    'nan': _valued(math.nan),
+    'infinite': _valued(math.inf),
+    'huge': _valued(1e6),
+    'spike': _spike,
+    'doubled': _numbered(0),
+    'reordered': _numbered(-5),
+    'stale': _numbered(-500),
+    'ahead': _numbered(10**6),
+    'from_zero': _first,
+    'stamp_jump': _late_stamp,
+}
+
+
+class Rogue:
+    """Publishes spoilt copies of what it hears.
+
+    Parameters
+    ----------
+    node : Node
+        In the domain and namespace of the loop.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._left: dict[str, tuple[str, int]] = {}
+        self._publishers: dict[str, Any] = {}
+        for topic, (kind, _) in TARGETS.items():
+            self._publishers[topic] = node.create_publisher(kind, topic, LOOP)
+            node.create_subscription(kind, topic, self._listener(topic), LOOP)
+
+    def _listener(self, topic: str) -> Callable[[Any], None]:
+        def on_message(message: Any) -> None:
+            fault, left = self._left.get(topic, ('', 0))
+            if left <= 0:
+                return
+            # Every other one, so that its own words do not answer themselves for ever.
+            self._left[topic] = (fault, left - 1)
+            if left % 2:
+                return
+            spoilt = copy.deepcopy(message)
+            spoilt.header.frame_id = ROGUE
+            FAULTS[fault](spoilt, TARGETS[topic][1])
+            self._publishers[topic].publish(spoilt)
+
+        return on_message
+
+    def talk(self, topic: str, fault: str, messages: int) -> None:
+        """Spoil the next so many messages of `topic` by `fault`."""
+        self._left[topic] = (fault, 2 * messages)
+
+    def silent(self, topic: str) -> bool:
+        """Tell whether all has been said."""
+        return self._left.get(topic, ('', 0))[1] <= 0

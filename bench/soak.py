@@ -1,0 +1,170 @@
+"""Memory and file handles of every node of the loop over a long run: flat, or not.
+
+    python bench/soak.py [--minutes 30] [--rate 200] [--out out/soak.json]
+
+Samples resident memory and open file handles of every process once a second, fits a line to what
+comes after the first quarter (caches fill, allocators settle) and says that a node is flat where
+growth at the upper end of the slope's 95 % interval stays below 5 % of its memory in a day, or
+below 1 MiB an hour, whichever is more, and where no file handle is gained. The interval takes
+into account that neighbouring values are alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from bench.live_loop import NODES, Loop, Observer, Setting, end_on_terminate, wait_until
+from piezo_ros_common.processes import NodeProcesses
+
+MIB = 1 << 20
+SHARE_PER_DAY = 0.05
+FLOOR_PER_HOUR = 1.0 * MIB
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the memory and the handles of one node did.
+
+    Attributes
+    ----------
+    rss : float
+        Mean resident memory after the first quarter [byte].
+    slope, low, high : float
+        Growth and its 95 % interval [byte/h].
+    handles_first, handles_last : int
+        Most handles open in the second quarter and in the last one.
+    flat : bool
+        Whether both stay where they are.
+    """
+
+    rss: float
+    slope: float
+    low: float
+    high: float
+    handles_first: int
+    handles_last: int
+    flat: bool
+
+
+def resident(pid: int) -> int:
+    """Return the resident memory of a process [byte]."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE')
+
+
+def handles(pid: int) -> int:
+    """Return the number of open file handles of a process."""
+    return sum(1 for _ in Path(f'/proc/{pid}/fd').iterdir())
+
+
+def slope_of(time: np.ndarray, values: np.ndarray, blocks: int = 12) -> tuple[float, float, float]:
+    """Return the slope of `values` over `time` and its 95 % interval.
+
+    Means over blocks stand for the values: within a block they are alike, and counting them as
+    independent would make the interval far too narrow.
+    """
+    from scipy.stats import linregress, t
+
+    parts = [part for part in np.array_split(np.arange(len(time)), blocks) if len(part)]
+    x = np.array([time[part].mean() for part in parts])
+    y = np.array([values[part].mean() for part in parts])
+    fit = linregress(x, y)
+    half = float(t.ppf(0.975, len(parts) - 2) * fit.stderr)
+    return float(fit.slope), float(fit.slope) - half, float(fit.slope) + half
+
+
+def judge(seconds: np.ndarray, rss: np.ndarray, open_handles: np.ndarray) -> Verdict:
+    """Say what one node did, from its samples.
+
+    Parameters
+    ----------
+    seconds, rss, open_handles : ndarray of shape (n,)
+        Time [s], memory [byte], number of handles.
+    """
+    late = seconds >= seconds[0] + 0.25 * (seconds[-1] - seconds[0])
+    slope, low, high = (3600.0 * each for each in slope_of(seconds[late], rss[late]))
+    mean = float(rss[late].mean())
+    after = open_handles[late]
+    third = max(1, len(after) // 3)
+    first, last = int(after[:third].max()), int(after[-third:].max())
+    bound = max(FLOOR_PER_HOUR, SHARE_PER_DAY * mean / 24.0)
+    return Verdict(mean, slope, low, high, first, last, high <= bound and last <= first)
+
+
+def soak(seconds: float, setting: Setting, folder: Path, every: float = 1.0) -> dict[str, Verdict]:
+    """Run the loop for so long and return the verdict on every node."""
+    with NodeProcesses() as processes:
+        observer = Observer(processes)
+        loop = Loop(processes, folder, setting)
+        for name in NODES:
+            loop.start(name)
+        counts = observer.seen.counts
+        if not wait_until(lambda: all(counts[name] for name in NODES), 120.0):
+            silent = [name for name in NODES if not counts[name]]
+            raise SystemExit(f'the loop does not run: nothing is heard of {", ".join(silent)}')
+        begun = time.monotonic()
+        times: list[float] = []
+        rows: list[list[tuple[int, int]]] = []
+        while times[-1] < seconds if times else True:
+            processes.check()
+            times.append(time.monotonic() - begun)
+            rows.append(
+                [
+                    (resident(loop.running[name].pid), handles(loop.running[name].pid))
+                    for name in NODES
+                ]
+            )
+            observer.seen.forget()
+            time.sleep(every)
+        ticks = observer.seen.states[-1].sample
+        observer.close()
+        loop.stop()
+    print(f'{ticks} ticks in {times[-1]:.0f} s')
+    table = np.array(rows, dtype=float)
+    t = np.array(times)
+    return {name: judge(t, table[:, k, 0], table[:, k, 1]) for k, name in enumerate(NODES)}
+
+
+def show(verdicts: dict[str, Verdict]) -> None:
+    """Print the table."""
+    print(f'{"node":16}{"RSS MiB":>9}{"MiB/h":>9}{"95 % interval":>20}{"handles":>10}')
+    for name, v in verdicts.items():
+        span = f'{v.low / MIB:.2f} .. {v.high / MIB:.2f}'
+        print(
+            f'{name:16}{v.rss / MIB:9.1f}{v.slope / MIB:9.2f}{span:>20}'
+            f'{v.handles_first:>5} {v.handles_last:>4}  {"flat" if v.flat else "GROWS"}'
+        )
+
+
+def main() -> int:
+    """Run the soak and print its table; the exit code tells whether all is flat."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--minutes', type=float, default=30.0)
+    parser.add_argument('--rate', type=float, default=200.0, help='sampling rate of the loop [Hz]')
+    parser.add_argument('--out', type=Path, default=Path('out/soak.json'))
+    words = parser.parse_args()
+    end_on_terminate()
+    load = os.getloadavg()
+    with tempfile.TemporaryDirectory() as folder:
+        verdicts = soak(60.0 * words.minutes, Setting(rate=words.rate), Path(folder))
+    print(f'load of the machine {load[0]:.1f} before, {os.getloadavg()[0]:.1f} after')
+    show(verdicts)
+    words.out.parent.mkdir(parents=True, exist_ok=True)
+    words.out.write_text(json.dumps({k: asdict(v) for k, v in verdicts.items()}, indent=2) + '\n')
+    return 0 if all(v.flat for v in verdicts.values()) else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
