@@ -82,6 +82,16 @@ class Interrupt:
     def _note(self, *_: object) -> None:
         self.requested = True
 
+    @staticmethod
+    def ignore() -> None:
+        """Let further signals do nothing: the process is about to end.
+
+        While it ends Python would have them kill it, and its exit code would say so; `ros2 launch`
+        sends one after the other.
+        """
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
 
 def spin(
     node: Node,
@@ -127,6 +137,7 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
         return int(wanted.code or 0)
     finally:
         _close(node)
+        interrupt.ignore()
     return int(getattr(node, 'exit_code', 0))
 
 
