@@ -35,6 +35,7 @@ CASES = {
     'amplifier_lag': ({'lag_time': 0.003}, 1e-2),
     'amplifier_lag_sampled': ({'sampled_lag_time': 0.003}, 1e-3),
     'sensor_lag': ({'sensor_lag_time': 0.002}, 1e-2),
+    'sensor_lag_sampled': ({'sampled_sensor_lag_time': 0.002}, 1e-3),
     'bouc_wen_widening': (
         {'widening': 0.05, 'widening_corner': 4.0, 'widening_memory': 0.005},
         5e-3,

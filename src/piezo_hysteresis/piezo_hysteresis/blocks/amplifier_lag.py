@@ -37,7 +37,7 @@ def kernel(
 def sampled_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the lagging voltage at the end of each sample; state is the voltage [V]."""
+    """Answer what lags behind an input that is held, at the end of each sample; state is that."""
     kept = exp(-dt / p[0]) if p[0] > 0.0 else 0.0
     voltage = state[0]
     for k in range(x.size):
@@ -117,6 +117,15 @@ BLOCKS = (
         description='Low pass of first order between the displacement and the reading.',
         source='bandwidth of the sensor electronics',
     ),
+    Block(
+        name='sensor_lag_sampled',
+        slot=Slot.SENSOR,
+        parameters=(_time('sampled_sensor_lag_time', 'the bandwidth of the sensor'),),
+        kernel=sampled_kernel,
+        state_size=1,
+        description='The same for a displacement that steps with the held voltage: static chains.',
+        source='bandwidth of the sensor electronics',
+    ),
 )
 
 _AMPLIFIER = 'The amplifier with the capacitance of the actuator is a low pass.'
@@ -138,5 +147,5 @@ EFFECTS = tuple(
         ),
         mistaken_for=('transport_delay', 'resonance', 'creep', 'rate_dependence'),
     )
-    for block, physics in zip(BLOCKS, (_AMPLIFIER, _AMPLIFIER, _SENSOR), strict=True)
+    for block, physics in zip(BLOCKS, (_AMPLIFIER, _AMPLIFIER, _SENSOR, _SENSOR), strict=True)
 )

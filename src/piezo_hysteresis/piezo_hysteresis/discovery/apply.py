@@ -70,13 +70,16 @@ def _bouc_wen_widening(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
-def _sensor_lag(v: Mapping[str, float]) -> SimulatorValues:
-    if v['sensor_lag_time'] <= 0.0:
-        return {}
-    return {
-        'effects.sensor_bandwidth': True,
-        'sensor.bandwidth': 1.0 / (2.0 * pi * v['sensor_lag_time']),
-    }
+def _sensor_lag(name: str) -> Translation:
+    def translate(v: Mapping[str, float]) -> SimulatorValues:
+        if v[name] <= 0.0:
+            return {}
+        return {
+            'effects.sensor_bandwidth': True,
+            'sensor.bandwidth': 1.0 / (2.0 * pi * v[name]),
+        }
+
+    return translate
 
 
 def _mode(v: Mapping[str, float]) -> SimulatorValues:
@@ -173,7 +176,8 @@ TABLE: dict[str, Translation] = {
     'amplifier_lag_sampled': _switched(
         'amplifier_lag', sampled_lag_time='amplifier__lag_time_constant'
     ),
-    'sensor_lag': _sensor_lag,
+    'sensor_lag': _sensor_lag('sensor_lag_time'),
+    'sensor_lag_sampled': _sensor_lag('sampled_sensor_lag_time'),
     'bouc_wen_widening': _bouc_wen_widening,
     'slew_limit': _switched('slew_limit', slew_rate='amplifier__slew_rate'),
     'electrostriction': _electrostriction,

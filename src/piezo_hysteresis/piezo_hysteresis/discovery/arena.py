@@ -36,7 +36,7 @@ DOUBTS = 3.0
 EXACT = 0.02
 COARSE = 0.07
 COARSE_EFFECTS = ('nonlocal_memory', 'rate_dependence', 'hysteresis')
-COARSE_VARIANTS = ('sensor_lag', 'in_mode', 'in_nonlinear_mode')
+COARSE_VARIANTS = ('in_mode', 'in_nonlinear_mode')
 # Standard errors from which an improvement counts.
 SURE = 5.0
 
