@@ -6,9 +6,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from typing import NoReturn
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -16,6 +18,8 @@ from rclpy.task import Future
 # EventsExecutor never wakes from an endless wait on some builds; a finite one always does. It is
 # also how long a signal may wait to be seen.
 LONGEST_WAIT = 0.1
+
+RCLError = rclpy_implementation.RCLError
 
 EXECUTORS = ('auto', 'events', 'default')
 
@@ -128,7 +132,7 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
     node: Node | None = None
     try:
         _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
-        node = create()
+        node = _create(create)
         choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
         spin(node, choice, getattr(node, 'stop', None), interrupt)
     except ExternalShutdownException:
@@ -145,9 +149,19 @@ def _init(words: list[str]) -> None:
     try:
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy does not export the class of this error
-        reason = ' '.join(str(error).split())
-        print(f'error: {reason} (mend the arguments or the parameter file)', file=sys.stderr)
-        raise SystemExit(2) from None
+        _refuse(error, 'mend the arguments or the parameter file')
+
+
+def _create(create: Callable[[], Node]) -> Node:
+    try:
+        return create()
+    except RCLError as error:
+        _refuse(error, 'mend the names, or the ROS_SECURITY settings where they are set')
+
+
+def _refuse(error: Exception, remedy: str) -> NoReturn:
+    print(f'error: {" ".join(str(error).split())} ({remedy})', file=sys.stderr)
+    raise SystemExit(2) from None
 
 
 def _close(node: Node | None) -> None:
