@@ -18,9 +18,12 @@ ALLOWED = {
     'compensation': NEUTRAL | {'models', 'identification'},
     'discovery': NEUTRAL | {'models', 'identification', 'compensation'},
     'reporting': NEUTRAL | {'models', 'identification', 'compensation', 'discovery'},
-    'cli': NEUTRAL | {'models', 'identification', 'compensation', 'discovery', 'reporting'},
+    'dashboard': NEUTRAL | {'models', 'reporting'},
+    'batch': NEUTRAL | {'models', 'identification', 'discovery', 'reporting'},
+    'cli': NEUTRAL
+    | {'models', 'identification', 'compensation', 'discovery', 'reporting', 'batch'},
     'nodes': NEUTRAL
-    | {'models', 'identification', 'compensation', 'discovery', 'reporting', 'cli'},
+    | {'models', 'identification', 'compensation', 'discovery', 'reporting', 'cli', 'dashboard'},
 }
 ROS = {
     'rclpy',

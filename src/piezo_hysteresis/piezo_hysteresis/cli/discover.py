@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import argparse
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import IdentificationError
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.batch.tasks import Discover
 
 HELP = 'find what a model misses, name it, prove it'
 
@@ -31,33 +34,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Discover and write the results."""
-    from dataclasses import replace
+    task = task_of(arguments)
+    with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
+        found = task.work(arguments.data, arguments.out, progress)
+    _tell(found.verdict, arguments.out)
+    return 0
 
-    from piezo_hysteresis.discovery import discover
-    from piezo_hysteresis.models import ModelFile, named
-    from piezo_hysteresis.records import load
-    from piezo_hysteresis.reporting.discovery_folder import write_discovery
+
+def task_of(arguments: argparse.Namespace) -> Discover:
+    """Return what the words ask for."""
+    from piezo_hysteresis.batch.tasks import Discover
 
     if arguments.workers < 0:
         raise IdentificationError('--workers must be 0 (one per core) or more')
-    word = arguments.baseline
-    is_file = word.endswith(('.yaml', '.yml'))
-    baseline: Any = ModelFile.load(word) if is_file else named(word)
-    records = load(arguments.data, actuator=arguments.actuator, salvage=arguments.salvage)
-    if arguments.warm_up is not None:
-        records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
-    with progress_bar(f'discover, baseline {word}') as progress:
-        found = discover(
-            records,
-            baseline,
-            name=word,
-            seed=arguments.seed,
-            workers=arguments.workers or os.cpu_count() or 1,
-            progress=progress,
-        )
-    write_discovery(arguments.out, found, arguments.data)
-    _tell(found.verdict, arguments.out)
-    return 0
+    return Discover(
+        baseline=arguments.baseline,
+        seed=arguments.seed,
+        workers=arguments.workers or os.cpu_count() or 1,
+        warm_up=arguments.warm_up,
+        actuator=arguments.actuator,
+        salvage=arguments.salvage,
+    )
 
 
 def _tell(verdict: Any, out: str) -> None:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.models import NAMES, Model, ModelFile, named
+from piezo_hysteresis.models import NAMES
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.batch.tasks import Identify
 
 HELP = 'identify a model from records'
 
@@ -68,49 +70,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify and write the results."""
-    from dataclasses import replace
-
-    from piezo_hysteresis.identification import METHODS, identify
-    from piezo_hysteresis.identification.history import preceded
-    from piezo_hysteresis.records import load
-    from piezo_hysteresis.reporting.identification_folder import write_identification
-
-    if arguments.method not in METHODS:
-        raise IdentificationError(
-            f'method {arguments.method!r} is unknown; choose one of {", ".join(METHODS)}'
-        )
-    model, start = _model(arguments.model)
-    model = model.hold(**_pairs(arguments.hold))
-    start |= _pairs(arguments.set)
-    records = load(arguments.data, actuator=arguments.actuator)
-    if arguments.warm_up is not None:
-        records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
-    if arguments.before:
-        records = [preceded(record, arguments.before) for record in records]
-    with progress_bar(f'{arguments.method} {model.name}') as progress:
-        found = identify(
-            records,
-            model,
-            method=arguments.method,
-            seed=arguments.seed,
-            progress=progress,
-            **_options(arguments, start),
-        )
-    write_identification(arguments.out, found, records, arguments.data)
+    task = task_of(arguments)
+    with progress_bar(f'{arguments.method} {arguments.model}') as progress:
+        found = task.work(arguments.data, arguments.out, progress)
     _tell(found, arguments.out)
     return 0
 
 
-def _model(word: str) -> tuple[Model, dict[str, float]]:
-    """Model and start values that `word` names."""
-    if word.endswith(('.yaml', '.yml')):
-        saved = ModelFile.load(word)
-        return saved.model, {n: saved.values[n] for n in saved.model.free_names}
-    name, *blocks = word.split('+')
-    model = named(name)
-    for block in blocks:
-        model = model.with_block(named_block(block))
-    return model, {}
+def task_of(arguments: argparse.Namespace) -> Identify:
+    """Return what the words ask for."""
+    from piezo_hysteresis.batch.tasks import Identify
+
+    return Identify(
+        model=arguments.model,
+        method=arguments.method,
+        seed=arguments.seed,
+        hold=_pairs(arguments.hold),
+        start=_pairs(arguments.set),
+        before=tuple(arguments.before),
+        warm_up=arguments.warm_up,
+        options=_options(arguments),
+        actuator=arguments.actuator,
+    )
 
 
 def _pairs(words: list[str]) -> dict[str, float]:
@@ -126,7 +107,7 @@ def _pairs(words: list[str]) -> dict[str, float]:
     return pairs
 
 
-def _options(arguments: argparse.Namespace, start: dict[str, float]) -> dict[str, Any]:
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Options that the method takes; one that belongs to another method is refused."""
     given = {
         'weights': arguments.weights,
@@ -137,7 +118,7 @@ def _options(arguments: argparse.Namespace, start: dict[str, float]) -> dict[str
         'variant': arguments.variant,
         'offset': False if arguments.no_offset else None,
         'unit': arguments.unit,
-        'start': start or None,
+        'start': arguments.set or arguments.model.endswith(('.yaml', '.yml')) or None,
     }
     takes = _TAKES.get(arguments.method, _SEARCH)
     stray = sorted(
@@ -148,7 +129,7 @@ def _options(arguments: argparse.Namespace, start: dict[str, float]) -> dict[str
         raise IdentificationError(
             f'{arguments.method} does not take {words.replace("_", "-")}; leave it out'
         )
-    options = {name: value for name, value in given.items() if value is not None}
+    options = {k: value for k, value in given.items() if value is not None and k != 'start'}
     if 'workers' in takes:
         options['workers'] = arguments.workers
     return options

@@ -20,8 +20,10 @@ VERBS = {
     'validate': 'validate',
     'compensate': 'compensate',
     'discover': 'discover',
+    'batch': 'batch',
     'record': 'record',
     'play': 'play',
+    'dashboard': 'dashboard',
     'demo': 'demo',
 }
 

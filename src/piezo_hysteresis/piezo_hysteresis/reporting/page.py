@@ -78,7 +78,8 @@ class Section:
         What the part answers.
     text : str
         Plain text: an empty line starts a paragraph, ``- `` an item of a list, ```` `...` ````
-        marks what is typed.
+        marks what is typed,
+        ``[words](page.html)`` leads to a page beside this one.
     figures : tuple of Plot
         Side by side where the screen is wide enough.
     tables : tuple of Table
@@ -163,7 +164,9 @@ def _prose(text: str) -> str:
 
 
 def _inline(text: str) -> str:
-    return re.sub(r'`([^`]+)`', r'<code>\1</code>', html.escape(text))
+    words = re.sub(r'`([^`]+)`', r'<code>\1</code>', html.escape(text))
+    # to pages beside this one only: an address with a scheme stays as it is typed
+    return re.sub(r'\[([^\[\]]+)\]\(([^():\s]+)\)', r'<a href="\2">\1</a>', words)
 
 
 def _table(table: Table) -> str:

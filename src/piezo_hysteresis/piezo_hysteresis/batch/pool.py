@@ -1,0 +1,67 @@
+"""Processes of our own to work in: none outlives its owner, and a broken pool is replaced."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing.connection import wait
+from types import TracebackType
+
+
+class OwnPool:
+    """A process pool that can be renewed; leaving it by an exception ends its processes.
+
+    Parameters
+    ----------
+    workers : int
+        Processes; 0 is one per core.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers or os.cpu_count() or 1
+        self._others = {child.pid for child in multiprocessing.active_children()}
+        # Each process works on a job of its own: threads of the linear algebra only get in the
+        # way. Read when a process starts, so this one keeps what it has.
+        os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+        self.executor = self._new()
+
+    def _new(self) -> Executor:
+        # fresh processes: forking one in which numba or a BLAS has threads can hang
+        context = multiprocessing.get_context('spawn')
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin)
+
+    def renew(self) -> None:
+        """Replace the pool, after it broke."""
+        self.executor.shutdown(wait=True, cancel_futures=True)
+        self.executor = self._new()
+
+    def __enter__(self) -> OwnPool:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            for child in multiprocessing.active_children():
+                if child.pid not in self._others:
+                    child.terminate()
+        self.executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin() -> None:
+    """Prepare a worker: the owner alone answers Ctrl-C, and the worker ends when the owner has."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    owner = multiprocessing.parent_process()
+    if owner is not None:
+        threading.Thread(target=_end_with, args=(owner.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)

@@ -1,0 +1,186 @@
+"""Runs the jobs of a batch on any executor, keeps what is finished, never stops for one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED as FIRST
+from concurrent.futures import BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass
+from pathlib import Path
+
+from piezo_hysteresis.batch.inputs import Job, jobs_of
+from piezo_hysteresis.batch.pool import OwnPool
+from piezo_hysteresis.batch.tasks import Progress, Row, Task, quiet
+from piezo_hysteresis.errors import PiezoError
+
+Collect = Callable[[Job, Row], None]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What came out.
+
+    Attributes
+    ----------
+    rows : list of dict
+        One per job, in the order of the data: ``name``, ``data``, ``state`` (``done``,
+        ``refused`` for data that cannot be used, ``failed`` for all else), ``error``,
+        ``seconds``, ``report`` (relative path) and the columns of the task.
+    resumed : int
+        How many of them were finished before.
+    notes : list of str
+        What a user should know, such as a format that could not be written.
+    """
+
+    rows: list[Row]
+    resumed: int
+    notes: list[str]
+
+
+def run_batch(
+    task: Task,
+    data: Sequence[str | Path],
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    workers: int = 1,
+    progress: Progress = quiet,
+) -> Batch:
+    """Run a task over many bags and CSV files.
+
+    Every job has a folder of its own in `out`, with all that the verb leaves and a note that it
+    is finished. A job whose note still belongs to its data and settings is not run again.
+
+    Parameters
+    ----------
+    task : Task
+        `Identify`, `Discover`, or anything alike.
+    data : sequence of str or Path
+        Bags and CSV files, or folders of them.
+    out : str or Path
+        Folder of the results: a folder per job, ``results.csv``, ``results.parquet`` and
+        ``index.html``.
+    executor : Executor, optional
+        Where the jobs run: threads, processes, a Dask cluster (``Client.get_executor()``). Its
+        workers must see `data` and `out` under the same paths.
+    workers : int
+        Without an executor: 1 works in this process, more in processes of their own.
+    progress : callable
+        Told ``(fraction, words)``.
+
+    Returns
+    -------
+    Batch
+        Rows of all jobs; a job that could not be done is a row that says why.
+
+    Raises
+    ------
+    PiezoError
+        If there are no data, `out` cannot be written, or the given executor broke down; what is
+        finished is kept.
+    """
+    from piezo_hysteresis.batch.table import write_tables  # draws: not for the workers
+
+    jobs = jobs_of(task, data, out)
+    rows = {job.name: row for job in jobs if (row := job.finished()) is not None}
+    resumed = len(rows)
+
+    def collect(job: Job, row: Row) -> None:
+        rows[job.name] = row
+        progress(len(rows) / len(jobs), f'{len(rows)} of {len(jobs)}: {job.name} {row["state"]}')
+
+    left = [job for job in jobs if job.name not in rows]
+    progress(resumed / len(jobs), f'{resumed} of {len(jobs)} were finished before')
+    if executor is not None:
+        if _round(task, left, executor, len(left), collect):
+            raise PiezoError('the executor broke down; start it anew and run the batch again')
+    elif workers == 1:
+        for job in left:
+            collect(job, work(task, job))
+    else:
+        _in_own_pools(task, left, workers, collect)
+    ordered = [rows[job.name] for job in jobs]
+    return Batch(ordered, resumed, write_tables(out, task.verb, ordered))
+
+
+def work(task: Task, job: Job) -> Row:
+    """Do one job in this process; whatever happens is a row."""
+    begun = time.perf_counter()
+    try:
+        job.begin()
+        done = {'report': f'{job.name}/report.html', **task([job.data], job.folder)}
+        row = _row(job, 'done', '', begun) | done
+    except PiezoError as error:
+        row = _row(job, 'refused', str(error), begun)
+    except Exception as error:  # one bad bag must not stop the rest
+        row = _row(job, 'failed', f'{type(error).__name__}: {error}', begun)
+    job.note(row)
+    return row
+
+
+def _row(job: Job, state: str, error: str, begun: float) -> Row:
+    seconds = round(time.perf_counter() - begun, 3)
+    return {
+        'name': job.name, 'state': state, 'error': error, 'data': job.data,
+        'seconds': seconds, 'report': '',
+    }  # fmt: skip
+
+
+def _in_own_pools(task: Task, jobs: Sequence[Job], workers: int, collect: Collect) -> None:
+    """Work in processes; a pool that loses one is replaced, and the culprit found alone."""
+    with OwnPool(workers) as pool:
+        suspects: list[Job] = []
+        while jobs:
+            lost = _round(task, jobs, pool.executor, workers, collect)
+            suspects += lost.running
+            jobs = lost.waiting
+            if lost:
+                pool.renew()
+        for job in suspects:
+            if _round(task, [job], pool.executor, 1, collect):
+                pool.renew()
+                reason = 'the process that worked on it died; is there memory enough?'
+                collect(job, _row(job, 'failed', reason, time.perf_counter()))
+
+
+@dataclass(frozen=True)
+class _Lost:
+    """Jobs without a row because their executor broke: on which it worked, and the rest."""
+
+    running: list[Job]
+    waiting: list[Job]
+
+    def __bool__(self) -> bool:
+        return bool(self.running or self.waiting)
+
+
+def _round(
+    task: Task, jobs: Sequence[Job], executor: Executor, at_once: int, collect: Collect
+) -> _Lost:
+    """Submit jobs, `at_once` at a time, until all are done or the executor breaks."""
+    waiting, running = list(reversed(jobs)), dict[Future[Row], Job]()
+    lost: list[Job] = []
+    while (waiting and not lost) or running:
+        while waiting and not lost and len(running) < at_once:
+            job = waiting.pop()
+            try:
+                running[executor.submit(work, task, job)] = job
+            except BrokenExecutor:
+                lost.append(job)
+        for future in wait(running, return_when=FIRST).done:
+            job = running.pop(future)
+            try:
+                collect(job, future.result())
+            except BrokenExecutor:
+                lost.append(job)
+            except Exception as error:  # of a cluster that gave the job up
+                words = f'{type(error).__name__}: {error}'
+                collect(job, _row(job, 'failed', words, time.perf_counter()))
+    return _Lost(lost, list(reversed(waiting)))
+
+
+def settled(rows: Sequence[Row]) -> dict[str, int]:
+    """Return how many rows are in which state."""
+    states = ('done', 'refused', 'failed')
+    return {state: sum(row['state'] == state for row in rows) for state in states}

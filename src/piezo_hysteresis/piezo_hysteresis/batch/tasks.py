@@ -1,0 +1,274 @@
+"""What a verb does with one set of data: load, work, write; returns its row of the table.
+
+The verbs `identify` and `discover` themselves run these, so that a batch does the same by
+construction. A task is a frozen description that any process or cluster worker can be sent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from piezo_hysteresis.errors import IdentificationError
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.discovery import Discovery
+    from piezo_hysteresis.identification import Identification
+    from piezo_hysteresis.models import Model
+    from piezo_hysteresis.records import Record
+
+# What a task needs is imported when it works: whoever only sends tasks starts faster.
+
+Progress = Callable[[float, str], None]
+Row = dict[str, Any]
+
+
+def quiet(fraction: float, words: str) -> None:
+    """Tell nobody."""
+
+
+class Task(Protocol):
+    """Work on one set of data; anything that can be pickled and has these."""
+
+    @property
+    def verb(self) -> str:
+        """Its name in titles."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files besides the data on which the result depends."""
+
+    def settings(self) -> dict[str, Any]:
+        """Everything else on which the result depends, fit for JSON."""
+
+    def __call__(self, data: Sequence[str], out: str) -> Row:
+        """Work, write into the folder `out`, return columns of the table.
+
+        Raises
+        ------
+        PiezoError
+            If the data cannot be used.
+        """
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Identify a model from records.
+
+    Attributes
+    ----------
+    model : str
+        ``NAME[+BLOCK...]``, or the path of a ``model.yaml`` to start from.
+    method : str
+        One of `piezo_hysteresis.identification.METHODS`.
+    seed : int
+        Of the searches.
+    hold, start : mapping of str to float
+        Parameters to fix, and start values, in SI units.
+    before : sequence of float
+        Extremes of the voltage before each record [V].
+    warm_up : float, optional
+        Seconds that errors leave out; those of the records where not given.
+    options : mapping
+        Further arguments of the method.
+    actuator : str, optional
+        Which one, where a bag holds several.
+    """
+
+    model: str
+    method: str = 'output_error'
+    seed: int = 0
+    hold: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    before: Sequence[float] = ()
+    warm_up: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    actuator: str | None = None
+
+    verb: ClassVar[str] = 'identify'
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The model file, where the model is one."""
+        return (self.model,) if _is_file(self.model) else ()
+
+    def settings(self) -> dict[str, Any]:
+        """Return all fields."""
+        return {'verb': self.verb, **asdict(self)}
+
+    def __call__(self, data: Sequence[str], out: str) -> Row:
+        """Identify, write the folder, return columns of the table."""
+        return identification_row(self.work(data, out))
+
+    def work(self, data: Sequence[str], out: str, progress: Progress = quiet) -> Identification:
+        """Identify and write the folder.
+
+        Raises
+        ------
+        PiezoError
+            If data, settings or folder cannot be used.
+        """
+        from piezo_hysteresis.identification import METHODS, identify
+        from piezo_hysteresis.identification.history import preceded
+        from piezo_hysteresis.records import load
+        from piezo_hysteresis.reporting.identification_folder import write_identification
+
+        if self.method not in METHODS:
+            raise IdentificationError(
+                f'method {self.method!r} is unknown; choose one of {", ".join(METHODS)}'
+            )
+        model, start = _model(self.model)
+        model, start = model.hold(**self.hold), {**start, **self.start}
+        records = _warmed(load(data, actuator=self.actuator), self.warm_up)
+        if self.before:
+            records = [preceded(record, self.before) for record in records]
+        options = {**self.options, **({'start': start} if start else {})}
+        found = identify(
+            records, model, method=self.method, seed=self.seed, progress=progress, **options
+        )
+        write_identification(out, found, records, data)
+        return found
+
+
+@dataclass(frozen=True)
+class Discover:
+    """Find what a model misses.
+
+    Attributes
+    ----------
+    baseline : str
+        Name of a model, or the path of a ``model.yaml``.
+    seed : int
+        Of every random choice.
+    workers : int
+        Threads; the verdict does not depend on it.
+    warm_up : float, optional
+        Seconds that errors leave out; those of the records where not given.
+    actuator : str, optional
+        Which one, where a bag holds several.
+    salvage : bool
+        Use what is readable of damaged data.
+    """
+
+    baseline: str
+    seed: int = 0
+    workers: int = 1
+    warm_up: float | None = None
+    actuator: str | None = None
+    salvage: bool = False
+
+    verb: ClassVar[str] = 'discover'
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The baseline, where it is a file."""
+        return (self.baseline,) if _is_file(self.baseline) else ()
+
+    def settings(self) -> dict[str, Any]:
+        """Return all fields that the verdict depends on."""
+        kept = {name: value for name, value in asdict(self).items() if name != 'workers'}
+        return {'verb': self.verb, **kept}
+
+    def __call__(self, data: Sequence[str], out: str) -> Row:
+        """Discover, write the folder, return columns of the table."""
+        return discovery_row(self.work(data, out))
+
+    def work(self, data: Sequence[str], out: str, progress: Progress = quiet) -> Discovery:
+        """Discover and write the folder.
+
+        Raises
+        ------
+        PiezoError
+            If data, settings or folder cannot be used.
+        """
+        from piezo_hysteresis.discovery import discover
+        from piezo_hysteresis.models import ModelFile, named
+        from piezo_hysteresis.records import load
+        from piezo_hysteresis.reporting.discovery_folder import write_discovery
+
+        word = self.baseline
+        baseline = ModelFile.load(word) if _is_file(word) else named(word)
+        records = load(data, actuator=self.actuator, salvage=self.salvage)
+        found = discover(
+            _warmed(records, self.warm_up),
+            baseline,
+            name=word,
+            seed=self.seed,
+            workers=self.workers,
+            progress=progress,
+        )
+        write_discovery(out, found, data)
+        return found
+
+
+def identification_row(found: Identification) -> Row:
+    """Return what a table says of an identification; parameters last, in SI units."""
+    worst = max(found.records, key=lambda row: _largest_if_unknown(row.nrmse_percent))
+    row: Row = {
+        'model': found.model.name,
+        'method': found.method,
+        'records': len(found.records),
+        'converged': found.converged,
+        'worst_record': worst.record,
+        'nrmse_percent': _finite(worst.nrmse_percent),
+        'free_run_rms_m': _finite(worst.free_run_rms),
+        'noise_floor_rms_m': _finite(found.noise_floor),
+        'condition': _finite(found.condition),
+        'warnings': len(found.warnings),
+    }
+    for name, value in found.values.items():
+        row[name] = _finite(value)
+        if name in found.std:
+            row[f'{name}_std'] = _finite(found.std[name])
+    return row
+
+
+def discovery_row(found: Discovery) -> Row:
+    """Return what a table says of a discovery."""
+    verdict = found.verdict
+    return {
+        'baseline': verdict.baseline,
+        'records': len(found.data.records),
+        'verdict': verdict.verdict,
+        'effects': '; '.join(effect.name for effect in verdict.effects),
+        'probability': min((e.probability for e in verdict.effects), default=None),
+        'before_in_floors': _finite(verdict.held_out.before_in_floors),
+        'after_in_floors': _finite(verdict.held_out.after_in_floors),
+        'noise_floor_rms_m': _finite(verdict.noise_floor_rms_m),
+        'unexplained': verdict.unexplained.description,
+    }
+
+
+def _is_file(word: str) -> bool:
+    return word.endswith(('.yaml', '.yml'))
+
+
+def _model(word: str) -> tuple[Model, dict[str, float]]:
+    """Return model and start values that `word` names."""
+    from piezo_hysteresis.blocks import named_block
+    from piezo_hysteresis.models import ModelFile, named
+
+    if _is_file(word):
+        saved = ModelFile.load(word)
+        return saved.model, {n: saved.values[n] for n in saved.model.free_names}
+    name, *blocks = word.split('+')
+    model = named(name)
+    for block in blocks:
+        model = model.with_block(named_block(block))
+    return model, {}
+
+
+def _warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
+    if warm_up is None:
+        return list(records)
+    return [replace(r, info=replace(r.info, warm_up=warm_up)) for r in records]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _largest_if_unknown(value: float) -> float:
+    return value if math.isfinite(value) else math.inf

@@ -1,0 +1,84 @@
+"""Identify or discover over many bags and CSV files, each on its own.
+
+Every data set gets a folder in DIR with all that the verb leaves; results.csv, results.parquet and
+index.html hold them together. Run it again after an interruption or with more data: what is
+finished is kept as long as data and settings are the same. Data that cannot be used are rows that
+say why. A folder that is no bag stands for all bags and CSV files in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from piezo_hysteresis.cli import discover, identify
+from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.errors import PiezoError
+
+HELP = 'identify or discover over many bags, resumed after a kill'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb: those of the verb that is repeated, and where it runs."""
+    verbs = parser.add_subparsers(title='what to do with each', dest='each', required=True)
+    for name, module in (('identify', identify), ('discover', discover)):
+        # --workers means processes here: the words of the verb come first and give way
+        each = verbs.add_parser(name, help=module.HELP, conflict_handler='resolve')
+        module.configure(each)
+        add = each.add_argument
+        add('--workers', type=int, default=0, metavar='N', help='processes; 0 is one per core')
+        add('--dask', metavar='ADDRESS', help='work on this Dask cluster: tcp://host:8786')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the batch and tell how it went."""
+    from piezo_hysteresis.batch import run_batch
+    from piezo_hysteresis.batch.run import settled
+
+    if arguments.workers < 0:
+        raise PiezoError('--workers must be 0 (one per core) or more')
+    workers, arguments.workers = arguments.workers, 1  # one thread in each process
+    module: Any = {'identify': identify, 'discover': discover}[arguments.each]
+    for name in ('model', 'baseline'):  # workers elsewhere start in other folders
+        word = getattr(arguments, name, '')
+        if word.endswith(('.yaml', '.yml')):
+            setattr(arguments, name, str(Path(word).resolve()))
+    task = module.task_of(arguments)
+    with _cluster(arguments.dask) as executor, progress_bar(f'batch {arguments.each}') as progress:
+        done = run_batch(
+            task, arguments.data, arguments.out, executor=executor, workers=workers,
+            progress=progress,
+        )  # fmt: skip
+    for row in done.rows:
+        if row['state'] != 'done':
+            print(f'{row["state"]}: {row["name"]}: {row["error"]}', file=sys.stderr)
+    for note in done.notes:
+        print(f'warning: {note}', file=sys.stderr)
+    counts = ', '.join(f'{count} {state}' for state, count in settled(done.rows).items() if count)
+    before = f' ({done.resumed} of them before)' if done.resumed else ''
+    print(f'{len(done.rows)} data sets: {counts}{before}')
+    print(f'written to {arguments.out}; open {arguments.out}/index.html')
+    return 0 if any(row['state'] == 'done' for row in done.rows) else 2
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[Executor | None]:
+    """Offer the executor of a Dask cluster, None without an address."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise PiezoError('--dask needs Dask: pip install dask distributed') from error
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError, TypeError) as error:
+        raise PiezoError(f'no Dask cluster answers at {address}; check the address') from error
+    with client:
+        yield client.get_executor()

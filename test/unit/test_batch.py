@@ -1,0 +1,261 @@
+"""A batch: rows equal those of the serial loop, bad data are rows, a kill loses nothing done."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.batch import Identify, run_batch
+from piezo_hysteresis.batch.inputs import jobs_of
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record, load, write_bag, write_csv
+
+DT = 1e-3
+TASK = Identify('classical', options={'count': 1})
+
+
+def record(seed: int) -> Record:
+    random, time = np.random.default_rng(seed), np.arange(500) * DT
+    voltage = np.sin(2 * np.pi * 8 * time)
+    model = named('classical')
+    values = {'A1': 1e-4 * (1 + seed), 'A': 3e-5, 'beta': 1.2, 'gamma': 0.2, 'offset': 0.0}
+    y = model.respond(voltage, model.pack({**model.defaults(), **values}), DT)
+    return Record('sine', DT, voltage, y + 2e-8 * random.standard_normal(time.size))
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """Two CSV files, a bag and a file that nobody can use, in a folder."""
+    folder = tmp_path / 'data'
+    (folder / 'day1').mkdir(parents=True)
+    write_csv(folder / 'one.csv', record(0))
+    write_csv(folder / 'day1' / 'two.csv', record(1))
+    write_bag(folder / 'three', [record(2)])
+    (folder / 'bad.csv').write_text('time_s,voltage_V,displacement_um\n0,0,0\n1,x,1\n')
+    return folder
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A quick task: the gain by least squares."""
+
+    slow: float = 0.0
+    bias: float = 0.0
+
+    verb: ClassVar[str] = 'test'
+    files: ClassVar[tuple[str, ...]] = ()
+
+    def settings(self):
+        return {'bias': self.bias}
+
+    def __call__(self, data, out):
+        time.sleep(self.slow)
+        (each,) = load(data)
+        gain = each.voltage @ each.displacement / (each.voltage @ each.voltage)
+        return {**NOTHING, 'gain': float(gain) + self.bias}
+
+
+# What the page of a task that is not `identify` shows.
+NOTHING = {'verdict': 'none', 'effects': '', 'probability': None, 'before_in_floors': 1.0,
+           'after_in_floors': 1.0}  # fmt: skip
+
+
+def same(one, other):
+    """Say whether rows agree; sums may be rounded in another order."""
+    assert one.keys() == other.keys()
+    for key in one.keys() - {'seconds', 'data', 'condition'}:
+        assert one[key] == (
+            pytest.approx(other[key], rel=1e-6) if isinstance(other[key], float) else other[key]
+        )
+    return True
+
+
+def test_one_row_each_and_a_bad_file_stops_nothing(data, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main(['batch', 'identify', str(data), '--model', 'classical', '--no-sampling-offset',
+                 '--workers', '1', '--out', str(out)]) == 0  # fmt: skip
+    said = capsys.readouterr()
+    assert '4 data sets: 3 done, 1 refused' in said.out
+    assert said.err.startswith('refused: bad: ')
+    rows = {row['name']: row for row in csv.DictReader((out / 'results.csv').open())}
+    assert set(rows) == {'one', 'two', 'three', 'bad'}
+    assert 'bad.csv' in rows['bad']['error']
+    for name in ('one', 'two', 'three'):
+        summary = json.loads((out / name / 'summary.json').read_text())
+        assert float(rows[name]['A1']) == summary['parameters']['A1']['value']
+        assert float(rows[name]['nrmse_percent']) == summary['records'][0]['nrmse_percent']
+        assert (out / rows[name]['report']).is_file()
+    page = (out / 'index.html').read_text()
+    assert '<a href="three/report.html">three</a>' in page
+    assert '3 of 4 data sets' in page
+    assert float(rows['two']['A1']) > 1.5 * float(rows['one']['A1'])
+
+
+def test_parquet_holds_what_csv_holds(data, tmp_path):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    run_batch(Gain(), [data], tmp_path / 'out')
+    read = parquet.read_table(tmp_path / 'out' / 'results.parquet').to_pylist()
+    rows = list(csv.DictReader((tmp_path / 'out' / 'results.csv').open()))
+    assert list(read[0]) == list(rows[0])
+    for one, other in zip(read, rows, strict=True):
+        assert isinstance(one['gain'], float | None)
+        for name, value in one.items():
+            said = '' if value is None else str(value)
+            assert said == other[name]
+
+
+def test_any_executor_gives_the_rows_of_the_serial_loop(data, tmp_path):
+    given = [data / 'day1', data / 'bad.csv', data / 'three']
+    serial = run_batch(TASK, given, tmp_path / 'serial')
+    with ThreadPoolExecutor(2) as threads:
+        parallel = run_batch(TASK, given, tmp_path / 'threads', executor=threads)
+    assert [row['state'] for row in serial.rows] == ['done', 'refused', 'done']
+    assert all(same(one, other) for one, other in zip(parallel.rows, serial.rows, strict=True))
+
+
+def test_what_is_finished_is_not_run_again_until_something_changes(data, tmp_path):
+    out = tmp_path / 'out'
+    assert run_batch(Gain(), [data], out).resumed == 0
+    before = {path: path.stat().st_mtime_ns for path in out.glob('*/job.json')}
+    again = run_batch(Gain(), [data], out)
+    assert again.resumed == len(before) == 4
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    (data / 'one.csv').unlink()
+    write_csv(data / 'one.csv', record(3))
+    changed = run_batch(Gain(), [data], out)
+    assert changed.resumed == 3
+    gains = {row['name']: row.get('gain') for row in changed.rows}
+    assert gains['one'] > 3e-4
+    assert gains['bad'] is None
+    assert run_batch(Gain(bias=1.0), [data], out).resumed == 0
+
+
+def test_results_of_others_are_not_deleted(data, tmp_path):
+    (tmp_path / 'out' / 'one').mkdir(parents=True)
+    (tmp_path / 'out' / 'one' / 'thesis.txt').write_text('years of work')
+    done = run_batch(Gain(), [data / 'one.csv'], tmp_path / 'out')
+    assert 'other files' in done.rows[0]['error']
+    assert (tmp_path / 'out' / 'one' / 'thesis.txt').read_text() == 'years of work'
+
+
+def test_equal_names_get_folders_of_their_own(data, tmp_path):
+    write_csv(data / 'day1' / 'one.csv', record(1))
+    jobs = jobs_of(Gain(), [data], tmp_path / 'out')
+    assert len({job.folder for job in jobs}) == len(jobs) == 5
+    # what lies in the results is never taken for data
+    assert len(jobs_of(Gain(), [data], data / 'day1')) == 3
+
+
+def test_no_data_is_one_sentence(tmp_path, capsys):
+    (tmp_path / 'empty').mkdir()
+    words = ['batch', 'identify', str(tmp_path / 'empty'), '--model', 'classical', '--out',
+             str(tmp_path / 'out')]  # fmt: skip
+    assert main(words) == 2
+    assert 'holds no bag' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+class Deadly(Gain):
+    """Kills the process that works on what is called deadly, fails on what is called faulty."""
+
+    def __call__(self, data, out):
+        if 'deadly' in data[0]:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if 'faulty' in data[0]:
+            raise ZeroDivisionError('no such thing')
+        return super().__call__(data, out)
+
+
+def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path):
+    for name in ('a', 'b', 'deadly', 'd', 'faulty', 'f'):
+        write_csv(tmp_path / f'{name}.csv', record(len(name)))
+    done = run_batch(Deadly(), [tmp_path], tmp_path / 'out', workers=2)
+    rows = {row['name']: row for row in done.rows}
+    assert 'died' in rows.pop('deadly')['error']
+    assert 'no such thing' in rows.pop('faulty')['error']
+    assert len(rows) == 4
+    for name, row in rows.items():
+        assert row['gain'] == pytest.approx(Gain()([str(tmp_path / f'{name}.csv')], '')['gain'])
+    # failures may have been of the machine: they alone are tried again
+    again = [job.name for job in jobs_of(Gain(), [tmp_path], tmp_path / 'out')
+             if job.finished() is None]  # fmt: skip
+    assert again == ['deadly', 'faulty']
+
+
+class Broken(Executor):
+    """Does one job, then breaks."""
+
+    def __init__(self):
+        self.left = 1
+
+    def submit(self, function, /, *arguments, **options):
+        if not self.left:
+            raise BrokenProcessPool('gone')
+        self.left -= 1
+        future = Future()
+        future.set_result(function(*arguments, **options))
+        return future
+
+
+def test_an_executor_that_breaks_is_said_and_what_was_done_stays(data, tmp_path):
+    with pytest.raises(PiezoError, match='executor broke'):
+        run_batch(Gain(), [data], tmp_path / 'out', executor=Broken())
+    assert run_batch(Gain(), [data], tmp_path / 'out').resumed == 1
+
+
+def test_a_killed_batch_goes_on_where_it_was(tmp_path):
+    folder, out = tmp_path / 'data', tmp_path / 'out'
+    folder.mkdir()
+    for k in range(12):
+        write_csv(folder / f'r{k:02}.csv', record(k))
+    code = (
+        f'import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n'
+        'from test_batch import Gain, run_batch\n'
+        f'run_batch(Gain(slow=0.5), [{str(folder)!r}], {str(out)!r}, workers=2)\n'
+    )
+    child = subprocess.Popen([sys.executable, '-c', code])
+
+    def finished():
+        return [p for p in out.glob('*/job.json') if '"state": "done"' in p.read_text()]
+
+    deadline = time.monotonic() + 240
+    while len(finished()) < 2:
+        assert child.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    workers = Path(f'/proc/{child.pid}/task/{child.pid}/children').read_text().split()
+    child.kill()
+    child.wait()
+    assert not (out / 'results.csv').exists()
+    while not all(gone(pid) for pid in workers):  # none of its processes works on
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    kept = {path: path.stat().st_mtime_ns for path in finished()}
+    assert 2 <= len(kept) < 12
+    done = run_batch(Gain(), [folder], out)
+    assert done.resumed == len(kept)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    whole = run_batch(Gain(), [folder], tmp_path / 'again')
+    assert all(same(one, other) for one, other in zip(done.rows, whole.rows, strict=True))
+
+
+def gone(pid: str) -> bool:
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] in 'ZX'
+    except FileNotFoundError:
+        return True
