@@ -8,6 +8,8 @@ config = Path('../../config')
 # Every node and every verb of the command line is an executable of its own for `ros2 run`.
 nodes = [
     'attenuation',
+    'control_loop',
+    'dashboard',
     'discovery',
     'excitation',
     'feedback',
@@ -18,6 +20,7 @@ nodes = [
     'recorder',
 ]
 verbs = [
+    'batch',
     'compensate',
     'demo',
     'discover',
@@ -53,7 +56,7 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            *(f'{node} = {package}.nodes.{node}:main' for node in nodes),
+            *(f'{node} = {package}.nodes.executables:{node}' for node in nodes),
             *(f'{verb} = {package}.cli.executables:{verb}_' for verb in verbs),
         ]
     },
