@@ -58,15 +58,15 @@ def _rate(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
     """Return either law: one is a block of the vocabulary, the other is not."""
     growth, reference = min(0.06 * x, 0.3), 4.0
     if rng.random() < 0.5:
-        return {'rate.widening': growth, 'rate.reference': reference}
+        return {'rate_dependence.widening': growth, 'rate_dependence.reference': reference}
     power, fastest = float(rng.uniform(0.15, 1.0)), seen['rise'] / reference
     # as much at the fastest drive as by the logarithm
     widening = growth * np.log1p(fastest) / fastest**power
     return {
-        'rate.widening': float(widening),
-        'rate.exponent': power,
-        'rate.reference': reference,
-        'rate.memory': share(rng, 1e-3, 2e-2),
+        'rate_dependence.widening': float(widening),
+        'rate_dependence.exponent': power,
+        'rate_dependence.reference': reference,
+        'rate_dependence.memory': share(rng, 1e-3, 2e-2),
     }
 
 

@@ -147,7 +147,7 @@ def test_a_larger_exponent_makes_small_loops_thinner():
 
 @pytest.mark.parametrize('law', ['bouc_wen', 'play', 'preisach'])
 def test_rate_dependence_widens_the_loop_with_the_logarithm_of_the_rate(law):
-    p = plant('rate_dependence', law, rate__widening=0.1, rate=10_000.0)
+    p = plant('rate_dependence', law, rate_dependence__widening=0.1, rate=10_000.0)
     areas = [loop_area(*held(p, f)[::-1]) / f for f in (5.0, 50.0, 500.0)]
     assert 1.1 * areas[0] < areas[1] < areas[2] / 1.05
     assert areas[2] - areas[1] == pytest.approx(areas[1] - areas[0], rel=0.3)
@@ -155,7 +155,11 @@ def test_rate_dependence_widens_the_loop_with_the_logarithm_of_the_rate(law):
 
 @pytest.mark.parametrize('law', ['bouc_wen', 'play', 'preisach'])
 def test_rate_dependence_widens_the_loop_with_a_power_of_the_rate(law):
-    numbers = {'rate__widening': 0.1, 'rate__exponent': 0.5, 'rate__memory': 0.3}
+    numbers = {
+        'rate_dependence__widening': 0.1,
+        'rate_dependence__exponent': 0.5,
+        'rate_dependence__memory': 0.3,
+    }
     p = plant('rate_dependence', law, rate=10_000.0, **numbers)
     areas = [loop_area(*held(p, f)[::-1]) / f for f in (5.0, 20.0, 80.0)]
     assert areas[1] > 1.1 * areas[0]

@@ -6,12 +6,15 @@ This file knows no ROS, so that parameter files are checked without starting a n
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str]
 Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
+
+EXPONENT = re.compile(r'[-+]?\d+[eE][-+]?\d+')
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,18 @@ class ParameterSpec:
     read_only: bool = False
 
     def coerce(self, value: object) -> object:
-        """Return `value` with integers made floats where floats are meant."""
+        """Return `value` with what is meant as a float made one.
+
+        That are integers, and ``5e-05``: to YAML 1.1 a text, as it has no point, but what
+        ``ros2 param set`` is given and ``ros2 param load`` makes of a file that says 5.0e-05.
+        """
         if isinstance(self.default, float) and type(value) is int:
+            return float(value)
+        if (
+            isinstance(self.default, float)
+            and isinstance(value, str)
+            and EXPONENT.fullmatch(value)
+        ):
             return float(value)
         if isinstance(self.default, list) and self._element is float and _is_list(value):
             return [float(v) if type(v) is int else v for v in value]  # type: ignore[attr-defined]

@@ -63,10 +63,10 @@ def _bouc_wen_widening(v: Mapping[str, float]) -> SimulatorValues:
     return {
         **_bouc_wen(v),
         'effects.rate_dependence': True,
-        'rate.widening': v['widening'],
-        'rate.exponent': 0.0,
-        'rate.reference': v['widening_corner'],
-        'rate.memory': v['widening_memory'],
+        'rate_dependence.widening': v['widening'],
+        'rate_dependence.exponent': 0.0,
+        'rate_dependence.reference': v['widening_corner'],
+        'rate_dependence.memory': v['widening_memory'],
     }
 
 
@@ -180,6 +180,7 @@ TABLE: dict[str, Translation] = {
     'sensor_lag_sampled': _sensor_lag('sampled_sensor_lag_time'),
     'bouc_wen_widening': _bouc_wen_widening,
     'slew_limit': _switched('slew_limit', slew_rate='amplifier__slew_rate'),
+    'slew_limit_mean': _switched('slew_limit', mean_slew_rate='amplifier__slew_rate'),
     'electrostriction': _electrostriction,
     'drift': _switched('drift', drift_rate='drift__rate'),
     'backlash': _switched('backlash', backlash='backlash__half_width'),

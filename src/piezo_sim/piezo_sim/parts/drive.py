@@ -21,7 +21,7 @@ from piezo_sim.table import Effect, Parameter
 PARAMETERS = (
     Parameter('actuator.gain', 'm/V', 100e-6, 1e-12, 1.0, 'Displacement per volt before losses.'),
     Parameter(
-        'rate.widening',
+        'rate_dependence.widening',
         '1',
         0.08,
         0.0,
@@ -29,15 +29,29 @@ PARAMETERS = (
         'Widening of the loop per e-fold of rate; by the power law, that at the reference.',
     ),
     Parameter(
-        'rate.exponent',
+        'rate_dependence.exponent',
         '1',
         0.0,
         0.0,
         1.5,
         'Power of the rate with which the loop widens; 0 for its logarithm.',
     ),
-    Parameter('rate.reference', 'V/s', 4.0, 1e-6, 1e9, 'Voltage rate at which widening sets in.'),
-    Parameter('rate.memory', 's', 5e-3, 1e-6, 10.0, 'Time over which the voltage rate is felt.'),
+    Parameter(
+        'rate_dependence.reference',
+        'V/s',
+        4.0,
+        1e-6,
+        1e9,
+        'Voltage rate at which widening sets in.',
+    ),
+    Parameter(
+        'rate_dependence.memory',
+        's',
+        5e-3,
+        1e-6,
+        10.0,
+        'Time over which the voltage rate is felt.',
+    ),
     Parameter(
         'electrostriction.coefficient', '1/V', 0.03, -10.0, 10.0, 'Square law of the voltage.'
     ),
@@ -57,7 +71,7 @@ EFFECTS = (
     Effect(
         'rate_dependence',
         'Loops widen with the logarithm or a power of the voltage rate.',
-        {'rate.widening': 0.0},
+        {'rate_dependence.widening': 0.0},
     ),
     Effect(
         'electrostriction',
@@ -81,12 +95,14 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
     Returns whether the drive has to be worked out anew.
     """
     before = s.widening + s.loss + s.residue
-    if p.rate.widening > 0.0:
+    if p.rate_dependence.widening > 0.0:
         rate = abs(s.voltage - s.voltage_before) / dt
-        s.rate += (rate - s.rate) * -math.expm1(-dt / p.rate.memory)
-        fast = s.rate / p.rate.reference
-        power = p.rate.exponent
-        s.widening = 1.0 + p.rate.widening * (fast**power if power > 0.0 else math.log1p(fast))
+        s.rate += (rate - s.rate) * -math.expm1(-dt / p.rate_dependence.memory)
+        fast = s.rate / p.rate_dependence.reference
+        power = p.rate_dependence.exponent
+        s.widening = 1.0 + p.rate_dependence.widening * (
+            fast**power if power > 0.0 else math.log1p(fast)
+        )
     else:
         s.widening = 1.0
     s.voltage_before = s.voltage
