@@ -68,18 +68,19 @@ class Watch:
     # --- tracking ------------------------------------------------------------------------------
 
     def error(self) -> float:
-        """Return the rms tracking error over the newest period [m]; nan where it has gaps."""
+        """Return the rms tracking error over the newest period [m]; nan where it has gaps.
+
+        An excitation that lags behind leaves ticks out; those say nothing about the tracking.
+        """
         states = self._seen.states[-self._setting.period :]
         if len(states) < self._setting.period or states[0].life != states[-1].life:
             return math.nan
         references = self._seen.references
-        wanted = [references.get(state.sample) for state in states]
-        total = 0.0
-        for state, point in zip(states, wanted, strict=True):
-            if point is None:
-                return math.nan
-            total += (state.displacement - point) ** 2
-        return math.sqrt(total / len(states))
+        pairs = [(state.displacement, references.get(state.sample)) for state in states]
+        squares = [(there - wanted) ** 2 for there, wanted in pairs if wanted is not None]
+        if 2 * len(squares) < len(states):
+            return math.nan
+        return math.sqrt(sum(squares) / len(squares))
 
     def settle(self, since: float, timeout: float) -> bool:
         """Wait until all nodes are heard and the error no longer falls; keep its bound."""

@@ -28,9 +28,7 @@ if not __package__:
 
 import numpy as np
 import rclpy
-from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.task import Future
 
 from bench.live_loop import end_on_terminate
 from piezo_hysteresis.models import ModelFile, named
@@ -38,7 +36,6 @@ from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_ros_common import topics
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import make_executor
 
 SETTLE = 3.0
 TICKS_PER_SECOND = os.sysconf('SC_CLK_TCK')
@@ -84,26 +81,43 @@ class Figures:
 
 
 class Stopwatch(Node):
-    """Notes when states and commands were written."""
+    """Notes when states and commands were written; drained now and then, never spun."""
 
     def __init__(self) -> None:
         super().__init__('stopwatch')
-        self.states: list[tuple[int, int]] = []
-        self.commands: list[tuple[int, int]] = []
+        self.states: dict[int, int] = {}
+        self.commands: dict[int, int] = {}
         self.counts: dict[str, int] = {}
-        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
-        self.create_subscription(VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP)
-        self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
+        self._inlets = [
+            (self.create_subscription(kind, topic, _unused, qos), note)
+            for kind, topic, qos, note in (
+                (ActuatorState, topics.STATE, LOOP, self._on_state),
+                (VoltageCommand, topics.VOLTAGE_COMMAND, LOOP, self._on_command),
+                (LoopStatus, topics.LOOP_STATUS, LATCHED, self._on_status),
+            )
+        ]
 
-    def _on_state(self, message: ActuatorState, info: dict[str, int]) -> None:
-        self.states.append((message.sample, info['source_timestamp']))
+    def drain(self) -> None:
+        """Take in what has come."""
+        for subscription, note in self._inlets:
+            with subscription.handle:
+                while got := subscription.handle.take_message(subscription.msg_type, False):
+                    message, info = got
+                    note(message, info['source_timestamp'])
 
-    def _on_command(self, message: VoltageCommand, info: dict[str, int]) -> None:
-        self.commands.append((message.sample, info['source_timestamp']))
+    def _on_state(self, message: ActuatorState, written: int) -> None:
+        self.states[message.sample] = written
 
-    def _on_status(self, message: LoopStatus) -> None:
+    def _on_command(self, message: VoltageCommand, written: int) -> None:
+        self.commands.setdefault(message.sample, written)
+
+    def _on_status(self, message: LoopStatus, _: int) -> None:
         more = dict(zip(message.names.split(','), message.counts, strict=True))
         self.counts = {'late': message.late, 'missed': message.missed, **more}
+
+
+def _unused(_: object) -> None:
+    """Never called: the messages are taken from the queue."""
 
 
 def cpu_seconds(pids: list[int]) -> float:
@@ -131,23 +145,20 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
         os.environ['ROS_DOMAIN_ID'] = str(processes.domain)
         rclpy.init()
         watch = Stopwatch()
-        executor = make_executor('auto')
-        executor.add_node(watch)
         processes.start('piezo_sim', 'simulator', {'rate': rate})
         for name in TOGETHER if together else SEPARATE:
             processes.start('piezo_hysteresis', name, {'rate': rate, **own[name]})
-        serve = functools.partial(_serve, executor, processes)
+        serve = functools.partial(_serve, watch, processes)
         serve(60.0, lambda: bool(watch.commands))
         serve(SETTLE)
-        first, before = watch.states[-1][0] + 1, dict(watch.counts)
+        first, before = max(watch.states) + 1, dict(watch.counts)
         pids = [node.pid for node in processes.nodes]
         cpu, begun = cpu_seconds(pids), time.monotonic()
         serve(seconds)
         cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - begun
-        last = watch.states[-1][0]
+        last = max(watch.states)
         serve(1.5)  # the counters, and what is under way
         after = watch.counts
-        executor.shutdown()
         watch.destroy_node()
         rclpy.shutdown()
     grown = {name: after[name] - before.get(name, 0) for name in after}
@@ -155,7 +166,7 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
 
 
 def _serve(
-    executor: Executor,
+    watch: Stopwatch,
     processes: NodeProcesses,
     seconds: float,
     condition: Callable[[], bool] = lambda: False,
@@ -163,7 +174,8 @@ def _serve(
     """Listen for so long, or until `condition` holds."""
     end = time.monotonic() + seconds
     while time.monotonic() < end and not condition():
-        executor.spin_until_future_complete(Future(), timeout_sec=0.2)
+        time.sleep(0.05)
+        watch.drain()
         processes.check()
 
 
@@ -171,7 +183,7 @@ def figures(
     watch: Stopwatch, ticks: range, grown: dict[str, int], cpu: float, took: float
 ) -> Figures:
     """Sum a run up over the samples `ticks`."""
-    states, commands = dict(watch.states), dict(watch.commands)
+    states, commands = watch.states, watch.commands
     answered = [k for k in ticks if k in commands and k - 1 in states]
     unseen = sum(1 for k in ticks if k not in states or k not in commands)
     latency = np.array([commands[k] - states[k - 1] for k in answered]) / 1e3

@@ -25,6 +25,7 @@ ARGUMENTS = {
     'correction': ('attenuation', 'Link behind the feedforward: attenuation or feedback.'),
     'identification': ('true', 'Identify online.'),
     'gap_monitor': ('false', 'Compare with a model.'),
+    'enclaves': ('false', 'Run each node in its security enclave /NAMESPACE/NODE.'),
     'model_file': ('', 'Model to invert and to compare with; empty for none.'),
 }
 
@@ -45,7 +46,13 @@ def _scenario_file(context, name):
 def _nodes(context):
     values = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     scenario = _scenario_file(context, values['scenario'])
-    where = {'namespace': values['namespace']}
+    namespace = values['namespace'].strip('/')
+    secured = values['enclaves'] == 'true'
+
+    def where(name):
+        enclave = ['--enclave', f'/{namespace}/{name}'] if secured else []
+        return {'namespace': namespace, 'ros_arguments': enclave}
+
     # In lock-step the first tick waits for whoever reads the states.
     readers = 2 + sum(values[name] == 'true' for name in ('identification', 'gap_monitor'))
     return [
@@ -62,47 +69,47 @@ def _nodes(context):
                     'wait_for': readers,
                 },
             ],
-            **where,
+            **where('simulator'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='excitation',
             parameters=[scenario, {'actuator': values['preset']}],
-            **where,
+            **where('excitation'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='feedforward',
             parameters=[scenario, {'model_file': values['model_file']}],
-            **where,
+            **where('feedforward'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='attenuation',
             condition=IfCondition(str(values['correction'] == 'attenuation')),
             parameters=[scenario],
-            **where,
+            **where('attenuation'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='feedback',
             condition=IfCondition(str(values['correction'] == 'feedback')),
             parameters=[scenario],
-            **where,
+            **where('feedback'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='identification',
             condition=IfCondition(values['identification']),
             parameters=[scenario],
-            **where,
+            **where('identification'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='gap_monitor',
             condition=IfCondition(values['gap_monitor']),
             parameters=[scenario, {'model_file': values['model_file']}],
-            **where,
+            **where('gap_monitor'),
         ),
     ]
 
