@@ -32,6 +32,10 @@ const view = (name) => Bokeh.index.find_one_by_id(model(name).id);
 """
 
 
+class Disturbed(Exception):
+    """The page changed while it was asked, or has not got what was asked for."""
+
+
 class Browser:
     """One page in a browser; everything it says, and asks the network for, is kept.
 
@@ -85,7 +89,8 @@ class Browser:
             assert text is not None, 'the browser ended'
             told = json.loads(text)
             if told.get('id') == number:
-                assert 'error' not in told, told
+                if 'error' in told:
+                    raise Disturbed(told['error'])
                 return dict(told['result'])
             self._note(told.get('method', ''), told.get('params', {}))
 
@@ -119,7 +124,8 @@ class Browser:
             'Runtime.evaluate', expression=f'(() => {{ {FIND} return {code} }})()',
             returnByValue=True, awaitPromise=True,
         )  # fmt: skip
-        assert 'exceptionDetails' not in done, done['exceptionDetails']
+        if 'exceptionDetails' in done:
+            raise Disturbed(done['exceptionDetails'])
         return done['result'].get('value')
 
     def until(
@@ -133,11 +139,15 @@ class Browser:
             If it does not become true.
         """
         end = time.monotonic() + timeout
+        problem: object = ''
         while True:
-            found = self.run(condition) if isinstance(condition, str) else condition()
+            try:
+                found = self.run(condition) if isinstance(condition, str) else condition()
+            except Disturbed as error:
+                found, problem = None, error
             if found:
                 return found
-            assert time.monotonic() < end, f'did not happen: {what or condition}'
+            assert time.monotonic() < end, f'did not happen: {what or condition} {problem}'
             time.sleep(0.1)
 
     def value(self, name: str, field: str = 'value') -> Any:

@@ -75,6 +75,9 @@ class Backend(Protocol):
     def actuators(self) -> list[str]:
         """Return the namespaces there are, never an empty list."""
 
+    def allows(self, actuator: str) -> bool:
+        """Tell whether a namespace that a reader asks for may be looked at."""
+
     def live(self, actuator: str) -> Live:
         """Return what is known of an actuator; what is not yet listened to is from now on."""
 

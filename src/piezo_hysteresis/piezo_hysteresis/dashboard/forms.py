@@ -11,7 +11,7 @@ from bokeh.models import (
     Button,
     Column,
     Div,
-    MultiChoice,
+    MultiSelect,
     NumericInput,
     Progress,
     Row,
@@ -166,9 +166,9 @@ class DiscoveryForm:
         self._order = start
         self._bags = bags
         found = bags()
-        self._data = MultiChoice(
+        self._data = MultiSelect(
             title='recorded data', options=found, value=found[:1], name='discovery.data',
-            sizing_mode='stretch_width', placeholder='record a sweep first',
+            sizing_mode='stretch_width', size=3,
         )  # fmt: skip
         self._baseline = Select(
             title='baseline model', value='classical', options=list(NAMES),

@@ -77,7 +77,7 @@ class Pictures:
         self._hold = Toggle(label='Hold', name='hold')
         self.roots: list[Any] = [
             self._view(), self._loop.figure, *(trace.figure for trace in self._traces),
-            self._spectrum.figure, self._gap.figure, self._gap_words, self._choice,
+            self._spectrum.figure, self._tracking, self._gap.figure, self._gap_words, self._choice,
             self._estimate.figure, self._estimates,
         ]  # fmt: skip
 
@@ -104,7 +104,7 @@ class Pictures:
 
         return Row(
             label('Last'), window, label('Loop'), across, label('Spectrum'), of, self._hold,
-            self._tracking, name='view', sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'},
+            name='view', sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'},
         )  # fmt: skip
 
     def _show_seconds(self, chosen: int) -> None:
@@ -230,19 +230,27 @@ class Page:
     backend : Backend
         Speaks to the nodes.
     actuator : str
-        Namespace of the actuator, as the address of the page asks for it.
+        Namespace of the actuator.
+    chosen : bool
+        Whether the reader asked for this one; otherwise the page goes over to one that is found.
     refresh : float
         How often it is drawn [Hz].
     """
 
     def __init__(
-        self, document: Document, backend: Backend, actuator: str, refresh: float = 10.0
+        self,
+        document: Document,
+        backend: Backend,
+        actuator: str,
+        chosen: bool = False,
+        refresh: float = 10.0,
     ) -> None:
-        self._backend = backend
+        self._backend, self._chosen = backend, chosen
         self._live = backend.live(actuator)
         self._pictures = Pictures()
         self._controls = Controls(backend, actuator)
-        self._pulse, self._banner = words_div('pulse'), words_div('banner')
+        self._banner = words_div('banner')
+        self._pulse = Div(text='', name='pulse', stylesheets=[WIDGET_STYLE])
         self._actuator = Select(
             value=actuator or '/', options=[actuator or '/'], name='actuator', width=180
         )
@@ -251,14 +259,15 @@ class Page:
             CustomJS(code="location.search = '?actuator=' + encodeURIComponent(cb_obj.value)"),
         )
         self._slow = 0.0
-        document.title = f'{actuator or "actuator"} · piezo_hysteresis'
+        document.title = f'{actuator or "actuator"} · piezo hysteresis live'
         document.template = page_template()
-        for root in (
-            self._actuator, self._pulse, self._banner, *self._pictures.roots,
-            *self._controls.roots,
-        ):  # fmt: skip
-            document.add_root(root)
-        self.refresh()
+        with document.models.freeze():  # or every root would have all models counted anew
+            for root in (
+                self._actuator, self._pulse, self._banner, *self._pictures.roots,
+                *self._controls.roots,
+            ):  # fmt: skip
+                document.add_root(root)
+            self.refresh()
         document.add_periodic_callback(self.refresh, round(1000 / refresh))
 
     def refresh(self) -> None:
@@ -274,8 +283,10 @@ class Page:
         self._pictures.refresh(self._live, slowly)
 
     def _offer_actuators(self) -> None:
-        present = {name or '/' for name in self._backend.actuators()}
-        options = sorted(present | {self._live.actuator or '/'})
+        found = self._backend.actuators()
+        options = sorted({name or '/' for name in (*found, self._live.actuator)})
         if options != list(self._actuator.options):
             self._actuator.options = options
         self._actuator.visible = len(options) > 1
+        if not self._chosen and not self._live.heard and self._live.actuator not in found:
+            self._actuator.value = found[0] or '/'

@@ -17,6 +17,13 @@ Send = Callable[[str, str, Value], Answer]
 Find = Callable[[str, str], Parameter | None]
 
 
+def reason_div(name: str) -> Div:
+    """Return the empty place of a refusal."""
+    return Div(
+        text='', name=name, css_classes=['refusal'], stylesheets=[WIDGET_STYLE], visible=False
+    )
+
+
 class ParameterRow:
     """One parameter on the page.
 
@@ -28,8 +35,9 @@ class ParameterRow:
         Sets it: node, name, value.
     siblings : iterable of Parameter
         Of the same group; they tell the usual size of a number that is zero.
-    brief : bool
-        Whether the sentence is left out and only shown on hovering.
+    shared : Div, optional
+        Where a refusal is said, if not below the control; only a switch with its name is then
+        shown, and the sentence on hovering.
     """
 
     def __init__(
@@ -37,7 +45,7 @@ class ParameterRow:
         parameter: Parameter,
         send: Send,
         siblings: Iterable[Parameter] = (),
-        brief: bool = False,
+        shared: Div | None = None,
     ) -> None:
         self._parameter = parameter
         self._send = send
@@ -45,21 +53,20 @@ class ParameterRow:
         self._answer: Answer | None = None
         self._waiting: list[Value] = []
         self._quiet = False
-        self.reason = Div(text='', css_classes=['refusal'], stylesheets=[WIDGET_STYLE])
-        self.reason.name = f'{self.key}.reason'
+        self._reason = shared or reason_div(f'{self.key}.reason')
         self._slider: Slider | None = None
         self._field: Any = None
-        self.root = self._build(brief)
+        self.root = self._build() if shared is None else self._brief_switch()
 
     @property
     def key(self) -> str:
         """Node and name."""
         return f'{self._parameter.node}.{self._parameter.name}'
 
-    def _build(self, brief: bool) -> Any:
+    def _build(self) -> Any:
         p = self._parameter
         if p.is_switch:
-            return self._switch(brief)
+            return self._switch()
         unit = f' <span class="unit">[{escape(p.shown_unit)}]</span>' if p.shown_unit else ''
         head = Div(
             text=f'<b>{escape(p.name)}</b>{unit} <span class="soft">{escape(p.sentence)}</span>',
@@ -67,21 +74,29 @@ class ParameterRow:
         )  # fmt: skip
         parts = self._number() if p.is_number else [self._word()]
         line = Row(*parts, sizing_mode='stretch_width')
-        return Column(head, line, self.reason, sizing_mode='stretch_width', margin=(0, 0, 8, 0))
+        return Column(head, line, self._reason, sizing_mode='stretch_width', margin=(0, 0, 8, 0))
 
-    def _switch(self, brief: bool) -> Any:
+    def _new_switch(self, **options: Any) -> Switch:
         p = self._parameter
-        name = p.name.removeprefix('effects.') if brief else p.name
-        widget = Switch(active=bool(p.value), name=f'{self.key}.switch', margin=(3, 8, 3, 2))
-        sentence = '' if brief else f' <span class="soft">{escape(p.sentence)}</span>'
-        label = Div(
-            text=f'<span title="{escape(p.sentence)}">{escape(name)}{sentence}</span>',
-            sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE], margin=(1, 0, 1, 0),
-        )  # fmt: skip
+        widget = Switch(active=bool(p.value), name=f'{self.key}.switch', **options)
         widget.on_change('active', lambda _, __, new: self._changed(bool(new)))
         self._field = widget
-        line = Row(widget, label, sizing_mode='stretch_width')
-        return Column(line, self.reason, sizing_mode='stretch_width')
+        return widget
+
+    def _brief_switch(self) -> Any:
+        p = self._parameter
+        label = p.name.partition('.')[2] or p.name
+        title = {'title': p.sentence}
+        return self._new_switch(label=label, html_attributes=title, margin=(1, 0, 1, 0))
+
+    def _switch(self) -> Any:
+        p = self._parameter
+        label = Div(
+            text=f'{escape(p.name)} <span class="soft">{escape(p.sentence)}</span>',
+            sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE], margin=(1, 0, 1, 0),
+        )  # fmt: skip
+        line = Row(self._new_switch(margin=(1, 6, 1, 0)), label, sizing_mode='stretch_width')
+        return Column(line, self._reason, sizing_mode='stretch_width')
 
     def _number(self) -> list[Any]:
         p = self._parameter
@@ -144,7 +159,7 @@ class ParameterRow:
             if not self._answer.done:
                 return
             reason, self._answer = self._answer.reason, None
-            self.reason.text = escape(reason)
+            self._reason.update(text=escape(reason), visible=bool(reason))
             if not reason:
                 self._parameter = self._parameter.with_value(self._parameter_wanted)
             if self._waiting:
@@ -212,7 +227,8 @@ class RowList:
     """
 
     def __init__(self, send: Send, find: Find, name: str, empty: str, brief: bool = False) -> None:
-        self._send, self._find, self._brief = send, find, brief
+        self._send, self._find = send, find
+        self._shared = reason_div(f'{name}.reason') if brief else None
         self._rows: list[ParameterRow] = []
         self._keys: list[tuple[Any, ...]] = []
         self._hint = Div(text=empty, stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width')
@@ -230,9 +246,10 @@ class RowList:
         if keys != self._keys:
             self._keys = keys
             self._rows = [
-                ParameterRow(p, self._send, _siblings(p, all_of), self._brief) for p in listed
+                ParameterRow(p, self._send, _siblings(p, all_of), self._shared) for p in listed
             ]
-            self.root.children = [row.root for row in self._rows] or [self._hint]
+            shown = [row.root for row in self._rows] or [self._hint]
+            self.root.children = [*shown, self._shared] if self._shared else shown
         for row in self._rows:
             row.refresh(self._find)
 

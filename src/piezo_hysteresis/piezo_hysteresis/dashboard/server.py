@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
+import re
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +29,16 @@ from piezo_hysteresis.errors import PiezoError
 OWN_NAMES = ('localhost', '127.0.0.1')
 # A reader who went away is forgotten after so long [ms].
 FORGOTTEN = 5000
+_NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
+
+
+class _Tornado(BokehTornado):
+    """Bokeh's application without the scripts that the page does not need."""
+
+    def resources(self, absolute_url: str | bool | None = None) -> Any:
+        found = super().resources(absolute_url)
+        found.components = ['bokeh', 'bokeh-widgets']
+        return found
 
 
 class ReportHandler(StaticFileHandler):
@@ -126,11 +138,13 @@ class DashboardServer:
         self._thread.join(5.0)
 
     def _serve(self) -> None:
+        # a reader who goes away is nothing to warn of
+        logging.getLogger('bokeh').setLevel(logging.ERROR)
         asyncio.set_event_loop(asyncio.new_event_loop())
         loop = IOLoop.current()
         application = Application(FunctionHandler(self._new_page))
         settings: dict[str, Any] = {'path': self._folder, 'hosts': self._hosts}
-        tornado = BokehTornado(
+        tornado = _Tornado(
             {'/': application},
             extra_websocket_origins=self._hosts,
             extra_patterns=[(r'/reports/(.*)', ReportHandler, settings)],
@@ -152,9 +166,8 @@ class DashboardServer:
             loop.close(all_fds=True)
 
     def _new_page(self, document: Document) -> None:
-        asked = document.session_context.request.arguments.get('actuator', [])
-        known = self._backend.actuators()
-        wanted = asked[0].decode('utf-8', 'replace').strip('/') if asked else known[0]
-        if asked and wanted not in known:
-            wanted = known[0]
-        Page(document, self._backend, wanted, self._refresh)
+        arguments = document.session_context.request.arguments.get('actuator', [b''])
+        asked = arguments[0].decode('utf-8', 'replace').strip('/')
+        chosen = bool(_NAMESPACE.match(asked)) and self._backend.allows(asked)
+        actuator = asked if chosen else self._backend.actuators()[0]
+        Page(document, self._backend, actuator, chosen, self._refresh)

@@ -14,6 +14,8 @@ from piezo_hysteresis.arrays import FloatArray, IntArray
 REORDERED = 64
 CAPACITY = 1 << 17
 NANO = 1e-9
+# Samples over which the sampling interval is measured, at the least.
+INTERVALS = 1000
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ class Signals:
     def _clear(self) -> None:
         self._newest = -1
         self._dt = 1e-3
+        self._anchors: list[tuple[int, int]] = []
         self._number = np.full(self._capacity, -1, np.int64)
         self._stamp = np.zeros(self._capacity, np.int64)
         self._voltage = np.zeros(self._capacity)
@@ -128,13 +131,16 @@ class Signals:
             for state in states:
                 if state.sample < self._newest - REORDERED:
                     self._clear()
+                if not self._anchors:
+                    self._anchors = [(state.sample, state.stamp)] * 2
                 slot = state.sample % self._capacity
                 self._number[slot] = state.sample
                 self._stamp[slot] = state.stamp
                 self._voltage[slot] = state.voltage
                 self._displacement[slot] = state.displacement
                 self._newest = max(self._newest, state.sample)
-            self._measure_interval()
+            if states:
+                self._measure_interval()
 
     def add_references(self, samples: Sequence[int], displacements: Sequence[float]) -> None:
         """Take in desired displacements [m]; they come a tick before their states."""
@@ -145,14 +151,13 @@ class Signals:
                 self._reference[slot] = displacement
 
     def _measure_interval(self) -> None:
-        last = self._newest % self._capacity
-        for back in (1000, 100, 10, 1):
-            earlier = (self._newest - back) % self._capacity
-            if self._newest >= back and self._number[earlier] == self._newest - back:
-                passed = int(self._stamp[last] - self._stamp[earlier])
-                if passed > 0:
-                    self._dt = NANO * passed / back
-                return
+        """Compare the stamp of the newest sample with one that lies 1000 to 2000 back."""
+        newest = self._newest, int(self._stamp[self._newest % self._capacity])
+        (sample, stamp), later = self._anchors
+        if newest[0] > sample and newest[1] > stamp:
+            self._dt = NANO * (newest[1] - stamp) / (newest[0] - sample)
+        if newest[0] - later[0] > INTERVALS:
+            self._anchors = [later, newest]
 
     def window(self, seconds: float) -> Window:
         """Return the last `seconds`, or what there is of them; at most half of what is kept."""

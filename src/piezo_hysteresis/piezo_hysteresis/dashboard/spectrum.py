@@ -78,11 +78,15 @@ def whole_periods(n: int, frequency: float, dt: float) -> int:
 def _projected(
     signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...]
 ) -> FloatArray:
-    """Amplitude at each order, all fitted at once: periods need not fall on samples."""
-    if not orders:
-        return np.empty(0)
-    phase = 2 * np.pi * fundamental * dt * np.arange(signal.size)
-    columns = [f(k * phase) for k in orders for f in (np.sin, np.cos)]
-    design = np.stack([np.ones_like(phase), *columns], axis=1)
-    weights = np.linalg.lstsq(design, signal, rcond=None)[0][1:]
-    return np.asarray(np.hypot(weights[::2], weights[1::2]), np.float64)
+    """Amplitude at each order: the signal seen through its own phasor.
+
+    A period need not be a whole number of samples. From two periods on a Hann window therefore
+    keeps the orders apart; its zeros fall on the other orders. A single period is seen as it is.
+    """
+    turn = fundamental * dt * np.arange(signal.size)
+    window = np.ones(signal.size)
+    if turn[-1] > 1.5:
+        window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(signal.size) / signal.size)
+    window /= window.sum()
+    centred = window * (signal - np.sum(window * signal))
+    return np.array([2 * abs(np.sum(centred * np.exp(-2j * np.pi * k * turn))) for k in orders])

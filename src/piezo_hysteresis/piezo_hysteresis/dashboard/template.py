@@ -26,7 +26,11 @@ a { color: #0072b2; font-weight: 600; }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em; }
 .on { background: #009e73; } .off { background: #d55e00; }
 :host(.brief) { display: grid; gap: 0 .8rem;
-  grid-template-columns: repeat(auto-fill, minmax(170px, 1fr)); }
+  grid-template-columns: repeat(auto-fill, minmax(155px, 1fr)); }
+:host(.brief) > .refusal { grid-column: 1 / -1; }
+.tick { display: inline-block; width: .6em; height: .6em; border-radius: 50%; margin-right: .4em;
+  background: #009e73; }
+.tick.warning { background: #e69f00; } .tick.error, .tick.gone { background: #d55e00; }
 """
 
 _PAGE = """{% from macros import embed %}<!DOCTYPE html>
@@ -42,27 +46,29 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 </head>
 <body>
 <main>
-<header><h1>piezo_hysteresis</h1>{{ embed(roots.actuator) }}{{ embed(roots.pulse) }}</header>
+<header><h1>{{ title | e }}</h1>{{ embed(roots.actuator) }}{{ embed(roots.pulse) }}</header>
 {{ embed(roots.banner) }}
 <div class="page">
 <section class="pictures" aria-label="Signals">
-{{ embed(roots.view) }}
+<div class="view">{{ embed(roots.view) }}</div>
 <div class="plots">
-{% for plot in ('loop', 'trace', 'spectrum', 'error') %}<figure>{{ embed(roots[plot]) }}</figure>
-{% endfor %}
+<figure class="first">{{ embed(roots.loop) }}</figure>
+<figure class="first">{{ embed(roots.trace) }}</figure>
+<figure>{{ embed(roots.spectrum) }}</figure>
+<figure>{{ embed(roots.error) }}{{ embed(roots.tracking) }}</figure>
 <figure>{{ embed(roots.gap) }}{{ embed(roots.gap_words) }}</figure>
 <figure>{{ embed(roots.voltage) }}</figure>
-<figure>{{ embed(roots.estimate_choice) }}{{ embed(roots.estimate) }}</figure>
+<figure>{{ embed(roots.estimate) }}{{ embed(roots.estimate_choice) }}</figure>
 <figure>{{ embed(roots.estimates) }}</figure>
 </div>
+<details open><summary>Effects of the simulator</summary>{{ embed(roots.effects) }}</details>
+<details open><summary>Nodes</summary>{{ embed(roots.status) }}</details>
 </section>
 <aside class="controls" aria-label="Controls">
-<details open><summary>Drive</summary>{{ embed(roots.drive) }}</details>
-<details open><summary>Effects of the simulator</summary>{{ embed(roots.effects) }}</details>
+<details open class="first"><summary>Drive</summary>{{ embed(roots.drive) }}</details>
 <details open><summary>Sweep</summary>{{ embed(roots.sweep) }}</details>
 <details open><summary>Discovery</summary>{{ embed(roots.discovery) }}</details>
 <details><summary>All parameters</summary>{{ embed(roots.all) }}</details>
-<details open><summary>Nodes</summary>{{ embed(roots.status) }}</details>
 </aside>
 </div>
 <noscript>This page needs JavaScript; all of it comes from this machine.</noscript>
@@ -86,7 +92,15 @@ h1 { margin: 0; font-size: 1.3rem; }
 details { border: 1px solid var(--line); border-radius: 6px; margin-bottom: .7rem;
   padding: 0 .7rem .3rem; }
 summary { cursor: pointer; font-weight: 600; padding: .45rem 0; }
-@media (max-width: 900px) { .page { grid-template-columns: minmax(0, 1fr); } }
+figure { margin-bottom: .4rem; }
+@media (max-width: 900px) {
+  .page { display: flex; flex-direction: column; gap: .6rem; }
+  .pictures, .plots, .controls { display: contents; }
+  .page figure, .page details { order: 3; margin: 0; }
+  .page .view { order: 1; }
+  .page figure.first { order: 1; }
+  .page details.first { order: 2; }
+}
 """
 )
 

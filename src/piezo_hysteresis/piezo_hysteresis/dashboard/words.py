@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from urllib.parse import quote
 
-from piezo_hysteresis.dashboard.live import SILENCE, Estimate, Gap, Job, Live
+from piezo_hysteresis.dashboard.live import SILENCE, Counters, Estimate, Gap, Job, Live
 from piezo_hysteresis.reporting.units import micrometres, shown, with_deviation
 
 GONE_SHOWN = 600.0  # a node that left is told of for so long [s]
@@ -71,7 +71,7 @@ def tracking_words(rms: float, size: float) -> str:
     """Return the tracking error in words; [m], not finite where nothing is tracked."""
     if not math.isfinite(rms):
         return '<p class="soft">No reference now: nothing is tracked.</p>'
-    share = f', {100 * rms / size:.2g} % of the reference' if size > 0.0 else ''
+    share = f', {100 * rms / size:.3g} % of the reference' if size > 0.0 else ''
     return f'<p>Tracking error <b>{micrometres(rms)} µm</b> rms{share}.</p>'
 
 
@@ -131,27 +131,32 @@ def estimate_words(estimates: Sequence[Estimate], identifying: bool) -> str:
 
 
 def status_words(live: Live) -> str:
-    """Return the nodes with their counters, diagnostics and last words."""
+    """Return the nodes with their health and counters, and what was logged last."""
     now = live.clock()
     rows = []
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
-        counters = live.counters.get(node.name)
-        counts = ''
-        if counters is not None:
-            told = [f'{name} {count}' for name, count in counters.counts.items() if count]
-            if counters.rate > 0.0:
-                told.insert(0, f'{counters.rate:.0f} Hz')
-            counts = ', '.join(told) or 'no faults counted'
-        state = 'there' if node.present else f'gone for {_ago(now - node.since)}'
-        rows.append((node.name, state, counts))
-    parts = [_table(('node', 'state', 'counters'), rows)] if rows else []
-    said = [*live.diagnostics.values(), *list(live.words)[-6:]]
+        health = live.diagnostics.get(node.name)
+        level, words = ('ok', 'there') if health is None else (health.level, health.text)
+        if not node.present:
+            level, words = 'gone', f'gone for {_ago(now - node.since)}'
+        name = f'<span class="tick {level}"></span>{escape(node.name)}'
+        rows.append((name, escape(words), escape(_counted(live.counters.get(node.name)))))
+    parts = [_raw_table(('node', 'health', 'counters'), rows)] if rows else []
     parts += [
-        f'<p class="{word.level}"><b>{escape(word.node)}</b> {escape(word.text)} '
-        f'<span class="soft">({_ago(now - word.at)} ago)</span></p>'
-        for word in said
+        f'<p class="{word.level}">{escape(word.node)}: {escape(word.text)} '
+        f'<span class="soft">{_ago(now - word.at)} ago</span></p>'
+        for word in list(live.words)[-4:]
     ]
     return ''.join(parts) or '<p class="soft">No nodes yet.</p>'
+
+
+def _counted(counters: Counters | None) -> str:
+    if counters is None:
+        return ''
+    told = [f'{name} {count}' for name, count in counters.counts.items() if count]
+    if counters.rate > 0.0:
+        told.insert(0, f'{counters.rate:.0f} ticks/s')
+    return ', '.join(told)
 
 
 def job_words(job: Job) -> str:
@@ -181,10 +186,13 @@ def job_words(job: Job) -> str:
 
 
 def _table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    return _raw_table(headers, [[escape(cell) for cell in row] for row in rows])
+
+
+def _raw_table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of cells that are HTML already."""
     head = ''.join(f'<th>{escape(header)}</th>' for header in headers)
-    body = ''.join(
-        '<tr>' + ''.join(f'<td>{escape(cell)}</td>' for cell in row) + '</tr>' for row in rows
-    )
+    body = ''.join('<tr>' + ''.join(f'<td>{cell}</td>' for cell in row) + '</tr>' for row in rows)
     return (
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
         '</div>'

@@ -28,6 +28,7 @@ from piezo_ros_common.timers import wall_timer
 
 LISTEN_EVERY = 0.03
 LOOK_EVERY = 1.0
+MOST_ACTUATORS = 100
 STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
 
 
@@ -127,12 +128,15 @@ class Dashboard(Node):
             desk.directory.look(spaces.get(actuator, set()))
             desk.jobs.watch()
 
-    def _find_actuators(self) -> list[str]:
-        wanted = [word.strip('/') for word in self._words('actuators')]
+    def _wanted(self) -> list[str]:
+        """Return the namespaces that were asked for, none where all are welcome."""
         own = self.get_namespace().strip('/')
-        if wanted or own:
-            return wanted or [own]
-        return sorted(
+        named = [word.strip('/') for word in self._words('actuators')]
+        return named or ([own] if own else [])
+
+    def _find_actuators(self) -> list[str]:
+        wanted = self._wanted()
+        return wanted or sorted(
             name.removesuffix(topics.STATE).strip('/')
             for name, types in self.get_topic_names_and_types()
             if STATE_TYPE in types
@@ -159,6 +163,11 @@ class Dashboard(Node):
     def actuators(self) -> list[str]:
         """Return the namespaces there are, never an empty list."""
         return self._found or ['']
+
+    def allows(self, actuator: str) -> bool:
+        """Tell whether a namespace that a reader asks for may be looked at."""
+        wanted = self._wanted()
+        return actuator in wanted if wanted else len(self._lives) < MOST_ACTUATORS
 
     def live(self, actuator: str) -> Live:
         """Return what is known of an actuator."""
