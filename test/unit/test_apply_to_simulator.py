@@ -41,6 +41,8 @@ CASES = {
         5e-3,
     ),
     'slew_limit': ({'slew_rate': 20.0}, 3e-3),
+    # The block answers the mean over each sample, half a sample ahead of the value at its end.
+    'slew_limit_mean': ({'mean_slew_rate': 20.0}, 1.5e-2),
     'electrostriction': ({'electrostriction': 6e-6}, 1e-3),
     'drift': ({'drift_rate': 2e-6}, 1e-3),
     'backlash': ({'backlash': 2e-6}, 1e-3),

@@ -203,6 +203,14 @@ def test_slew_limit_makes_triangles():
     assert y[-1] == -1.0
 
 
+def test_mean_of_a_slew_limit_is_that_of_fine_steps():
+    x, fine = np.sin(0.3 * np.arange(60)), 2000
+    exact = respond('slew_limit', np.repeat(x, fine), {'slew_rate': 150.0}, DT / fine)
+    y = respond('slew_limit_mean', x, {'mean_slew_rate': 150.0})
+    assert np.abs(np.diff(x)).max() > 0.15 > np.abs(np.diff(x)).min()
+    np.testing.assert_allclose(y, exact.reshape(-1, fine).mean(axis=1), atol=2e-4)
+
+
 def test_saturation_cuts_either_side():
     y = respond('saturation', [-2.0, -0.5, 2.0], {'saturation_high': 1.5, 'saturation_low': 1.0})
     np.testing.assert_array_equal(y, [-1.0, -0.5, 1.5])
