@@ -121,13 +121,16 @@ class Arena:
             for e in trial.errors
         )
 
-    def is_crumb(self, trial: Trial, start: Trial) -> bool:
-        """Tell whether what is left is what no model of the effects so far could do better."""
+    def is_crumb(self, trial: Trial, start: Trial, times: float = 1.0) -> bool:
+        """Tell whether what is left is what no model of the effects so far could do better.
+
+        With `times` above 1, whether it well may be.
+        """
         coarse = any(
             added.effect in COARSE_EFFECTS or added.variant in COARSE_VARIANTS
             for added in trial.added
         )
-        share = (COARSE if coarse else EXACT) if trial.added else 0.0
+        share = times * (COARSE if coarse else EXACT) if trial.added else 0.0
         return self.excess(trial) < share**2 * self.excess(start)
 
     def is_as_good(self, simpler: Trial, richer: Trial) -> bool:

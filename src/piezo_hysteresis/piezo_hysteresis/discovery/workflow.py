@@ -29,6 +29,10 @@ Progress = Callable[[float, str], None]
 MOST_EFFECTS = 5
 # An improvement counts if it takes at least this share of what is above the floor.
 SHARE = 0.25
+# Of what may be left by a law that is not quite that of the actuator, an effect takes most;
+# such a remainder is this many times what counts as no evidence.
+MOST_OF_IT = 0.6
+MAY_BE_CRUMB = 3.0
 # What is left counts as explained up to this gap [floors].
 NEAR = 1.2
 # Evaluations of a fit that is to end where nothing is left to gain.
@@ -142,7 +146,7 @@ def _compete(
 
         arena = arena.on_one_clock(current)
         contest = compete(arena, current, told)
-        if contest is None or not accepted(arena, contest):
+        if contest is None or not accepted(arena, contest, start):
             return arena, steps, contest
         # A fit that stopped short would leave crumbs for which the next round finds a name.
         current = arena.refit(contest.best, THOROUGH)
@@ -150,12 +154,13 @@ def _compete(
     return arena, steps, contest
 
 
-def accepted(arena: Arena, contest: Contest) -> bool:
+def accepted(arena: Arena, contest: Contest, start: Trial) -> bool:
     """Tell whether the winner of a contest is an effect: sure, and not a crumb."""
+    needed = MOST_OF_IT if arena.is_crumb(contest.before, start, MAY_BE_CRUMB) else SHARE
     before, after = arena.excess(contest.before), arena.excess(contest.best)
     share = (before - after) / max(before, 1e-12)
     better = arena.score(contest.best) < arena.score(contest.before)
-    return better and contest.gain.ratio >= SURE and share >= SHARE
+    return better and contest.gain.ratio >= SURE and share >= needed
 
 
 def _placeholder() -> Verdict:
