@@ -19,7 +19,7 @@ from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
 from piezo_hysteresis.discovery.prove import Proof, prove
 from piezo_hysteresis.discovery.settle import Step, settle
-from piezo_hysteresis.discovery.trial import Trial
+from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
@@ -29,8 +29,9 @@ Progress = Callable[[float, str], None]
 MOST_EFFECTS = 5
 # An improvement counts if it takes at least this share of what is above the floor.
 SHARE = 0.25
-# Of what may be left by a law that is not quite that of the actuator, an effect takes most;
-# such a remainder is this many times what counts as no evidence.
+# Laws are not quite those of the actuator and leave crumbs, for which some effect always finds a
+# use. Of what is so small, or up to so many times larger, a real effect takes nearly all or most.
+NEARLY_ALL = 0.9
 MOST_OF_IT = 0.6
 MAY_BE_CRUMB = 3.0
 # What is left counts as explained up to this gap [floors].
@@ -137,7 +138,7 @@ def _compete(
     steps: list[Step] = []
     contest: Contest | None = None
     for place in range(MOST_EFFECTS):
-        if not arena.lacks_something(current) or arena.is_crumb(current, start):
+        if not arena.lacks_something(current):
             return arena, steps, None
         begin, share = 0.12 + 0.7 * place / MOST_EFFECTS, 0.7 / MOST_EFFECTS
 
@@ -156,7 +157,11 @@ def _compete(
 
 def accepted(arena: Arena, contest: Contest, start: Trial) -> bool:
     """Tell whether the winner of a contest is an effect: sure, and not a crumb."""
-    needed = MOST_OF_IT if arena.is_crumb(contest.before, start, MAY_BE_CRUMB) else SHARE
+    needed = SHARE
+    if arena.is_crumb(contest.before, start):
+        needed = NEARLY_ALL
+    elif arena.is_crumb(contest.before, start, MAY_BE_CRUMB):
+        needed = MOST_OF_IT
     before, after = arena.excess(contest.before), arena.excess(contest.best)
     share = (before - after) / max(before, 1e-12)
     better = arena.score(contest.best) < arena.score(contest.before)
@@ -174,10 +179,14 @@ def _verdict(
 ) -> Verdict:
     data, floor, proof = found.data, found.floor, found.proof
     before, after = arena.excess(found.baselines.joint), arena.excess(found.final)
-    left = arena.lacks_something(found.final)
+    views, final = data.training, found.final
+    if not arena.lacks_something(final):
+        # What training does not show can neither be named nor passed over.
+        views, final = data.held_out, on_views(final, data.held_out)
+    left = arena.lacks_something(final)
     explained = 1.0 - after / before if before > 0 else 1.0
     word = _word(bool(found.steps), left, found.final.rms / floor, explained)
-    description = describe(data, data.training, found.final.errors, floor) if left else ''
+    description = describe(data, views, final.errors, floor) if left else ''
     effects = named_effects(found.steps, found.final, arena)
     doubts = suspects(found.steps, last) if word == 'unknown' else ()
     verdict = Verdict(
