@@ -123,7 +123,7 @@ def test_the_page_over_live_processes(
     browser.until("model('excitation.voltage.amplitude.slider').value == 0.8")
 
     # An effect is switched on, found by a sweep and a discovery, and read as words.
-    browser.click('simulator.effects.resonance.switch')
+    browser.click('simulator.effects.resonance.switch', 'body_el')
     listener.until(
         lambda: listener.get_parameter(f'/{SPACE}/simulator', 'effects.resonance') is True
     )

@@ -157,7 +157,7 @@ class Controls:
         find = self._live.parameter
         self._drive = RowList(send, find, 'drive', 'No excitation or controller is running.')
         self._effects = RowList(send, find, 'effects', 'No simulator is running here.', brief=True)
-        self._all = RowList(send, find, 'all_rows', 'No parameters yet.')
+        self._all = RowList(send, find, 'all_rows', 'No parameters yet.', prefix='all.')
         self._node = Select(title='node', options=[], name='all.node')
         self._group = Select(title='group', options=[], name='all.group')
         self._sweep = SweepForm(

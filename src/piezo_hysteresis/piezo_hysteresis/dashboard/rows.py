@@ -11,7 +11,7 @@ from bokeh.models import Column, Div, NumericInput, Row, Select, Slider, Switch,
 
 from piezo_hysteresis.dashboard.backend import Answer
 from piezo_hysteresis.dashboard.controls import Parameter, Value, reach
-from piezo_hysteresis.dashboard.template import WIDGET_STYLE
+from piezo_hysteresis.dashboard.template import SWITCH_STYLE, WIDGET_STYLE
 
 Send = Callable[[str, str, Value], Answer]
 Find = Callable[[str, str], Parameter | None]
@@ -38,6 +38,8 @@ class ParameterRow:
     shared : Div, optional
         Where a refusal is said, if not below the control; only a switch with its name is then
         shown, and the sentence on hovering.
+    prefix : str
+        Before the names of its widgets.
     """
 
     def __init__(
@@ -46,8 +48,10 @@ class ParameterRow:
         send: Send,
         siblings: Iterable[Parameter] = (),
         shared: Div | None = None,
+        prefix: str = '',
     ) -> None:
         self._parameter = parameter
+        self._prefix = prefix
         self._send = send
         self._siblings = tuple(siblings)
         self._answer: Answer | None = None
@@ -61,7 +65,7 @@ class ParameterRow:
     @property
     def key(self) -> str:
         """Node and name."""
-        return f'{self._parameter.node}.{self._parameter.name}'
+        return f'{self._prefix}{self._parameter.node}.{self._parameter.name}'
 
     def _build(self) -> Any:
         p = self._parameter
@@ -87,7 +91,9 @@ class ParameterRow:
         p = self._parameter
         label = p.name.partition('.')[2] or p.name
         title = {'title': p.sentence}
-        return self._new_switch(label=label, html_attributes=title, margin=(1, 0, 1, 0))
+        return self._new_switch(
+            label=label, html_attributes=title, margin=(2, 0, 2, 0), stylesheets=[SWITCH_STYLE]
+        )
 
     def _switch(self) -> Any:
         p = self._parameter
@@ -224,9 +230,21 @@ class RowList:
         What is said where there is nothing.
     brief : bool
         Whether sentences are only shown on hovering.
+    prefix : str
+        Before the names of its widgets.
     """
 
-    def __init__(self, send: Send, find: Find, name: str, empty: str, brief: bool = False) -> None:
+    def __init__(
+        self,
+        send: Send,
+        find: Find,
+        name: str,
+        empty: str,
+        *,
+        brief: bool = False,
+        prefix: str = '',
+    ) -> None:
+        self._prefix = prefix
         self._send, self._find = send, find
         self._shared = reason_div(f'{name}.reason') if brief else None
         self._rows: list[ParameterRow] = []
@@ -246,7 +264,8 @@ class RowList:
         if keys != self._keys:
             self._keys = keys
             self._rows = [
-                ParameterRow(p, self._send, _siblings(p, all_of), self._shared) for p in listed
+                ParameterRow(p, self._send, _siblings(p, all_of), self._shared, self._prefix)
+                for p in listed
             ]
             shown = [row.root for row in self._rows] or [self._hint]
             self.root.children = [*shown, self._shared] if self._shared else shown

@@ -33,6 +33,11 @@ a { color: #0072b2; font-weight: 600; }
 .tick.warning { background: #e69f00; } .tick.error, .tick.gone { background: #d55e00; }
 """
 
+# The switch before its name.
+SWITCH_STYLE = """
+:host { flex-direction: row-reverse; justify-content: flex-end; font-size: 13px; }
+"""
+
 _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <html lang="en">
 <head>

@@ -12,6 +12,7 @@ from pathlib import Path
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 
+from piezo_hysteresis.cli.dashboard import configure
 from piezo_hysteresis.dashboard.backend import Answer, DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.controls import Value
 from piezo_hysteresis.dashboard.live import Job, Live
@@ -223,21 +224,28 @@ class Dashboard(Node):
         self._ear_node.destroy_node()
 
 
+def ros_arguments(arguments: Sequence[str]) -> list[str]:
+    """Return what ROS is told for the words of the verb, and what stands behind ``--ros-args``."""
+    words = list(arguments)
+    cut = words.index('--ros-args') if '--ros-args' in words else len(words)
+    parser = argparse.ArgumentParser(prog='dashboard')
+    configure(parser)
+    given = parser.parse_args(words[:cut])
+    ros = ['--ros-args', *words[cut + 1 :]]
+    for name in ('folder', 'port', 'address'):
+        value = getattr(given, name)
+        if value is not None:
+            ros += ['-p', f'{name}:={value}']
+    if given.namespace:
+        ros += ['-r', f'__ns:=/{given.namespace.strip("/")}']
+    return ros
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run the page for the verb ``dashboard``."""
-    parser = argparse.ArgumentParser(prog='dashboard')
-    parser.add_argument('--namespace', default='')
-    parser.add_argument('--folder', default='.')
-    parser.add_argument('--port', type=int, default=5006)
-    parser.add_argument('--address', default='127.0.0.1')
-    words = parser.parse_args(list(arguments))
-    ros = ['--ros-args', '-p', f'folder:={words.folder}', '-p', f'port:={words.port}']
-    ros += ['-p', f'address:={words.address}']
-    if words.namespace:
-        ros += ['-r', f'__ns:=/{words.namespace.strip("/")}']
-    return run_node(Dashboard, ros)
+    return run_node(Dashboard, ros_arguments(arguments))
 
 
 def main() -> None:
     """Run the node as a process."""
-    sys.exit(run_node(Dashboard))
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,421 @@
+"""The live page without ROS and without a browser: controls, words, pages, the web server."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import math
+
+import numpy as np
+import pytest
+from bokeh.document import Document
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+from piezo_hysteresis.dashboard.axes import Follower
+from piezo_hysteresis.dashboard.backend import Answer
+from piezo_hysteresis.dashboard.controls import Parameter, described, groups_of, reach
+from piezo_hysteresis.dashboard.forms import numbers
+from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, Live, NodeState, Word
+from piezo_hysteresis.dashboard.page import Page
+from piezo_hysteresis.dashboard.rows import ParameterRow
+from piezo_hysteresis.dashboard.server import DashboardServer
+from piezo_hysteresis.dashboard.signals import State
+from piezo_hysteresis.dashboard.words import (
+    banner,
+    estimate_words,
+    gap_words,
+    job_words,
+    status_words,
+    tracking_words,
+)
+from piezo_hysteresis.errors import PiezoError
+
+
+class Backend:
+    """Stands in for ROS: takes every value up to 500."""
+
+    def __init__(self, names=('stage',)):
+        self.names = list(names)
+        self.lives = {}
+        self.sent = []
+        self.orders = []
+
+    def actuators(self):
+        return self.names or ['']
+
+    def allows(self, actuator):
+        return True
+
+    def live(self, actuator):
+        return self.lives.setdefault(actuator, live_at([0.0], actuator))
+
+    def set_parameters(self, actuator, node, values):
+        ((name, value),) = values.items()
+        answer = Answer()
+        self.sent.append((node, name, value, answer))
+        return answer
+
+    def start_sweep(self, actuator, order):
+        self.orders.append(order)
+
+    start_discovery = start_sweep
+
+    def cancel_sweep(self, actuator):
+        self.orders.append('cancel')
+
+    cancel_discovery = cancel_sweep
+
+    def bags(self, actuator):
+        return ['first']
+
+
+def live_at(time, name='stage'):
+    return Live(name, clock=lambda: time[0])
+
+
+def amplitude(value=1.0):
+    return Parameter('excitation', 'voltage.amplitude', value, 'Amplitude.', 'V', 0.0, 500.0)
+
+
+# --- controls ---------------------------------------------------------------------------------
+
+
+def test_a_descriptor_is_read_back():
+    found = described(
+        'n', 'mode', 'idle', 'What is published. One of idle, voltage.', 'one of idle, voltage'
+    )
+    assert (found.sentence, found.unit) == ('What is published.', '')
+    assert found.choices == ('idle', 'voltage')
+    found = described('n', 'a', 5e-5, 'Amplitude of it. [m]', '', (0.0, 0.01))
+    assert (found.sentence, found.unit, found.high) == ('Amplitude of it.', 'm', 0.01)
+    assert (found.shown_unit, found.factor) == ('µm', 1e6)
+    assert described('n', 'g', 1.0, 'x. [V]', '', (0.0, 1.7e308)).high == math.inf
+
+
+@pytest.mark.parametrize(
+    ('value', 'unit', 'low', 'high', 'start', 'end'),
+    [
+        (1.0, 'V', 0.0, 500.0, 0.0, 5.0),  # cut to what is usual
+        (8e-5, 'm', 0.0, 0.01, 0.0, 500.0),  # µm
+        (-0.3, '1/V', -1e4, 1e4, -1.0, 1.0),
+        (0.9995, '1', 0.9, 1.0, 0.9, 1.0),  # narrow ranges are shown whole
+        (1.0, 'Hz', 1.0, 1e5, 1.0, 5.0),
+        (400.0, 'V', 0.0, 500.0, 0.0, 500.0),
+        (0.0, 'Hz', 0.0, 1e4, 0.0, 5.0),
+        (7, '', 0, 999, 0.0, 50.0),
+    ],
+)
+def test_a_slider_spans_what_is_usual(value, unit, low, high, start, end):
+    span = reach(Parameter('n', 'p', value, '', unit, low, high))
+    assert (span.start, span.end) == (start, end)
+    assert span.end > span.start
+    assert 0.0 < span.step <= 0.05 * (span.end - span.start)
+
+
+def test_a_number_at_zero_learns_its_size_from_its_relatives():
+    offset = Parameter('n', 'reference.offset', 0.0, '', 'm', -0.01, 0.01)
+    relative = Parameter('n', 'reference.amplitude', 5e-5, '', 'm', 0.0, 0.01)
+    span = reach(offset, [offset, relative])
+    assert (span.start, span.end) == (-200.0, 200.0)
+
+
+def test_parameters_are_grouped_and_fixed_ones_left_out():
+    rows = [
+        Parameter('n', 'rate', 1.0, read_only=True),
+        Parameter('n', 'plant.gain', 1.0),
+        Parameter('n', 'use_sim_time', False),
+        Parameter('n', 'mode', 'idle'),
+    ]
+    groups = groups_of(rows)
+    assert {name: [p.name for p in group] for name, group in groups.items()} == {
+        '': ['mode'],
+        'plant': ['plant.gain'],
+    }
+
+
+def test_typed_lists_keep_their_type():
+    assert Parameter('n', 'orders', [1, 3]).parse('[0, 2 5]') == [0, 2, 5]
+    assert Parameter('n', 'zeros', [1.0]).parse('1, 2.5') == [1.0, 2.5]
+    assert Parameter('n', 'orders', [1]).parse('three') == ['three']  # the node says why not
+    assert Parameter('n', 'topics', ['']).parse('a b') == ['a', 'b']
+
+
+def test_typed_sweeps_are_read_or_refused():
+    assert numbers('1, 2.5; 3 4', 'f') == (1.0, 2.5, 3.0, 4.0)
+    for text in ('', 'one, two'):
+        with pytest.raises(PiezoError, match='frequencies'):
+            numbers(text, 'frequencies')
+
+
+def test_a_refused_control_goes_back_and_says_why():
+    backend = Backend()
+    row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
+    slider, box = row.root.children[1].children
+    box.value = 9000.0
+    node, name, value, answer = backend.sent.pop()
+    assert (node, name, value) == ('excitation', 'voltage.amplitude', 9000.0)
+    row.refresh(lambda *_: amplitude())
+    assert box.value == 9000.0  # nobody has answered yet
+    answer.give('voltage.amplitude = 9000 V is outside 0 .. 500 V')
+    row.refresh(lambda *_: amplitude())
+    assert (box.value, slider.value) == (1.0, 1.0)
+    reason = row.root.children[2]
+    assert 'outside 0 .. 500 V' in reason.text
+    assert reason.visible
+    assert backend.sent == []  # going back is no wish of the reader
+
+    slider.value = 2.0
+    backend.sent.pop()[3].give()
+    row.refresh(lambda *_: amplitude(2.0))
+    assert (box.value, reason.visible) == (2.0, False)
+
+
+def test_a_dragged_slider_sends_the_newest_wish_only():
+    backend = Backend()
+    row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
+    slider = row.root.children[1].children[0]
+    for value in (1.5, 2.0, 2.5, 3.0):
+        slider.value = value
+    assert [entry[2] for entry in backend.sent] == [1.5]
+    backend.sent[0][3].give()
+    row.refresh(lambda *_: amplitude(1.5))
+    assert [entry[2] for entry in backend.sent] == [1.5, 3.0]
+    assert slider.value == 3.0  # does not jump back under the finger
+    backend.sent[1][3].give()
+    row.refresh(lambda *_: amplitude(3.0))
+    row.refresh(lambda *_: amplitude(0.7))  # somebody else sets it
+    assert slider.value == 0.7
+    assert len(backend.sent) == 2
+
+
+# --- words ------------------------------------------------------------------------------------
+
+
+def test_the_banner_tells_absence_silence_and_loss():
+    time = [100.0]
+    live = live_at(time)
+    assert 'nobody publishes /stage/actuator/state' in banner(live)
+    live.published = True
+    assert 'Waiting for the first sample' in banner(live)
+    live.note('state')
+    assert banner(live) == ''
+    time[0] += 7.0
+    assert 'Stale' in banner(live)
+    assert '7 s' in banner(live)
+    live.note('state')
+    live.nodes['gap_monitor'] = NodeState('gap_monitor', False, 105.0)
+    assert 'gap_monitor (for 2 s)' in banner(live)
+    live.nodes['gap_monitor'] = NodeState('gap_monitor', True, 107.0)
+    assert banner(live) == ''
+
+
+def test_what_comes_from_outside_is_escaped():
+    evil = '<script>alert(1)</script>'
+    live = live_at([0.0])
+    live.nodes['n'] = NodeState('n', True, 0.0)
+    live.diagnostics['n'] = Word(0.0, 'n', 'error', evil)
+    live.words.append(Word(0.0, evil, 'error', evil))
+    gap = Gap(0.0, 1.0, 1.0, 9.0, 1.0, (1,), (1.0,), True, evil)
+    estimate = Estimate(0.0, evil, evil, evil, (evil,), (evil,), (1.0,), (0.1,), 0, 0, True)
+    texts = [
+        status_words(live), gap_words([gap], True), estimate_words([estimate], True),
+        job_words(Job('failed', 0.0, evil)),
+        job_words(Job('done', 1.0, evil, ((evil, 1.0),), 2.0, 1.0, f'{evil}"onclick=x')),
+    ]  # fmt: skip
+    for text in texts:
+        assert '<script' not in text
+        assert '"onclick' not in text
+
+
+def test_numbers_are_said_in_micrometres_and_floors():
+    assert '1.5 µm' in tracking_words(1.5e-6, 50e-6)
+    assert '3 %' in tracking_words(1.5e-6, 50e-6)
+    assert 'nothing is tracked' in tracking_words(math.nan, 1.0)
+    gap = Gap(0.0, 2e-6, 2e-8, 100.0, 5.0, (1, 3), (1e-7, 1.9e-6), True, 'resonance')
+    words = gap_words([gap], True)
+    assert '100 noise floors' in words
+    assert 'resonance' in words
+    assert 'at 3×' in words
+    assert 'No gap monitor' in gap_words([], False)
+    estimate = Estimate(
+        0.0, 'classical', 'rls', '', ('A', 'f'), ('m/V', 'Hz'), (1.2e-4, 68.0), (1e-7, 0.0),
+        1e-8, math.nan, True,
+    )  # fmt: skip
+    table = estimate_words([estimate], True)
+    assert '<td>120</td>' in table
+    assert '± 0.1' in table
+    assert 'held' in table
+
+
+# --- axes and pages ---------------------------------------------------------------------------
+
+
+def test_an_axis_is_calm_and_leaves_a_zoom_alone():
+    follower = Follower()
+    follower.fit(-1.0, 1.0)
+    first = (follower.range.start, follower.range.end)
+    assert first[0] < -1.0
+    assert first[1] > 1.0
+    follower.fit(-0.9, 0.95)
+    assert (follower.range.start, follower.range.end) == first
+    follower.fit(-3.0, 1.0)
+    assert follower.range.start < -3.0
+    follower.fit(-0.1, 0.1)
+    assert follower.range.start > -0.2
+    follower.range.update(start=0.0, end=0.05)  # a person
+    follower.fit(-5.0, 5.0)
+    assert (follower.range.start, follower.range.end) == (0.0, 0.05)
+    follower.range.update(start=follower.range.reset_start, end=follower.range.reset_end)
+    follower.fit(-5.0, 5.0)
+    assert follower.range.end > 5.0
+    follower.fit(math.nan, 1.0)
+    assert follower.range.end > 5.0
+
+
+def filled(backend, name='stage'):
+    live = backend.live(name)
+    turn = 2 * np.pi * 0.01 * np.arange(5000)
+    live.signals.add_references(list(range(5000)), list(5e-5 * np.sin(turn)))
+    volts = np.sin(turn).tolist()
+    live.signals.add_states(
+        [State(k, k * 1_000_000, volt, 6e-5 * volt) for k, volt in enumerate(volts)]
+    )
+    live.note('state')
+    live.note('reference')
+    live.frequency = 10.0
+    live.published = live.sweeps_offered = True
+    live.nodes['excitation'] = NodeState(
+        'excitation', True, 0.0, {'voltage.amplitude': amplitude()}
+    )
+    switch = described('simulator', 'effects.creep', False, 'Creeps.')
+    live.nodes['simulator'] = NodeState('simulator', True, 0.0, {'effects.creep': switch})
+    return live
+
+
+def test_a_page_shows_what_is_known():
+    backend = Backend()
+    filled(backend)
+    document = Document()
+    Page(document, backend, 'stage')
+    by_name = document.get_model_by_name
+    loop = by_name('loop.last').data
+    assert np.max(loop['x']) == pytest.approx(1.0, abs=1e-3)
+    assert np.max(loop['y']) == pytest.approx(60.0, abs=0.1)  # µm
+    trace = by_name('trace.displacement').data
+    assert trace['x'][-1] == 0.0
+    assert trace['x'][0] == pytest.approx(-2.0, abs=0.01)
+    assert np.max(by_name('error.error').data['y']) == pytest.approx(10.0, abs=0.1)
+    harmonics = by_name('spectrum.harmonics').data
+    assert harmonics['order'][0] == '1×'
+    assert harmonics['y'][0] == pytest.approx(60.0, abs=0.1)
+    assert '7.07 µm' in by_name('tracking').text
+    assert by_name('excitation.voltage.amplitude.slider').value == 1.0
+    by_name('simulator.effects.creep.switch').active = True
+    assert backend.sent[-1][:3] == ('simulator', 'effects.creep', True)
+
+
+def test_a_sweep_is_ordered_and_mistakes_are_said():
+    backend = Backend()
+    filled(backend)
+    document = Document()
+    page = Page(document, backend, 'stage')
+    form = page._controls._sweep
+    form._frequencies.value = 'fast'
+    form.box._press()
+    assert 'no list of numbers' in form.box.words.text
+    form._frequencies.value, form._name.value = '1, 2', '../outside'
+    form.box._press()
+    assert 'no name of a bag' in form.box.words.text
+    assert backend.orders == []
+    form._name.value = 'mine'
+    form.box._press()
+    assert backend.orders[0].frequencies == (1.0, 2.0)
+    backend.live('stage').sweep = Job('running', 0.42, '1 Hz at 1 V')
+    page.refresh()
+    assert form.box.bar.value == 42
+    assert form.box.start.disabled
+    assert not form.box.cancel.disabled
+
+
+def test_several_readers_have_pages_of_their_own():
+    backend = Backend()
+    filled(backend)
+    documents = [Document(), Document()]
+    pages = [Page(document, backend, 'stage') for document in documents]
+    documents[0].get_model_by_name('hold').active = True
+    backend.live('stage').signals.add_states([State(5000, 5_000_000_000, 9.0, 0.0)])
+    for page in pages:
+        page.refresh()
+    newest = [d.get_model_by_name('voltage.voltage').data['y'][-1] for d in documents]
+    assert newest[0] < 2.0  # held
+    assert newest[1] == 9.0
+
+
+def test_a_page_goes_over_to_an_actuator_that_appears():
+    backend = Backend(names=())
+    document, chosen = Document(), Document()
+    page = Page(document, backend, '')
+    other = Page(chosen, backend, 'stage_y', chosen=True)
+    backend.names = ['stage_x']
+    for each in (page, other):
+        each._slow = 0.0
+        each.refresh()
+    assert document.get_model_by_name('actuator').value == 'stage_x'
+    assert chosen.get_model_by_name('actuator').value == 'stage_y'
+    assert chosen.get_model_by_name('actuator').options == ['stage_x', 'stage_y']
+
+
+# --- server -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def server(tmp_path):
+    folder = tmp_path / 'runs'
+    (folder / 'one').mkdir(parents=True)
+    (folder / 'one' / 'report.html').write_text('<p>report</p>')
+    (folder / 'model.yaml').write_text('secret')
+    (tmp_path / 'outside.html').write_text('secret')
+    (folder / 'link.html').symlink_to(tmp_path / 'outside.html')
+    backend = Backend()
+    filled(backend)
+    running = DashboardServer(backend, address='127.0.0.1', port=0, folder=str(folder))
+    running.start()
+    yield running
+    running.stop()
+
+
+def ask(server, path, host=None):
+    connection = http.client.HTTPConnection('127.0.0.1', server.port, timeout=60)
+    connection.request('GET', path, headers={'Host': host or f'127.0.0.1:{server.port}'})
+    answer = connection.getresponse()
+    return answer.status, answer.read().decode()
+
+
+def test_reports_are_served_and_nothing_else(server):
+    assert server.local
+    assert ask(server, '/reports/one/report.html') == (200, '<p>report</p>')
+    for path in ('model.yaml', '../outside.html', '%2e%2e/outside.html', 'link.html', 'one', ''):
+        status, text = ask(server, f'/reports/{path}')
+        assert status in (403, 404)
+        assert 'secret' not in text
+    assert ask(server, '/reports/one/report.html', host='evil.example')[0] == 403
+
+
+def test_only_own_pages_may_give_commands(server):
+    status, text = ask(server, '/?actuator=stage')
+    assert status == 200
+    assert 'stage · piezo hysteresis' in text
+    assert 'cdn' not in text
+
+    async def connect(origin):
+        request = HTTPRequest(f'ws://127.0.0.1:{server.port}/ws', headers={'Origin': origin})
+        return await websocket_connect(request)
+
+    with pytest.raises(HTTPClientError, match='403'):
+        asyncio.run(connect('http://evil.example'))
+
+
+def test_a_port_that_is_taken_is_said_in_one_line(server):
+    with pytest.raises(PiezoError, match='give another port'):
+        DashboardServer(Backend(), address='127.0.0.1', port=server.port, folder='.')
