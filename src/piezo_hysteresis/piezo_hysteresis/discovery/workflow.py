@@ -178,14 +178,16 @@ def _verdict(
     found: Discovery, arena: Arena, last: Contest | None, name: str, seed: int
 ) -> Verdict:
     data, floor, proof = found.data, found.floor, found.proof
-    before, after = arena.excess(found.baselines.joint), arena.excess(found.final)
     views, final = data.training, found.final
     if not arena.lacks_something(final):
         # What training does not show can neither be named nor passed over.
         views, final = data.held_out, on_views(final, data.held_out)
     left = arena.lacks_something(final)
-    explained = 1.0 - after / before if before > 0 else 1.0
-    word = _word(bool(found.steps), left, found.final.rms / floor, explained)
+    # An effect that does not prove itself on held-out records is not the one.
+    proven = _explained(found.baselines.joint.rms / floor, found.final.rms / floor) and _explained(
+        proof.before / floor, proof.after / floor
+    )
+    word = _word(bool(found.steps), left, proven)
     description = describe(data, views, final.errors, floor) if left else ''
     effects = named_effects(found.steps, found.final, arena)
     doubts = suspects(found.steps, last) if word == 'unknown' else ()
@@ -230,12 +232,15 @@ def _verdict(
     return replace(verdict, summary=summary_of(verdict))
 
 
-def _word(any_effect: bool, left: bool, floors: float, explained: float) -> str:
+def _explained(before: float, after: float) -> bool:
+    """Tell whether a gap is gone or, in mean square above the floor, nearly so; in floors."""
+    return after <= NEAR or before**2 - after**2 >= MOSTLY * (before**2 - 1.0)
+
+
+def _word(any_effect: bool, left: bool, proven: bool) -> str:
     if not any_effect:
         return 'unknown' if left else 'none'
-    if floors <= NEAR or explained >= MOSTLY:
-        return 'named'
-    return 'unknown'
+    return 'named' if proven else 'unknown'
 
 
 def _gaps(base: Baselines) -> dict[str, float]:
