@@ -1,6 +1,8 @@
-"""Write docs/nodes.md from the parameter tables: ``python tools/write_docs.py [--check]``.
+"""Write docs/nodes.md from the parameter tables, docs/reference/ from docstrings and programs.
 
-With --check nothing is written; the exit code is 1 where the page is out of date.
+    python tools/write_docs.py [--check]
+
+With --check nothing is written; the exit code is 1 where a page is out of date.
 """
 
 from __future__ import annotations
@@ -9,7 +11,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from write_reference import FOLDER as REFERENCE
+from write_reference import reference_pages
+
 from piezo_hysteresis.nodes import tables
+from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
 from piezo_ros_common import topics
 from piezo_ros_common.table import ParameterSpec, ParameterTable
 from piezo_sim.nodes.tables import simulator_table
@@ -149,6 +157,14 @@ NODES = (
     ),
     NodePage(
         'piezo_hysteresis',
+        'dashboard',
+        'Serves the live page: see [dashboard.md](dashboard.md). It hears the topics of every '
+        'actuator that somebody looks at, through a second node `dashboard_ear`, and is a client '
+        'of the parameters and actions of the others.',
+        DASHBOARD,
+    ),
+    NodePage(
+        'piezo_hysteresis',
         'recorder',
         'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill.',
         tables.RECORDER,
@@ -243,15 +259,24 @@ def _name(name: str) -> str:
 
 
 def main() -> int:
-    """Write or check the page."""
-    text = page()
+    """Write or check the pages."""
+    pages = {PAGE: page(), **reference_pages()}
+    stray = set(REFERENCE.glob('*.md')) - pages.keys()
     if '--check' in sys.argv[1:]:
-        if PAGE.is_file() and PAGE.read_text(encoding='utf-8') == text:
-            return 0
-        print(f'{PAGE.name} is out of date: run python tools/write_docs.py', file=sys.stderr)
-        return 1
-    PAGE.write_text(text, encoding='utf-8')
+        old = {path.name for path, text in pages.items() if not _holds(path, text)}
+        for name in sorted(old | {path.name for path in stray}):
+            print(f'{name} is out of date: run python tools/write_docs.py', file=sys.stderr)
+        return 1 if old or stray else 0
+    for path in stray:
+        path.unlink()
+    for path, text in pages.items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding='utf-8')
     return 0
+
+
+def _holds(path: Path, text: str) -> bool:
+    return path.is_file() and path.read_text(encoding='utf-8') == text
 
 
 if __name__ == '__main__':
