@@ -14,6 +14,7 @@ the loop tracked again, and whether the recorder lost a sample that was publishe
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import signal
@@ -140,6 +141,8 @@ class Campaign:
         trial.back, trial.heard = self.watch.back(begun, target, PATIENCE)
         trial.beyond, trial.jump, trial.command_jump = self.watch.voltage(first)
         self.trials.append(trial)
+        if target == 'recorder' and fault in ENDINGS:
+            self.watch.forget(begun - 1.0)  # no bag reaches further back
         if trial.back is None:
             words = {name: node.tail() for name, node in self.loop.running.items()}
             print(f'{target} {fault}: not back; last words of the nodes: {words}', flush=True)
@@ -237,8 +240,11 @@ def main() -> int:
     words = parser.parse_args()
     end_on_terminate()
     end = time.monotonic() + 60.0 * words.minutes
-    with tempfile.TemporaryDirectory() as folder, NodeProcesses() as processes:
-        observer = Observer(processes)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        NodeProcesses() as processes,
+        contextlib.closing(Observer(processes)) as observer,
+    ):
         loop = Loop(processes, Path(folder), Setting())
         watch = Watch(observer.seen, loop.setting)
         random = np.random.default_rng(words.seed)
@@ -253,7 +259,6 @@ def main() -> int:
                 print(f'\r{len(campaign.trials)} of {len(wanted)}', end='', file=sys.stderr)
             if time.monotonic() > end:
                 break
-        observer.close()
     show(campaign.trials)
     wrong = [trial for trial in campaign.trials if trial.faults]
     print(f'{len(campaign.trials)} trials, {len(wrong)} went wrong; load {os.getloadavg()[0]:.1f}')

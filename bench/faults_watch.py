@@ -39,6 +39,11 @@ class Watch:
         """Return the number of samples that have been seen."""
         return len(self._seen.states)
 
+    def forget(self, before: float) -> None:
+        """Drop the samples that arrived before a time [s]."""
+        states = self._seen.states
+        del states[: next((k for k, s in enumerate(states) if s.arrived >= before), len(states))]
+
     # --- voltage -------------------------------------------------------------------------------
 
     def voltage(self, first: int) -> tuple[float, float, float]:
@@ -95,10 +100,11 @@ class Watch:
         while time.monotonic() < end:
             time.sleep(2.0 / self._setting.frequency)
             now = self.error()
-            if now > 0.9 * before:
-                if math.isinf(self._bound):
-                    self._bound = 2.0 * max(now, before) + 1e-6
-                return now < self._bound
+            if now <= self._bound < math.inf:
+                return True
+            if now > 0.9 * before and math.isinf(self._bound):
+                self._bound = 2.0 * max(now, before) + 1e-6
+                return True
             before = now if math.isfinite(now) else math.inf
         return False
 

@@ -17,6 +17,7 @@ import os
 import sys
 import tempfile
 import time
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -105,8 +106,7 @@ def judge(seconds: np.ndarray, rss: np.ndarray, open_handles: np.ndarray) -> Ver
 
 def soak(seconds: float, setting: Setting, folder: Path, every: float = 1.0) -> dict[str, Verdict]:
     """Run the loop for so long and return the verdict on every node."""
-    with NodeProcesses() as processes:
-        observer = Observer(processes)
+    with NodeProcesses() as processes, closing(Observer(processes)) as observer:
         loop = Loop(processes, folder, setting)
         for name in NODES:
             loop.start(name)
@@ -129,7 +129,6 @@ def soak(seconds: float, setting: Setting, folder: Path, every: float = 1.0) -> 
             observer.seen.forget()
             time.sleep(every)
         ticks = observer.seen.states[-1].sample
-        observer.close()
         loop.stop()
     print(f'{ticks} ticks in {times[-1]:.0f} s')
     table = np.array(rows, dtype=float)

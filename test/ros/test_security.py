@@ -1,0 +1,72 @@
+"""SROS 2 in earnest, where it is installed: a keystore of our policy, nodes that must show it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from piezo_ros_common.processes import NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
+NO_SECURITY = "doesn't have the security libraries"
+
+
+@pytest.fixture
+def secured(processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
+    """Make processes keep to a keystore with an enclave for the feedforward alone."""
+    if importlib.util.find_spec('sros2') is None:
+        pytest.skip('sros2 is not installed: no keystore can be made')
+    keystore, enclave = str(tmp_path / 'keystore'), '/piezo/feedforward'
+    for words in (
+        ['create_keystore', keystore],
+        ['create_enclave', keystore, enclave],
+        ['create_permission', keystore, enclave, str(POLICY)],
+    ):
+        subprocess.run(
+            [
+                sys.executable,
+                '-c',
+                'from ros2cli.cli import main; exit(main())',
+                'security',
+                *words,
+            ],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(processes.domain)},
+            check=True,
+            capture_output=True,
+            timeout=120,
+        )
+    processes.environment.update(
+        ROS_SECURITY_KEYSTORE=keystore,
+        ROS_SECURITY_ENABLE='true',
+        ROS_SECURITY_STRATEGY='Enforce',
+    )
+    return processes
+
+
+def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -> None:
+    stranger = secured.start('piezo_sim', 'simulator', namespace='piezo')
+    assert stranger.wait(60.0) == 2
+    assert 'SECURITY ERROR' in stranger.log.read_text()
+    assert 'Traceback' not in stranger.log.read_text()
+    secured.forget(stranger)
+
+    secured.environment['ROS_SECURITY_ENCLAVE_OVERRIDE'] = '/piezo/feedforward'
+    known = secured.start('piezo_hysteresis', 'feedforward', namespace='piezo')
+    try:
+        code: int | None = known.wait(15.0)
+    except Exception:
+        code = None
+    text = known.log.read_text()
+    assert 'Traceback' not in text
+    if NO_SECURITY in text:
+        assert code == 2
+        secured.forget(known)
+        pytest.skip('this middleware was built without security: the node refused to start')
+    assert code is None, text
