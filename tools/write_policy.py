@@ -16,11 +16,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from write_docs import NODES, TYPES, NodePage
 
 from piezo_ros_common import topics
+from tools.write_docs import NODES, TYPES, NodePage
 
 POLICY = Path(__file__).resolve().parents[1] / 'config' / 'security' / 'policy.xml'
 NAMESPACE = 'piezo'
