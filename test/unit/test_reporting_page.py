@@ -219,3 +219,9 @@ def test_numbers_as_people_read_them():
     assert with_deviation(0.0, None) == ('0', 'held')
     assert with_deviation(1.0, float('inf'))[1] == 'not determined'
     assert with_deviation(0.001, 5.0) == ('0.001', '5')
+
+
+def test_links_lead_to_pages_beside_this_one_only():
+    page = render('t', 'see [one](one/report.html), [two](http://x/y) [three](javascript:f)', [])
+    assert '<a href="one/report.html">one</a>' in page
+    assert page.count('<a ') == 1
