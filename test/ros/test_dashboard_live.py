@@ -25,6 +25,14 @@ SPACE = 'stage_x'
 SIMULATOR = {'clock': 'lock_step', 'preset': 'generic_bouc_wen'}
 
 
+# Elements that reach beyond the screen.
+WIDE = """(() => { const found = []; const walk = (root) => {
+  for (const e of root.querySelectorAll('*')) {
+    if (e.getBoundingClientRect().right > innerWidth) found.push(e.tagName + ' ' + e.className);
+    if (e.shadowRoot) walk(e.shadowRoot);
+  } }; walk(document); return found.join(', '); })()"""
+
+
 @pytest.fixture
 def browser(tmp_path: Path) -> Iterator[Browser]:
     page = Browser(tmp_path)
@@ -158,7 +166,7 @@ def test_the_page_over_live_processes(
 
     # A phone is wide enough, and nothing was asked of the network.
     browser.size(390, 844, phone=True)
-    browser.until('document.documentElement.scrollWidth <= 390')
+    browser.until('document.documentElement.scrollWidth <= 390', what=browser.run(WIDE))
     hosts = {urlsplit(url).hostname for url in browser.requests if not url.startswith('data:')}
     assert hosts == {urlsplit(address).hostname}
     assert browser.complaints == []

@@ -40,8 +40,8 @@ def test_the_page_tells_what_a_node_offers(
     processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodePage
 ) -> None:
     name = page.executable
-    settings = {'out': str(tmp_path / 'bag')} if name == 'recorder' else {}
-    processes.start(page.package, name, settings)
+    settings = {'recorder': {'out': str(tmp_path / 'bag')}, 'dashboard': {'port': 0}}
+    processes.start(page.package, name, settings.get(name))
     graph = listener.node
 
     def there() -> bool:

@@ -27,6 +27,8 @@ ARGUMENTS = {
     'gap_monitor': ('false', 'Compare with a model.'),
     'enclaves': ('false', 'Run each node in its security enclave /NAMESPACE/NODE.'),
     'model_file': ('', 'Model to invert and to compare with; empty for none.'),
+    'dashboard': ('false', 'Serve the live page, and run a discovery node for it.'),
+    'folder': ('.', 'Where the page records sweeps and discoveries.'),
 }
 
 
@@ -110,6 +112,21 @@ def _nodes(context):
             condition=IfCondition(values['gap_monitor']),
             parameters=[scenario, {'model_file': values['model_file']}],
             **where('gap_monitor'),
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='discovery',
+            condition=IfCondition(values['dashboard']),
+            parameters=[{'folder': values['folder']}],
+            **where('discovery'),
+        ),
+        Node(
+            package='piezo_hysteresis',
+            executable='dashboard',
+            condition=IfCondition(values['dashboard']),
+            output='screen',
+            parameters=[{'folder': values['folder']}],
+            **where('dashboard'),
         ),
     ]
 

@@ -66,7 +66,11 @@ class JobBox:
             value=0, max=100, name=f'{name}.bar', sizing_mode='stretch_width', visible=False
         )
         self.words = Div(
-            text='', name=f'{name}.words', stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width'
+            text='',
+            visible=False,
+            name=f'{name}.words',
+            stylesheets=[WIDGET_STYLE],
+            sizing_mode='stretch_width',
         )
         self.start.on_click(self._press)
         self.cancel.on_click(cancel)
@@ -76,7 +80,7 @@ class JobBox:
         try:
             self._start()
         except PiezoError as error:
-            self.words.text = f'<p class="error">{escape(str(error))}</p>'
+            self._say(f'<p class="error">{escape(str(error))}</p>')
 
     def refresh(self, job: Job, offered: bool, hint: str) -> None:
         """Show how it stands; `hint` is said where nobody offers it."""
@@ -88,7 +92,10 @@ class JobBox:
         self.bar.visible = job.busy
         self.bar.value = round(100 * job.fraction)
         said = job_words(job)
-        self.words.text = said or ('' if offered else f'<p class="soft">{hint}</p>')
+        self._say(said or ('' if offered else f'<p class="soft">{hint}</p>'))
+
+    def _say(self, text: str) -> None:
+        self.words.update(text=text, visible=bool(text))
 
 
 class SweepForm:

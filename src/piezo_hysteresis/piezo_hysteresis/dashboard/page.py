@@ -99,11 +99,13 @@ class Pictures:
         for group in (window, across, of):
             group.update(margin=(2, 4, 2, 0))
 
-        def label(text: str) -> Div:
-            return Div(text=text, stylesheets=[WIDGET_STYLE], margin=(8, 4, 0, 8))
+        def labelled(text: str, *widgets: Any) -> Row:
+            label = Div(text=text, stylesheets=[WIDGET_STYLE], margin=(8, 4, 0, 8))
+            return Row(label, *widgets)
 
         return Row(
-            label('Last'), window, label('Loop'), across, label('Spectrum'), of, self._hold,
+            labelled('Last', window), labelled('Loop', across),
+            labelled('Spectrum', of, self._hold),
             name='view', sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'},
         )  # fmt: skip
 
@@ -259,7 +261,7 @@ class Page:
             CustomJS(code="location.search = '?actuator=' + encodeURIComponent(cb_obj.value)"),
         )
         self._slow = 0.0
-        document.title = f'{actuator or "actuator"} · piezo hysteresis live'
+        document.title = f'Actuator {actuator}'.strip()
         document.template = page_template()
         with document.models.freeze():  # or every root would have all models counted anew
             for root in (

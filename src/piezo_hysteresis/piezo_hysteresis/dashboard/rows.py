@@ -89,7 +89,7 @@ class ParameterRow:
 
     def _brief_switch(self) -> Any:
         p = self._parameter
-        label = p.name.partition('.')[2] or p.name
+        label = (p.name.partition('.')[2] or p.name).replace('_', '_\u200b')  # may break there
         title = {'title': p.sentence}
         return self._new_switch(
             label=label, html_attributes=title, margin=(2, 0, 2, 0), stylesheets=[SWITCH_STYLE]

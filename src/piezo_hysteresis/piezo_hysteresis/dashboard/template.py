@@ -19,6 +19,7 @@ p { margin: .3rem 0; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px; }
 th, td { text-align: left; padding: .15rem .9rem .15rem 0; vertical-align: top;
   border-bottom: 1px solid #d0d7de; overflow-wrap: normal; }
+td:first-child { white-space: nowrap; }
 code { background: #f3f4f6; padding: .05em .3em; border-radius: 3px; }
 a { color: #0072b2; font-weight: 600; }
 .banner { background: #fff4e5; border-left: 5px solid #d55e00; padding: .6rem .9rem;
