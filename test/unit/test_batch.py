@@ -145,12 +145,19 @@ def test_what_is_finished_is_not_run_again_until_something_changes(data, tmp_pat
     assert run_batch(Gain(bias=1.0), [data], out).resumed == 0
 
 
-def test_results_of_others_are_not_deleted(data, tmp_path):
-    (tmp_path / 'out' / 'one').mkdir(parents=True)
-    (tmp_path / 'out' / 'one' / 'thesis.txt').write_text('years of work')
-    done = run_batch(Gain(), [data / 'one.csv'], tmp_path / 'out')
-    assert 'other files' in done.rows[0]['error']
-    assert (tmp_path / 'out' / 'one' / 'thesis.txt').read_text() == 'years of work'
+def test_files_of_others_are_not_deleted(data, tmp_path):
+    out = tmp_path / 'out'
+    (out / 'one').mkdir(parents=True)
+    (out / 'one' / 'thesis.txt').write_text('years of work')
+    for bias in (0.0, 1.0):  # the second time, too
+        done = run_batch(Gain(bias=bias), [data / 'one.csv'], out)
+        assert 'other files' in done.rows[0]['error']
+        assert [path.name for path in (out / 'one').iterdir()] == ['thesis.txt']
+    run_batch(Gain(), [data / 'three'], out)
+    (out / 'three' / 'remarks.txt').write_text('mine')
+    (out / 'three' / 'report.html').write_text('of an earlier run')
+    assert run_batch(Gain(bias=1.0), [data / 'three'], out).rows[0]['state'] == 'done'
+    assert {path.name for path in (out / 'three').iterdir()} == {'job.json', 'remarks.txt'}
 
 
 def test_equal_names_get_folders_of_their_own(data, tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,9 @@ from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.reporting.folder import write_folder
 
 NOTE = 'job.json'  # written last: where it names the fingerprint, the folder is whole
+# What the verbs leave; nothing else is ever deleted.
+LEFT = ('model.yaml', 'params.yaml', 'simulator.yaml', 'summary.json', 'verdict.json',
+        'report.html', '*.png')  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Job:
         return row if isinstance(row, dict) and row.get('state') in ('done', 'refused') else None
 
     def begin(self) -> None:
-        """Empty the folder of results of an earlier run.
+        """Take away what an earlier run left, and that alone.
 
         Raises
         ------
@@ -65,8 +67,10 @@ class Job:
         folder = Path(self.folder)
         if folder.is_dir() and any(folder.iterdir()) and not (folder / NOTE).is_file():
             raise PiezoError(f'{folder} holds other files; name another folder with --out')
-        shutil.rmtree(folder, ignore_errors=True)
         self.note({})
+        for pattern in LEFT:
+            for path in folder.glob(pattern):
+                path.unlink()
 
     def note(self, row: dict[str, Any]) -> None:
         """Write down how the job ended; an empty row says that it has begun."""

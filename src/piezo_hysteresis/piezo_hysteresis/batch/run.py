@@ -109,6 +109,9 @@ def work(task: Task, job: Job) -> Row:
     begun = time.perf_counter()
     try:
         job.begin()
+    except PiezoError as error:  # a folder that is not ours gets no note either
+        return _row(job, 'failed', str(error), begun)
+    try:
         done = {'report': f'{job.name}/report.html', **task([job.data], job.folder)}
         row = _row(job, 'done', '', begun) | done
     except PiezoError as error:
