@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus
 from listening import Listener
 from rclpy.action import ActionClient
 
@@ -65,4 +66,15 @@ def test_a_discovery_over_ros(
     listener.until(finished.done, timeout=60.0)
     assert not finished.result().result.success
     assert 'nowhere' in finished.result().result.message
+
+    given_up = Discover.Goal(data=['bag'], baseline='classical', out='out3')
+    handle = send(listener, client, given_up, [])
+    assert handle.accepted
+    cancelled = handle.cancel_goal_async()
+    listener.until(cancelled.done)
+    finished = handle.get_result_async()
+    listener.until(finished.done, timeout=120.0)
+    assert finished.result().status == GoalStatus.STATUS_CANCELED
+    assert 'cancelled' in finished.result().result.message
+    assert not (tmp_path / 'out3').exists()
     client.destroy()

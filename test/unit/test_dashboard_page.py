@@ -347,9 +347,28 @@ def test_several_readers_have_pages_of_their_own():
     backend.live('stage').signals.add_states([State(5000, 5_000_000_000, 9.0, 0.0)])
     for page in pages:
         page.refresh()
+        page.refresh()
     newest = [d.get_model_by_name('voltage.voltage').data['y'][-1] for d in documents]
     assert newest[0] < 2.0  # held
     assert newest[1] == 9.0
+
+
+def test_a_browser_gets_no_more_pictures_than_it_draws():
+    backend = Backend()
+    live = filled(backend)
+    document = Document()
+    page = Page(document, backend, 'stage')
+
+    def newest(volt):
+        k = live.signals.newest + 1
+        live.signals.add_states([State(k, k * 1_000_000, volt, 0.0)])
+        page.refresh()
+        return document.get_model_by_name('voltage.voltage').data['y'][-1]
+
+    assert newest(7.0) == 7.0
+    assert newest(8.0) == 7.0  # the one before has not been drawn
+    document.get_model_by_name('seen').tags = document.get_model_by_name('pulse').tags
+    assert newest(9.0) == 9.0
 
 
 def test_a_page_goes_over_to_an_actuator_that_appears():

@@ -1,225 +1,55 @@
-"""One reader's page: plots, controls and words, kept up to date from what is known."""
+"""One reader's page, kept up to date as fast as his browser draws it."""
 
 from __future__ import annotations
 
 import time
-from datetime import datetime
-from functools import partial
-from typing import Any
 
 from bokeh.document import Document
-from bokeh.models import (
-    Column,
-    CustomJS,
-    Div,
-    RadioButtonGroup,
-    Row,
-    Select,
-    Toggle,
-)
+from bokeh.models import CustomJS, Div, Select
 
-from piezo_hysteresis.dashboard.backend import Answer, Backend
-from piezo_hysteresis.dashboard.controls import (
-    EFFECTS,
-    Value,
-    drive_parameters,
-    effect_parameters,
-    groups_of,
-)
-from piezo_hysteresis.dashboard.forms import DiscoveryForm, SweepForm
-from piezo_hysteresis.dashboard.plots import (
-    LoopPlot,
-    Scene,
-    SpectrumPlot,
-    error_rms,
-    new_traces,
-)
-from piezo_hysteresis.dashboard.rows import RowList
+from piezo_hysteresis.dashboard.backend import Backend
+from piezo_hysteresis.dashboard.panel import Controls
+from piezo_hysteresis.dashboard.pictures import Pictures
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
-from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
-from piezo_hysteresis.dashboard.words import (
-    banner,
-    estimate_words,
-    gap_words,
-    pulse,
-    status_words,
-    tracking_words,
+from piezo_hysteresis.dashboard.words import banner, pulse, say, words_div
+
+SLOWLY = 0.3  # words and spectra change no faster [s]
+PATIENCE = 10.0  # after which a picture counts as lost on its way [s]
+
+# Runs in the browser once the picture is on the screen; in a tab that nobody sees it waits.
+SEEN = (
+    'const tags = cb_obj.tags; requestAnimationFrame(() => setTimeout(() => {seen.tags = tags}))'
 )
 
-WINDOWS = {'0.5 s': 0.5, '2 s': 2.0, '5 s': 5.0, '20 s': 20.0}
-SLOWLY = 0.3  # words and spectra change no faster [s]
-NONE = '(general)'
 
+class Flow:
+    """Sends the next picture only when the browser has drawn the one before.
 
-def words_div(name: str) -> Div:
-    """Return an empty place for words."""
-    return Div(text='', name=name, stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width')
+    Otherwise a slow browser would lag behind, further and further.
 
+    Parameters
+    ----------
+    beat : Div
+        On the page; its tags number the pictures.
+    """
 
-class Pictures:
-    """The plots and what is said beside them."""
+    def __init__(self, beat: Div) -> None:
+        self._beat = beat
+        self._number = 0
+        self._sent_at = 0.0
+        self.seen = Div(name='seen')
+        beat.js_on_change('tags', CustomJS(args={'seen': self.seen}, code=SEEN))
 
-    def __init__(self) -> None:
-        self._time, self._traces = new_traces()
-        self._loop, self._spectrum = LoopPlot(), SpectrumPlot()
-        self._gap, self._estimate = GapPlot(), EstimatePlot()
-        self._seconds = 2.0
-        self._drawn = (-1, 0.0)
-        self._tracking = words_div('tracking')
-        self._gap_words = words_div('gap_words')
-        self._estimates = words_div('estimates')
-        self._choice = Select(
-            title='parameter', options=[], name='estimate_choice', sizing_mode='stretch_width'
-        )
-        self._choice.on_change(
-            'value', lambda _, __, new: setattr(self._estimate, 'parameter', new)
-        )
-        self._hold = Toggle(label='Hold', name='hold')
-        self.roots: list[Any] = [
-            self._view(), self._loop.figure, *(trace.figure for trace in self._traces),
-            self._spectrum.figure, self._tracking, self._gap.figure, self._gap_words, self._choice,
-            self._estimate.figure, self._estimates,
-        ]  # fmt: skip
+    def ready(self) -> bool:
+        """Tell whether the browser waits for a picture."""
+        late = time.monotonic() - self._sent_at > PATIENCE
+        return late or list(self.seen.tags) == list(self._beat.tags)
 
-    def _view(self) -> Row:
-        window = RadioButtonGroup(labels=list(WINDOWS), active=1, name='window')
-        window.on_change('active', lambda _, __, new: self._show_seconds(new))
-        across = RadioButtonGroup(
-            labels=['over voltage', 'over reference'], active=0, name='input'
-        )
-        across.on_change(
-            'active',
-            lambda _, __, new: setattr(self._loop, 'input', ('voltage', 'reference')[new]),
-        )
-        of = RadioButtonGroup(labels=['of displacement', 'of error'], active=0, name='signal')
-        of.on_change(
-            'active',
-            lambda _, __, new: setattr(self._spectrum, 'signal', ('displacement', 'error')[new]),
-        )
-        for group in (window, across, of):
-            group.update(margin=(2, 4, 2, 0))
-
-        def labelled(text: str, *widgets: Any) -> Row:
-            label = Div(text=text, stylesheets=[WIDGET_STYLE], margin=(8, 4, 0, 8))
-            return Row(label, *widgets)
-
-        return Row(
-            labelled('Last', window), labelled('Loop', across),
-            labelled('Spectrum', of, self._hold),
-            name='view', sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'},
-        )  # fmt: skip
-
-    def _show_seconds(self, chosen: int) -> None:
-        self._seconds = list(WINDOWS.values())[chosen]
-        start = -self._seconds
-        self._time.update(start=start, end=0.0, reset_start=start, reset_end=0.0)
-
-    def refresh(self, live: Any, slowly: bool) -> None:
-        """Draw what is known now."""
-        if slowly:
-            self._slow_words(live)
-        newest = live.signals.newest
-        if self._hold.active or newest < 0:
-            return
-        if newest != self._drawn[0] or self._seconds != self._drawn[1]:
-            self._drawn = (newest, self._seconds)
-            window = live.signals.window(max(self._seconds, 4.0))
-            scene = Scene(window, self._seconds, live.fundamental, live.resonance)
-            self._loop.show(scene)
-            for trace in self._traces:
-                trace.show(scene)
-            if slowly:
-                self._spectrum.show(scene)
-                rms = (
-                    error_rms(window, scene.fundamental) if window.tracked else (float('nan'),) * 2
-                )
-                say(self._tracking, tracking_words(*rms))
-
-    def _slow_words(self, live: Any) -> None:
-        gaps, estimates = list(live.gaps), list(live.estimates)
-        parameters = live.parameters
-        say(self._gap_words, gap_words(gaps, 'gap_monitor' in parameters))
-        say(self._estimates, estimate_words(estimates, 'identification' in parameters))
-        if not self._hold.active:
-            self._gap.show(gaps, live.clock())
-            self._estimate.show(estimates, live.clock())
-        names = list(estimates[-1].names) if estimates else []
-        if names != list(self._choice.options):
-            self._choice.options = names
-            if self._choice.value not in names:
-                self._choice.value = names[0] if names else ''
-
-
-class Controls:
-    """Sliders, switches, forms and the state of the nodes."""
-
-    def __init__(self, backend: Backend, actuator: str) -> None:
-        self._live = backend.live(actuator)
-        send = partial(_send, backend, actuator)
-        find = self._live.parameter
-        self._drive = RowList(send, find, 'drive', 'No excitation or controller is running.')
-        self._effects = RowList(send, find, 'effects', 'No simulator is running here.', brief=True)
-        self._all = RowList(send, find, 'all_rows', 'No parameters yet.', prefix='all.')
-        self._node = Select(title='node', options=[], name='all.node')
-        self._group = Select(title='group', options=[], name='all.group')
-        self._sweep = SweepForm(
-            partial(backend.start_sweep, actuator), partial(backend.cancel_sweep, actuator),
-            _new_name,
-        )  # fmt: skip
-        self._discovery = DiscoveryForm(
-            partial(backend.start_discovery, actuator),
-            partial(backend.cancel_discovery, actuator),
-            partial(backend.bags, actuator),
-        )
-        self._status = words_div('status')
-        choice = Row(self._node, self._group, sizing_mode='stretch_width')
-        self.roots: list[Any] = [
-            self._drive.root, self._effects.root, self._sweep.root, self._discovery.root,
-            Column(choice, self._all.root, name='all', sizing_mode='stretch_width'), self._status,
-        ]  # fmt: skip
-
-    def refresh(self, slowly: bool) -> None:
-        """Follow the nodes."""
-        live = self._live
-        parameters = live.parameters
-        self._drive.refresh(drive_parameters(parameters), parameters)
-        self._effects.refresh(effect_parameters(parameters), parameters)
-        self._choose(parameters)
-        self._sweep.refresh(live.sweep, live.sweeps_offered)
-        self._discovery.refresh(live.discovery, live.discoveries_offered)
-        if slowly:
-            say(self._status, status_words(live))
-            self._discovery.look()
-
-    def _choose(self, parameters: Any) -> None:
-        nodes = sorted(parameters)
-        _offer(self._node, nodes)
-        own = parameters.get(self._node.value, {})
-        groups = groups_of(p for p in own.values() if p.group != EFFECTS)
-        _offer(self._group, [group or NONE for group in groups])
-        chosen = self._group.value
-        self._all.refresh(groups.get('' if chosen == NONE else chosen, []), parameters)
-
-
-def _offer(select: Select, words: list[str]) -> None:
-    if words != list(select.options):
-        select.options = words
-    if select.value not in words:
-        select.value = words[0] if words else ''
-
-
-def _send(backend: Backend, actuator: str, node: str, name: str, value: Value) -> Answer:
-    return backend.set_parameters(actuator, node, {name: value})
-
-
-def _new_name() -> str:
-    return datetime.now().strftime('sweep_%Y-%m-%d_%H-%M-%S')
-
-
-def say(place: Div, text: str) -> None:
-    """Change words only where they are others."""
-    if place.text != text:
-        place.text = text
+    def sent(self) -> None:
+        """Note that a picture is on its way."""
+        self._number += 1
+        self._sent_at = time.monotonic()
+        self._beat.tags = [self._number]
 
 
 class Page:
@@ -260,6 +90,7 @@ class Page:
             'value',
             CustomJS(code="location.search = '?actuator=' + encodeURIComponent(cb_obj.value)"),
         )
+        self._flow = Flow(self._pulse)
         self._slow = 0.0
         document.title = f'Actuator {actuator}'.strip()
         document.template = page_template()
@@ -269,19 +100,30 @@ class Page:
                 *self._controls.roots,
             ):  # fmt: skip
                 document.add_root(root)
-            self.refresh()
+            self._controls.refresh()
+            self._draw(self._is_slow())
         document.add_periodic_callback(self.refresh, round(1000 / refresh))
 
     def refresh(self) -> None:
         """Bring everything up to date."""
+        self._controls.refresh()
+        if self._flow.ready():
+            self._draw(self._is_slow())
+            self._flow.sent()
+
+    def _is_slow(self) -> bool:
         now = time.monotonic()
-        slowly = now - self._slow >= SLOWLY
+        if now - self._slow < SLOWLY:
+            return False
+        self._slow = now
+        return True
+
+    def _draw(self, slowly: bool) -> None:
         if slowly:
-            self._slow = now
             self._offer_actuators()
             say(self._banner, banner(self._live))
             say(self._pulse, pulse(self._live))
-        self._controls.refresh(slowly)
+            self._controls.tell()
         self._pictures.refresh(self._live, slowly)
 
     def _offer_actuators(self) -> None:

@@ -7,7 +7,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from urllib.parse import quote
 
+from bokeh.models import Div
+
 from piezo_hysteresis.dashboard.live import SILENCE, Counters, Estimate, Gap, Job, Live
+from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.reporting.units import micrometres, shown, with_deviation
 
 GONE_SHOWN = 600.0  # a node that left is told of for so long [s]
@@ -197,3 +200,14 @@ def _raw_table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
         '</div>'
     )
+
+
+def words_div(name: str) -> Div:
+    """Return an empty place for words."""
+    return Div(text='', name=name, stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width')
+
+
+def say(place: Div, text: str) -> None:
+    """Change words only where they are others."""
+    if place.text != text:
+        place.text = text

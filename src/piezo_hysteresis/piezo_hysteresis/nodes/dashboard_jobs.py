@@ -108,7 +108,8 @@ class ActionJob:
         if not self.read().busy:
             return
         result = future.result().result
-        job = self.on_result(result) if result.success else Job('failed', 1.0, result.message)
+        why = result.message or f'{self._server} failed; its log says why'
+        job = self.on_result(result) if result.success else Job('failed', 1.0, why)
         self.on_end(True)
         self.write(job)
 

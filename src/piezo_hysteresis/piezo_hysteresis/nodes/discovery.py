@@ -20,6 +20,10 @@ from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.running import run_node
 
 
+class Cancelled(PiezoError):
+    """Whoever asked for the discovery has given it up."""
+
+
 class DiscoveryNode(Node):
     """Runs one discovery at a time in a thread of its own."""
 
@@ -33,7 +37,7 @@ class DiscoveryNode(Node):
             'discover',
             execute_callback=self._execute,
             goal_callback=self._judge,
-            cancel_callback=lambda _: CancelResponse.REJECT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
     def _judge(self, goal: Discover.Goal) -> GoalResponse:
@@ -67,6 +71,8 @@ class DiscoveryNode(Node):
         self._busy = False
         if result.success:
             goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
         else:
             goal.abort()
         return result
@@ -74,6 +80,8 @@ class DiscoveryNode(Node):
     def _work(self, goal: Any, result: Discover.Result, done: Future) -> None:
         try:
             self._discover(goal, result)
+        except Cancelled as cancelled:
+            result.message = str(cancelled)
         except PiezoError as error:
             result.message = str(error)
             self.get_logger().error(str(error))
@@ -91,6 +99,8 @@ class DiscoveryNode(Node):
         baseline = named(word) if word in NAMES else ModelFile.load(word)
 
         def progress(fraction: float, words: str) -> None:
+            if goal.is_cancel_requested:
+                raise Cancelled('cancelled; nothing was written')
             goal.publish_feedback(
                 Discover.Feedback(stage='discover', detail=words, fraction=fraction)
             )

@@ -1,0 +1,93 @@
+"""The controls of a page: parameters, sweep, discovery, and the state of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from functools import partial
+from typing import Any
+
+from bokeh.models import Column, Row, Select
+
+from piezo_hysteresis.dashboard.backend import Answer, Backend
+from piezo_hysteresis.dashboard.controls import (
+    EFFECTS,
+    Parameter,
+    Value,
+    drive_parameters,
+    effect_parameters,
+    groups_of,
+)
+from piezo_hysteresis.dashboard.forms import DiscoveryForm, SweepForm
+from piezo_hysteresis.dashboard.rows import RowList
+from piezo_hysteresis.dashboard.words import say, status_words, words_div
+
+NONE = '(general)'
+
+
+class Controls:
+    """Sliders, switches, forms and the state of the nodes."""
+
+    def __init__(self, backend: Backend, actuator: str) -> None:
+        self._live = backend.live(actuator)
+        send = partial(_send, backend, actuator)
+        find = self._live.parameter
+        self._drive = RowList(send, find, 'drive', 'No excitation or controller is running.')
+        self._effects = RowList(send, find, 'effects', 'No simulator is running here.', brief=True)
+        self._all = RowList(send, find, 'all_rows', 'No parameters yet.', prefix='all.')
+        self._node = Select(title='node', options=[], name='all.node')
+        self._group = Select(title='group', options=[], name='all.group')
+        self._sweep = SweepForm(
+            partial(backend.start_sweep, actuator), partial(backend.cancel_sweep, actuator),
+            _new_name,
+        )  # fmt: skip
+        self._discovery = DiscoveryForm(
+            partial(backend.start_discovery, actuator),
+            partial(backend.cancel_discovery, actuator),
+            partial(backend.bags, actuator),
+        )
+        self._status = words_div('status')
+        choice = Row(self._node, self._group, sizing_mode='stretch_width')
+        self.roots: list[Any] = [
+            self._drive.root, self._effects.root, self._sweep.root, self._discovery.root,
+            Column(choice, self._all.root, name='all', sizing_mode='stretch_width'), self._status,
+        ]  # fmt: skip
+
+    def refresh(self) -> None:
+        """Follow the nodes."""
+        live = self._live
+        parameters = live.parameters
+        self._drive.refresh(drive_parameters(parameters), parameters)
+        self._effects.refresh(effect_parameters(parameters), parameters)
+        self._choose(parameters)
+        self._sweep.refresh(live.sweep, live.sweeps_offered)
+        self._discovery.refresh(live.discovery, live.discoveries_offered)
+
+    def tell(self) -> None:
+        """Say how the nodes are, and offer what was recorded."""
+        say(self._status, status_words(self._live))
+        self._discovery.look()
+
+    def _choose(self, parameters: Mapping[str, Mapping[str, Parameter]]) -> None:
+        nodes = sorted(parameters)
+        _offer(self._node, nodes)
+        own = parameters.get(self._node.value, {})
+        groups = groups_of(p for p in own.values() if p.group != EFFECTS)
+        _offer(self._group, [group or NONE for group in groups])
+        chosen = self._group.value
+        self._all.refresh(groups.get('' if chosen == NONE else chosen, []), parameters)
+
+
+def _offer(select: Select, words: list[str]) -> None:
+    if words != list(select.options):
+        select.options = words
+    if select.value not in words:
+        select.value = words[0] if words else ''
+
+
+def _send(backend: Backend, actuator: str, node: str, name: str, value: Value) -> Answer:
+    return backend.set_parameters(actuator, node, {name: value})
+
+
+def _new_name() -> str:
+    return datetime.now().strftime('sweep_%Y-%m-%d_%H-%M-%S')

@@ -1,0 +1,120 @@
+"""The plots of a page, what is said beside them, and how they are looked at."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bokeh.models import Div, RadioButtonGroup, Row, Select, Toggle
+
+from piezo_hysteresis.dashboard.live import Live
+from piezo_hysteresis.dashboard.plots import (
+    LoopPlot,
+    Scene,
+    SpectrumPlot,
+    error_rms,
+    new_traces,
+)
+from piezo_hysteresis.dashboard.template import WIDGET_STYLE
+from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
+from piezo_hysteresis.dashboard.words import (
+    estimate_words,
+    gap_words,
+    say,
+    tracking_words,
+    words_div,
+)
+
+WINDOWS = {'0.5 s': 0.5, '2 s': 2.0, '5 s': 5.0, '20 s': 20.0}
+NOTHING = (float('nan'), float('nan'))
+
+
+class Pictures:
+    """The plots and what is said beside them."""
+
+    def __init__(self) -> None:
+        self._time, self._traces = new_traces()
+        self._loop, self._spectrum = LoopPlot(), SpectrumPlot()
+        self._gap, self._estimate = GapPlot(), EstimatePlot()
+        self._seconds = 2.0
+        self._drawn = (-1, 0.0)
+        self._tracking = words_div('tracking')
+        self._gap_words = words_div('gap_words')
+        self._estimates = words_div('estimates')
+        self._choice = Select(
+            title='parameter', options=[], name='estimate_choice', sizing_mode='stretch_width'
+        )
+        self._choice.on_change(
+            'value', lambda _, __, new: setattr(self._estimate, 'parameter', new)
+        )
+        self._hold = Toggle(label='Hold', name='hold')
+        self.roots: list[Any] = [
+            self._view(), self._loop.figure, *(trace.figure for trace in self._traces),
+            self._spectrum.figure, self._tracking, self._gap.figure, self._gap_words, self._choice,
+            self._estimate.figure, self._estimates,
+        ]  # fmt: skip
+
+    def _view(self) -> Row:
+        window = RadioButtonGroup(labels=list(WINDOWS), active=1, name='window')
+        window.on_change('active', lambda _, __, new: self._show_seconds(new))
+        across = RadioButtonGroup(
+            labels=['over voltage', 'over reference'], active=0, name='input'
+        )
+        across.on_change(
+            'active',
+            lambda _, __, new: setattr(self._loop, 'input', ('voltage', 'reference')[new]),
+        )
+        of = RadioButtonGroup(labels=['of displacement', 'of error'], active=0, name='signal')
+        of.on_change(
+            'active',
+            lambda _, __, new: setattr(self._spectrum, 'signal', ('displacement', 'error')[new]),
+        )
+        for group in (window, across, of):
+            group.update(margin=(2, 4, 2, 0))
+
+        def labelled(text: str, *widgets: Any) -> Row:
+            label = Div(text=text, stylesheets=[WIDGET_STYLE], margin=(8, 4, 0, 8))
+            return Row(label, *widgets)
+
+        return Row(
+            labelled('Last', window), labelled('Loop', across),
+            labelled('Spectrum', of, self._hold),
+            name='view', sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'},
+        )  # fmt: skip
+
+    def _show_seconds(self, chosen: int) -> None:
+        self._seconds = list(WINDOWS.values())[chosen]
+        start = -self._seconds
+        self._time.update(start=start, end=0.0, reset_start=start, reset_end=0.0)
+
+    def refresh(self, live: Live, slowly: bool) -> None:
+        """Draw what is known now."""
+        if slowly:
+            self._slow_words(live)
+        newest = live.signals.newest
+        if self._hold.active or newest < 0:
+            return
+        if newest != self._drawn[0] or self._seconds != self._drawn[1]:
+            self._drawn = (newest, self._seconds)
+            window = live.signals.window(max(self._seconds, 4.0))
+            scene = Scene(window, self._seconds, live.fundamental, live.resonance)
+            self._loop.show(scene)
+            for trace in self._traces:
+                trace.show(scene)
+            if slowly:
+                self._spectrum.show(scene)
+                rms = error_rms(window, scene.fundamental) if window.tracked else NOTHING
+                say(self._tracking, tracking_words(*rms))
+
+    def _slow_words(self, live: Live) -> None:
+        gaps, estimates = list(live.gaps), list(live.estimates)
+        parameters = live.parameters
+        say(self._gap_words, gap_words(gaps, 'gap_monitor' in parameters))
+        say(self._estimates, estimate_words(estimates, 'identification' in parameters))
+        if not self._hold.active:
+            self._gap.show(gaps, live.clock())
+            self._estimate.show(estimates, live.clock())
+        names = list(estimates[-1].names) if estimates else []
+        if names != list(self._choice.options):
+            self._choice.options = names
+            if self._choice.value not in names:
+                self._choice.value = names[0] if names else ''
