@@ -18,6 +18,9 @@ from piezo_hysteresis.records.definitions import STATE
 
 Key = tuple[int, float, float]
 
+# An rms error of this share of the amplitude still counts as tracking: a busy machine is late.
+TRACKS = 0.2
+
 
 class Watch:
     """Answers questions about the loop.
@@ -88,7 +91,7 @@ class Watch:
         return math.sqrt(sum(squares) / len(squares))
 
     def settle(self, since: float, timeout: float) -> bool:
-        """Wait until all nodes are heard and the error no longer falls; keep its bound."""
+        """Wait until all nodes are heard and the error is small, or no longer falls at first."""
 
         def steady() -> bool:
             return all(self._seen.heard.get(name, 0.0) > since for name in NODES)
@@ -103,7 +106,7 @@ class Watch:
             if now <= self._bound < math.inf:
                 return True
             if now > 0.9 * before and math.isinf(self._bound):
-                self._bound = 2.0 * max(now, before) + 1e-6
+                self._bound = max(2.0 * max(now, before), TRACKS * self._setting.amplitude)
                 return True
             before = now if math.isfinite(now) else math.inf
         return False

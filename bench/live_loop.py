@@ -64,14 +64,18 @@ class Setting:
         Limits of every link and of the simulator's input [V], [V], [V/s].
     frequency, amplitude : float
         The reference, a sinusoid [Hz], [m].
+    patience : float
+        Silence after which links and simulator go to the safe voltage [s]; so long that a machine
+        that is busy with other things is not taken for a fault.
     """
 
-    rate: float = 200.0
+    rate: float = 100.0
     low: float = -1.0
     high: float = 1.0
     slew: float = 20.0
-    frequency: float = 2.0
+    frequency: float = 1.0
     amplitude: float = 6e-5
+    patience: float = 0.5
 
     @property
     def period(self) -> int:
@@ -246,11 +250,18 @@ class Loop:
 
     def _parameters(self, name: str) -> dict[str, object]:
         s = self.setting
-        limits = {'limits.low': s.low, 'limits.high': s.high, 'limits.slew': s.slew}
+        limits = {
+            'limits.low': s.low,
+            'limits.high': s.high,
+            'limits.slew': s.slew,
+            'watchdog': s.patience,
+            'safe_ramp': 0.25 * s.slew,
+        }
         own: dict[str, dict[str, object]] = {
             'simulator': {
                 'command_slew': s.slew,
                 'ramp': 0.25 * s.slew,
+                'command_timeout': s.patience,
                 'amplifier.range_low': s.low,
                 'amplifier.range_high': s.high,
             },

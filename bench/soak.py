@@ -1,6 +1,6 @@
 """Memory and file handles of every node of the loop over a long run: flat, or not.
 
-    python bench/soak.py [--minutes 30] [--rate 200] [--out out/soak.json]
+    python bench/soak.py [--minutes 30] [--rate 100] [--out out/soak.json]
 
 Samples resident memory and open file handles of every process once a second, fits a line to what
 comes after the first quarter (caches fill, allocators settle) and says that a node is flat where
@@ -151,7 +151,7 @@ def main() -> int:
     """Run the soak and print its table; the exit code tells whether all is flat."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--minutes', type=float, default=30.0)
-    parser.add_argument('--rate', type=float, default=200.0, help='sampling rate of the loop [Hz]')
+    parser.add_argument('--rate', type=float, default=100.0, help='sampling rate of the loop [Hz]')
     parser.add_argument('--out', type=Path, default=Path('out/soak.json'))
     words = parser.parse_args()
     end_on_terminate()

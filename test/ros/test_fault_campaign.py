@@ -1,0 +1,122 @@
+"""A short part of `bench/faults.py`: every node dies once, messages go wrong, nothing jumps."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+
+from piezo_ros_common.processes import NodeProcesses
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from bench.faults import Campaign, Trial
+from bench.faults_watch import Watch, missing
+from bench.live_loop import NODES, VOLTAGE_ATTENUATED, Loop, Observer, Setting, State, wait_until
+from bench.rogue import Rogue
+from piezo_ros_common import topics
+
+pytestmark = pytest.mark.ros
+
+SEED = 20
+POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
+
+
+@pytest.fixture(scope='module')
+def campaign(
+    shared_processes: NodeProcesses, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Campaign]:
+    observer = Observer(shared_processes)
+    loop = Loop(shared_processes, tmp_path_factory.mktemp('campaign'), Setting())
+    watch = Watch(observer.seen, loop.setting)
+    random = np.random.default_rng(SEED)
+    running = Campaign(loop, observer, Rogue(observer.node), watch, random)
+    running.begin()
+    yield running
+    observer.close()
+
+
+def granted(profile: Xml.Element, kind: str, rule: str) -> set[str]:
+    groups = [group for group in profile.findall(f'{kind}s') if group.get(rule) == 'ALLOW']
+    return {'/' + str(each.text).lstrip('/') for group in groups for each in group}
+
+
+def test_the_security_policy_allows_what_every_node_does(campaign: Campaign) -> None:
+    graph = campaign.observer.node
+    profiles = {p.attrib['node']: p for p in Xml.parse(POLICY).getroot().iter('profile')}
+    between = {'/' + VOLTAGE_ATTENUATED}  # the campaign remaps, the policy does not
+    for name in NODES:
+        profile = profiles[name]
+        said = {n for n, _ in graph.get_publisher_names_and_types_by_node(name, '/')}
+        heard = {n for n, _ in graph.get_subscriber_names_and_types_by_node(name, '/')}
+        served = {n for n, _ in graph.get_service_names_and_types_by_node(name, '/')}
+        actions = granted(profile, 'action', 'execute')
+
+        def own(names: set[str], actions: set[str] = actions) -> set[str]:
+            return {n for n in names if n.partition('/_action/')[0] not in actions} - between
+
+        assert said
+        assert own(said) <= granted(profile, 'topic', 'publish'), name
+        assert own(heard) <= granted(profile, 'topic', 'subscribe'), name
+        assert own(served) <= granted(profile, 'service', 'reply'), name
+
+
+def as_it_should_be(trial: Trial) -> bool:
+    return trial.faults == []
+
+
+@pytest.mark.parametrize('fault', ['nan', 'huge', 'from_zero'])
+def test_a_rogue_moves_nothing_it_must_not(campaign: Campaign, fault: str) -> None:
+    trial = campaign.run(topics.VOLTAGE_COMMAND, fault)
+    assert as_it_should_be(trial), trial
+
+
+def test_the_sensor_fails_and_comes_back(campaign: Campaign) -> None:
+    trial = campaign.run('simulator', 'sensor_dropout')
+    assert as_it_should_be(trial), trial
+
+
+def test_every_node_is_killed_once_and_the_loop_is_back(campaign: Campaign) -> None:
+    """All at random moments, each while the one before is not yet up again; the recorder last."""
+    loop, watch = campaign.loop, campaign.watch
+    first = watch.mark()
+    for name in campaign.random.permutation([n for n in NODES if n != 'recorder']):
+        number = signal.SIGKILL if campaign.random.random() < 0.5 else signal.SIGTERM
+        code, text = loop.end(str(name), number)
+        assert code == (0 if number == signal.SIGTERM else -number)
+        assert 'Traceback' not in text
+        begun = loop.start(str(name))
+        assert begun.returncode is None
+    since = campaign.observer.seen.states[-1].arrived
+    back, heard = watch.back(since, 'feedback', 90.0)
+    assert back is not None
+    assert heard is not None
+    beyond, jump, _ = watch.voltage(first)
+    assert beyond == 0.0
+    assert jump <= 1.0 + 1e-9
+    states = campaign.observer.seen.states
+    assert wait_until(lambda: states[-1].life == 1, 30.0), 'the actuator was not started anew'
+    asked = states[-1].arrived
+    code, text = loop.end('recorder', signal.SIGTERM)
+    assert code == 0, text
+    assert watch.lost(loop.bags[-1], asked, killed=False) == (0, 0.0)
+
+
+def states_of(samples: list[int]) -> list[State]:
+    return [State(0.1 * k, 0, k, 0.01 * k, 1e-6 * k) for k in samples]
+
+
+def test_lost_samples_are_counted_and_those_a_kill_takes_told_apart() -> None:
+    seen = states_of(list(range(20)))
+    keys = [(s.sample, s.voltage, s.displacement) for s in seen]
+    assert missing(keys[3:], seen, killed=False) == (0, 0.0)
+    assert missing([*keys[3:8], *keys[10:]], seen, killed=False) == (2, 0.0)
+    lost, unflushed = missing([*keys[3:8], *keys[10:15]], seen, killed=True)
+    assert lost == 2
+    assert unflushed == pytest.approx(0.4)
+    assert missing(keys[3:15], seen, killed=False)[0] == 5
