@@ -1,0 +1,41 @@
+"""What only held-out records show can neither be named nor passed over."""
+
+import numpy as np
+
+from piezo_hysteresis.discovery.workflow import discover
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record, RecordInfo
+
+RATE, NOISE = 1000.0, 2e-8
+MODEL = named('linear_mode')
+TRUE = {
+    **MODEL.defaults(),
+    'A1': 1e-5,
+    'natural_frequency': 90.0,
+    'damping_ratio': 0.05,
+    'offset': 0.0,
+}
+
+
+def record(frequency, seed, seconds=2.0, late=0.0):
+    """Return what the model answers; the last fifth of it is shifted by `late` [m]."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    u = np.sin(2 * np.pi * frequency * t)
+    y = MODEL.respond(u, MODEL.pack(TRUE), 1.0 / RATE, state=MODEL.initial_state(1.0 / RATE))
+    y = y + NOISE * np.random.default_rng(seed).normal(size=t.size)
+    y[-t.size // 5 :] += late
+    kind = 'multisine' if late else 'sine'
+    info = RecordInfo(excitation=kind, frequency=0.0 if late else float(frequency), amplitude=1.0)
+    return Record(f'{kind}_{frequency}Hz', 1.0 / RATE, u, y, info=info)
+
+
+def test_a_gap_that_only_held_out_records_show_is_unknown():
+    fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
+    late = record(3, 9, late=5e-7)
+    found = discover([*fine, late], MODEL)
+    assert found.final.rms < 1.1 * found.floor
+    assert found.verdict.held_out.after_in_floors > 3.0
+    assert found.verdict.verdict == 'unknown'
+    assert late.name in found.verdict.unexplained.description
+    sound = discover([*fine, record(3, 9)], MODEL)
+    assert sound.verdict.verdict == 'none'
