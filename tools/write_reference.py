@@ -123,6 +123,7 @@ def _parameter(p: inspect.Parameter) -> str:
 
 
 def _annotation(kind: Any) -> str:
+    kind = getattr(kind, '__forward_arg__', kind)
     return kind if isinstance(kind, str) else getattr(kind, '__name__', str(kind))
 
 

@@ -74,7 +74,7 @@ def run(block: Block, folder: Path, env: Mapping[str, str]) -> str:
         'python': [sys.executable, '-c', block.text],
     }[block.language]
     done = subprocess.run(
-        words, cwd=folder, env=dict(env), capture_output=True, text=True, timeout=600, check=False
+        words, cwd=folder, env=dict(env), capture_output=True, text=True, timeout=3000, check=False
     )
     assert done.returncode == 0, f'line {block.line}: {done.stdout[-2000:]}{done.stderr[-2000:]}'
     return done.stdout
