@@ -116,7 +116,7 @@ def _arguments(function: Any) -> str:
 
 
 def _parameter(p: inspect.Parameter) -> str:
-    star = {p.VAR_POSITIONAL: '*', p.VAR_KEYWORD: '**'}.get(p.kind, '')
+    star = '*' if p.kind is p.VAR_POSITIONAL else '**' if p.kind is p.VAR_KEYWORD else ''
     kind = '' if p.annotation is p.empty else f': {_annotation(p.annotation)}'
     default = '' if p.default is p.empty else f' = {_default(p.default)}'
     return f'{star}{p.name}{kind}{default}'
