@@ -185,8 +185,8 @@ def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> Reach:
             if s.unit == parameter.unit and isinstance(s.value, int | float) and not s.is_switch
         )
         size = max(relatives, default=0.0) or min(abs(high), 1.0) or 1.0
-    end = min(high, round_up(_REACH * size))
-    start = max(low, -end if low < 0.0 else 0.0)
+    far = round_up(_REACH * size)
+    start, end = max(low, -far if low < 0.0 else 0.0), min(high, far)
     if math.isfinite(high - low) and high - low <= 2.0 * (end - start):
         start, end = low, high
     whole = isinstance(parameter.value, int)
