@@ -30,7 +30,7 @@ from typing import Any
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_scores import calibration, confusion, named, summary
+from bench.discovery_scores import calibration, confusion, named, page, summary
 from bench.discovery_worlds import Hidden, draw, records_of
 from piezo_hysteresis.records import write_bag
 
@@ -73,10 +73,21 @@ def examine(hidden: Hidden, seed: int, threads: int) -> dict[str, Any]:
         'noise_db': hidden.noise_db,
         'samples': sum(len(record) for record in records),
         'overrides': dict(hidden.world.overrides),
+        'commit': commit(),
     }
     empty = {'held_out': {'after_in_floors': float('inf')}, 'seconds': float('nan')}
     kept = ('verdict', 'effects', 'held_out', 'seconds', 'summary', 'suspects', 'unexplained')
     return row | empty | {key: verdict[key] for key in (*kept, 'said') if key in verdict}
+
+
+def commit() -> str:
+    """Return the commit of the working tree, empty where there is none to ask."""
+    root = Path(__file__).resolve().parent
+    command = ['git', '-C', str(root), 'rev-parse', '--short', 'HEAD']
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ''
 
 
 def wanted(kinds: Iterable[str], sets: int, seed: int, design: str) -> list[tuple[Any, ...]]:
@@ -130,6 +141,7 @@ def main() -> int:
     add('--threads', type=int, default=1, help='of each')
     add('--out', type=Path, default=Path('out/discovery'))
     add('--table', action='store_true', help='only print what is there')
+    add('--page', type=Path, help='write the table as a page of documentation, too')
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     results = arguments.out / 'results.jsonl'
@@ -148,6 +160,8 @@ def main() -> int:
     table = '\n'.join([*summary(rows), '', *calibration(rows), '', *confusion(rows)])
     (arguments.out / 'table.txt').write_text(table + '\n', encoding='utf-8')
     print(table)
+    if arguments.page:
+        arguments.page.write_text(page(rows, table), encoding='utf-8')
     return 0
 
 

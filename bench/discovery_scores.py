@@ -60,7 +60,7 @@ def _share(rows: Sequence[Row], test: Any) -> str:
 
 
 def _spread(values: Sequence[float]) -> str:
-    ordered = sorted(values)
+    ordered = sorted(value for value in values if not math.isnan(value))
     if not ordered:
         return '-'
     at = [ordered[min(int(q * len(ordered)), len(ordered) - 1)] for q in (0.5, 0.9)]
@@ -116,16 +116,44 @@ def calibration(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
+def hidden_words(row: Row) -> str:
+    """Return what is hidden in a set; a rate law that no block has is told from the other."""
+    words = [
+        'rate_dependence (power law)'
+        if name == 'rate_dependence' and row['overrides'].get('rate_dependence.exponent', 0.0) > 0
+        else name
+        for name in row['hidden']
+    ]
+    return ' + '.join(words) or '(nothing)'
+
+
 def confusion(rows: Sequence[Row]) -> list[str]:
-    """Return what was said for every hidden effect."""
-    table: dict[str, Counter[str]] = {}
-    for row in rows:
-        hidden = ' + '.join(row['hidden']) or '(nothing)'
-        if row['kind'] == 'pair':
-            continue
-        table.setdefault(hidden, Counter())[' + '.join(named(row))] += 1
-    lines = ['confusion: hidden -> said (sets)']
-    for hidden in sorted(table):
-        said = ', '.join(f'{word} {count}' for word, count in table[hidden].most_common())
-        lines.append(f'  {hidden:24} {said}')
+    """Return what was said for every hidden effect, pairs by themselves."""
+    lines = []
+    for kinds, title in (
+        (('single', 'null', 'unknown'), 'confusion: hidden -> said (sets)'),
+        (('pair',), 'pairs: hidden -> said (sets)'),
+    ):
+        table: dict[str, Counter[str]] = {}
+        for row in rows:
+            if row['kind'] in kinds:
+                table.setdefault(hidden_words(row), Counter())[' + '.join(named(row))] += 1
+        width = max((len(hidden) for hidden in table), default=0)
+        lines += [title] if table else []
+        for hidden in sorted(table):
+            said = ', '.join(f'{word} {count}' for word, count in table[hidden].most_common())
+            lines.append(f'  {hidden:{width}} {said}')
     return lines
+
+
+def page(rows: Sequence[Row], table: str) -> str:
+    """Return the table as a page, with what it was made from."""
+    seeds = sorted({row['key'].split('-')[2] for row in rows})
+    commits = sorted({row.get('commit', '') for row in rows} - {''})
+    return (
+        '# Blind proof of the discovery\n\n'
+        f'{len(rows)} sets, seed {", ".join(seeds)}, commit {", ".join(commits) or "unknown"}; '
+        'made by `bench/discovery.py --page`. What the words mean and what the worlds are is told '
+        'in [discovery.md](discovery.md).\n\n'
+        f'```text\n{table}\n```\n'
+    )

@@ -152,11 +152,12 @@ def draw(kind: str, index: int, seed: int, design: str = 'careful') -> Hidden:
     mode = float(actuator.overrides.get('structure.natural_frequency', 0.0))
     specs, rate = experiments(design, rng, mode), 1000.0
     noise_db = float(rng.uniform(40.0, 65.0))
-    basis = absorbed(actuator, specs, rate)
-    before = readings(specs, actuator.overrides, rate)
     slowest = readings(specs[:1], actuator.overrides, rate)
     noise = float(np.std(slowest)) * 10.0 ** (-noise_db / 20.0)
     hidden_world, sizes = actuator, []
+    if effects:
+        basis = absorbed(actuator, specs, rate)
+        before = readings(specs, actuator.overrides, rate)
     for name in effects:
         own, size = _visible(name, table[name], actuator, specs, rate, rng, basis, before, noise)
         hidden_world = replace(hidden_world, overrides=hidden_world.overrides | own)
