@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_hysteresis.compensation.base import Limits, ReferencePoint
+from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedforward import ExtendedInverse
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.physical import PhysicalInverse
@@ -26,6 +27,31 @@ def test_limiter_is_safe_for_any_input(voltages, low, high):
         assert low <= safe <= high
         assert abs(safe - last) <= 0.3 + 1e-12
         last = safe
+
+
+@given(
+    st.lists(anything, max_size=200),
+    st.floats(1e-9, 10.0),
+    st.floats(1e-9, 1e-3),
+    st.floats(0.011, 10.0),
+    st.lists(st.sampled_from([1e-3, 0.1, 7.0]), max_size=3),
+)
+def test_mean_power_never_exceeds_its_limit(voltages, power, capacitance, window, later):
+    limits, low = Limits(-2.0, 3.0, 1e9), power
+    energy = EnergyLimits(power, capacitance, window, 5.0)
+    limiter = Limiter(limits, DT, energy=energy)
+    for k, voltage in enumerate(voltages):
+        if later and k % 50 == 49:
+            low = power * later.pop()
+            limiter.retune(limits, EnergyLimits(low, capacitance, window, 5.0))
+        before, mean = limiter.voltage, limiter.mean_power
+        safe = limiter.apply(voltage)
+        assert -2.0 <= safe <= 3.0
+        # Above a limit that was lowered it can only fall.
+        assert limiter.mean_power <= max(low * (1 + 1e-9), mean)
+        spent = 0.5 * capacitance * 5.0 * abs(safe - before) / DT
+        expected = mean + DT / window * (spent - mean)
+        assert abs(limiter.mean_power - expected) <= 1e-9 * (mean + spent) + 1e-300
 
 
 @settings(max_examples=60, deadline=None)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.loop import closed_loop, reference_points, tracking_metrics
 from piezo_hysteresis.compensation.switching import Switch
@@ -23,7 +24,9 @@ def test_limiter_clamps_range_and_slew_and_counts():
     for _ in range(10):
         limiter.apply(5.0)
     assert limiter.voltage == 2.0
-    assert limiter.counters() == {'not_finite': 0, 'out_of_range': 11, 'slew_limited': 3}
+    assert limiter.counters() == {
+        'not_finite': 0, 'out_of_range': 11, 'slew_limited': 3, 'energy_limited': 0,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
@@ -39,6 +42,80 @@ def test_ramp_to_rest_arrives_and_stays_within_the_slew():
     path = [limiter.ramp_to_rest(0.0, duration=0.1) for _ in range(80)]
     assert np.max(np.abs(np.diff([0.95, *path]))) <= 0.02 + 1e-12
     assert path[-1] == 0.0
+
+
+def test_new_limits_bring_the_voltage_in_without_a_jump_and_keep_the_counts():
+    limiter = Limiter(Limits(-1.0, 1.0, 500.0), DT)
+    for _ in range(3):
+        limiter.apply(1.0)
+    limiter.retune(Limits(-0.2, 0.2, 100.0))
+    path = [limiter.apply(1.0) for _ in range(10)]
+    assert np.abs(np.diff([1.0, *path])).max() <= 0.1 + 1e-12
+    assert path[-1] == 0.2
+    assert limiter.counters()['slew_limited'] > 2
+    with pytest.raises(CompensationError):
+        limiter.retune(Limits(1.0, -1.0))
+    assert limiter.apply(0.2) == 0.2
+
+
+def test_mean_power_is_that_of_the_makers_formula():
+    energy = EnergyLimits(power=0.0, capacitance=3e-6, window=1.0, supply=150.0)
+    limiter = Limiter(Limits(-10.0, 140.0, 1e6), DT, energy=energy)
+    for voltage in 60.0 - 50.0 * np.cos(2 * np.pi * 20.0 * DT * np.arange(8000)):
+        limiter.apply(voltage)
+    assert limiter.mean_power == pytest.approx(3e-6 * 20.0 * 150.0 * 100.0, rel=0.03)
+    assert limiter.counters()['energy_limited'] == 0
+
+
+def test_a_drive_beyond_the_energy_limit_is_slowed_down_smoothly_and_recovers():
+    energy = EnergyLimits(power=0.2, capacitance=3e-6, window=1.0, supply=150.0)
+    limiter = Limiter(Limits(-10.0, 140.0, 1e6), DT, voltage=10.0, energy=energy)
+    wanted = 60.0 - 50.0 * np.cos(2 * np.pi * 20.0 * DT * np.arange(6000))
+    got = np.array([limiter.apply(voltage) for voltage in wanted])
+    np.testing.assert_array_equal(got[:60], wanted[:60])  # a burst is free
+    assert limiter.counters()['energy_limited'] > 1000
+    # What can be kept up is used: the limit is reached from below, and steps go over to it.
+    steps = np.abs(np.diff(got)) / DT
+    assert steps[-1000:].mean() == pytest.approx(energy.sustained_slew, rel=0.02)
+    assert np.diff(steps[-1000:]).max() < 0.1 * np.abs(np.diff(wanted)).max() / DT
+    for _ in range(5000):
+        limiter.apply(got[-1])
+    assert limiter.apply(got[-1] + 20.0) == pytest.approx(
+        got[-1] + min(20.0, 11.0 * energy.sustained_slew * DT), rel=0.02
+    )
+
+
+def test_a_lowered_energy_limit_holds_while_the_mean_falls_to_it():
+    energy = EnergyLimits(power=1.0, capacitance=3e-6, window=0.1, supply=150.0)
+    limiter = Limiter(Limits(-10.0, 140.0, 1e6), DT, energy=energy)
+    for k in range(500):
+        limiter.apply(130.0 * (k % 2))
+    lower = EnergyLimits(power=0.1, capacitance=3e-6, window=0.1, supply=150.0)
+    limiter.retune(limiter.limits, lower)
+    held = limiter.voltage
+    assert limiter.mean_power > 0.9
+    means = []
+    for k in range(1000):
+        voltage = limiter.apply(130.0 * (k % 2))
+        means.append(limiter.mean_power)
+        assert voltage == held or means[-1] < 0.11
+    assert np.diff(means).max() <= 0.0
+    assert means[-1] == pytest.approx(0.1, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    'energy',
+    [
+        EnergyLimits(power=-1.0),
+        EnergyLimits(power=math.nan),
+        EnergyLimits(capacitance=0.0),
+        EnergyLimits(window=0.005),
+        EnergyLimits(supply=-1.0),
+    ],
+)
+def test_impossible_energy_limits_are_refused(energy):
+    with pytest.raises(CompensationError):
+        Limiter(Limits(), DT, energy=energy)
 
 
 @pytest.mark.parametrize(
