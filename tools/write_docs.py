@@ -29,6 +29,7 @@ TYPES = {
     topics.STATE: 'piezo_interfaces/msg/ActuatorState',
     topics.REFERENCE: 'piezo_interfaces/msg/Reference',
     topics.VOLTAGE_FEEDFORWARD: 'piezo_interfaces/msg/VoltageCommand',
+    topics.VOLTAGE_ATTENUATED: 'piezo_interfaces/msg/VoltageCommand',
     topics.VOLTAGE_COMMAND: 'piezo_interfaces/msg/VoltageCommand',
     topics.ESTIMATE: 'piezo_interfaces/msg/ModelEstimate',
     topics.HARMONICS: 'piezo_interfaces/msg/HarmonicState',
@@ -82,7 +83,7 @@ NODES = (
         '[simulator.md](simulator.md).',
         simulator_table(),
         subscribes=(topics.VOLTAGE_COMMAND,),
-        publishes=(topics.STATE, topics.LOOP_STATUS),
+        publishes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         services=('~/load_preset', '~/reset', '~/inject_fault'),
     ),
     NodePage(
@@ -102,7 +103,7 @@ NODES = (
         'takes. Without a model it divides by `gain`, which is no compensation.',
         tables.FEEDFORWARD,
         subscribes=(topics.REFERENCE, topics.ESTIMATE),
-        publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status'),
+        publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status', '/diagnostics'),
         services=('~/load_model', '~/use_estimate'),
         managed=True,
         model=True,
@@ -113,7 +114,7 @@ NODES = (
         'Second link of the voltage chain: takes harmonics of the tracking error off.',
         tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status'),
+        publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status', '/diagnostics'),
         services=('~/reset',),
         managed=True,
     ),
@@ -124,9 +125,25 @@ NODES = (
         'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
         tables.FEEDBACK,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(topics.VOLTAGE_COMMAND, '~/status'),
+        publishes=(topics.VOLTAGE_COMMAND, '~/status', '/diagnostics'),
         services=('~/reset',),
         managed=True,
+    ),
+    NodePage(
+        'piezo_hysteresis',
+        'control_loop',
+        'Holds `feedforward`, `attenuation` and `feedback` in one process, each with its own '
+        'name, parameters and life cycle: `-p attenuation:orders:=[3]` sets one of them. The '
+        'voltage goes from hand to hand before it is published.',
+        ParameterTable(()),
+        subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
+        publishes=(
+            topics.VOLTAGE_FEEDFORWARD,
+            topics.VOLTAGE_ATTENUATED,
+            topics.VOLTAGE_COMMAND,
+            topics.HARMONICS,
+            '/diagnostics',
+        ),
     ),
     NodePage(
         'piezo_hysteresis',
@@ -134,7 +151,7 @@ NODES = (
         'Estimates the parameters of the extended model online by recursive least squares.',
         tables.IDENTIFICATION,
         subscribes=(topics.STATE, topics.MARKER),
-        publishes=(topics.ESTIMATE, '~/status'),
+        publishes=(topics.ESTIMATE, '~/status', '/diagnostics'),
         services=('~/reset', '~/save'),
     ),
     NodePage(
@@ -169,7 +186,7 @@ NODES = (
         'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill.',
         tables.RECORDER,
         subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
-        publishes=('~/status',),
+        publishes=('~/status', '/diagnostics'),
     ),
     NodePage(
         'piezo_hysteresis',
@@ -189,6 +206,16 @@ All names are relative: put the nodes into a namespace or remap them as usual. `
 name of the node. Units are SI throughout. A value outside its range is refused with the reason;
 an integer is taken for a float. The loop runs at the pace of `actuator/state`: nothing is computed
 from the wall clock.
+
+Every link keeps to `limits.low`, `limits.high`, `limits.slew` and, where it is set, to
+`energy_limit`: the running mean over `energy_window` of P = C U |dV/dt| / 2, with `capacitance` C
+and U = `limits.high` - `limits.low`, which for a periodic voltage is the C f U Vpp of data sheets.
+A voltage that would take more is slowed down; bursts up to eleven times the sustained slew pass.
+After `watchdog` seconds of the actuator's time without input a link ramps to `safe_voltage` at
+`safe_ramp` and falls silent there. In lock-step the actuator waits, and so does the watchdog.
+
+`/diagnostics` says every second, and when the level changes, how each node is: OK, WARN or ERROR
+with a sentence, and its counters. What has happened counts for five seconds.
 """
 
 MODEL = """
@@ -222,6 +249,8 @@ def _node(node: NodePage) -> str:
 
 
 def _parameters(table: ParameterTable) -> list[str]:
+    if not table.specs:
+        return ['It has no parameters of its own.']
     head = '| parameter | default | range | unit | tunable | what it is |'
     lines = [head, '|---|---|---|---|---|---|']
     for spec in table.specs:

@@ -26,5 +26,8 @@ setup(
     description='Simulated piezo actuators: the world that the suite is tried on',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
-    entry_points={'console_scripts': [f'{node} = {package}.nodes.{node}:main' for node in nodes]},
+    # Not from this package: to import anything of it is slow already.
+    entry_points={
+        'console_scripts': [f'{node} = piezo_ros_common.starting:{node}' for node in nodes]
+    },
 )

@@ -2,31 +2,67 @@
 
 from __future__ import annotations
 
+import math
+import struct
+
 import pytest
+from rclpy.serialization import deserialize_message, serialize_message
 
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.online import online
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import named
-from piezo_hysteresis.nodes.messages import (
-    estimate_into,
-    measured_from,
-    model_from,
-    point_from,
-    point_into,
+from piezo_hysteresis.nodes.codecs import measured_of, point_of, reference_bytes, voltage_bytes
+from piezo_hysteresis.nodes.messages import estimate_into, model_from
+from piezo_interfaces.msg import (
+    ActuatorState,
+    HarmonicState,
+    ModelEstimate,
+    Reference,
+    VoltageCommand,
 )
-from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
+from piezo_ros_common.flat import FlatCodec, head_of, stamp_of
 from piezo_ros_common.stamps import nanoseconds_of, stamp_into, tick_nanoseconds
 
 
-def test_references_and_states() -> None:
+@pytest.mark.parametrize('frame', ['', 'a', 'stage', 'stage_x', 300 * 'x'])
+def test_what_is_packed_is_what_rclpy_reads_and_the_other_way(frame: str) -> None:
     point = ReferencePoint(2**40, 0.1, -0.2, 0.3, 50.0, 1e6)
-    message = Reference()
-    point_into(point, message)
-    assert point_from(message) == point
+    message = deserialize_message(reference_bytes(head_of(7, 9), point), Reference)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 9)
+    assert message.header.frame_id == ''
+    names = ('sample', 'displacement', 'velocity', 'acceleration', 'frequency', 'phase')
+    assert tuple(getattr(message, name) for name in names) == point
+
+    message.header.frame_id = frame
+    head, read = point_of(serialize_message(message))
+    assert read == point
+    assert stamp_of(head) == (7, 9)
+    # The head goes on with the voltage, whatever is in it.
+    command = deserialize_message(voltage_bytes(head, 2**63, -1.5), VoltageCommand)
+    assert command.header == message.header
+    assert (command.sample, command.voltage) == (2**63, -1.5)
+
+    state = ActuatorState(sample=7, voltage=0.1, displacement=math.nan)
+    state.header.frame_id = frame
+    _, measured = measured_of(serialize_message(state))
+    assert measured[:2] == (7, 0.1)
+    assert math.isnan(measured.displacement)
+
+
+def test_other_encodings_are_read_too() -> None:
     state = ActuatorState(sample=7, voltage=0.1, displacement=-1e-9)
-    assert measured_from(state) == Measured(7, 0.1, -1e-9)
+    state.header.stamp.sec = 5
+    big = struct.pack('>4xiII4xQdd', 5, 0, 1, 7, 0.1, -1e-9)
+    head, measured = measured_of(b'\x00\x00' + big[2:])
+    assert measured == Measured(7, 0.1, -1e-9)
+    assert stamp_of(head) == (5, 0)
+
+
+def test_only_flat_messages_are_packed() -> None:
+    with pytest.raises(TypeError, match='HarmonicState'):
+        FlatCodec(HarmonicState)
 
 
 def test_stamps() -> None:

@@ -21,9 +21,10 @@ def test_each_command_is_counted_once() -> None:
     book.arrive(4, math.nan, tick=4)
     book.arrive(5, 1.1, tick=5)
     book.arrive(5 + AHEAD + 1, 0.1, tick=5)
-    assert book.voltage == 0.7
+    assert book.wanted == 0.7
     assert book.counts == {
         'late': 1, 'missed': 0, 'refused': 3, 'doubled': 1, 'timeouts': 0, 'overruns': 0,
+        'slew_limited': 0,
     }  # fmt: skip
 
 
@@ -42,7 +43,24 @@ def test_silence_is_missed_ticks_and_then_one_timeout() -> None:
     assert voltages[-1] == 0.2
     assert max(abs(b - a) for a, b in pairwise(voltages)) <= 0.1 + 1e-12
     book.arrive(40, 0.3, tick=40)
+    book.hold(40, DT, timeout=0.01)
     assert book.voltage == 0.3
+
+
+def test_commands_that_jump_are_applied_no_faster_than_the_slew() -> None:
+    book = CommandBook(-1.0, 1.0, safe_voltage=-1.0, ramp=1e6, slew=50.0)
+    voltages = [0.0]
+    for tick in range(100):
+        if tick < 50:
+            book.arrive(tick, 1.0 if tick < 10 else -1.0, tick)
+        book.hold(tick, DT, timeout=0.01)
+        voltages.append(book.voltage)
+    assert max(abs(b - a) for a, b in pairwise(voltages)) <= 0.05 + 1e-12
+    assert max(voltages) == pytest.approx(0.5)
+    assert voltages[-1] == -1.0
+    assert book.counts['slew_limited'] > 30
+    book.rest()
+    assert book.voltage == 0.0
 
 
 def test_refused_commands_do_not_keep_the_watch_quiet() -> None:

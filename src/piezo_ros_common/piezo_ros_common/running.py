@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -12,12 +13,18 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-# EventsExecutor never wakes from an endless wait on some builds; a finite one always does. It is
-# also how long a signal may wait to be seen.
-LONGEST_WAIT = 0.1
+from piezo_ros_common.timers import wall_timer
+
+# How long a signal may wait to be seen [s].
+LOOK = 0.1
+
+# EventsExecutor never wakes from an endless wait on some builds; a finite one always does. Every
+# wait costs 32 bytes that it never gives back, so they are long [s].
+LONGEST_WAIT = 60.0
 
 RCLError = rclpy_implementation.RCLError
 
@@ -60,6 +67,7 @@ def _ticks(executor: Executor) -> bool:
         enable_rosout=False,
         start_parameter_services=False,
         use_global_arguments=False,
+        parameter_overrides=[Parameter('start_type_description_service', value=False)],
     )
     ticked = Future()
     timer = probe.create_timer(0.001, lambda: ticked.done() or ticked.set_result(True))
@@ -98,22 +106,30 @@ class Interrupt:
 
 
 def spin(
-    node: Node,
+    nodes: Sequence[Node],
     choice: str = 'auto',
     stop: Future | None = None,
     interrupt: Interrupt | None = None,
 ) -> None:
-    """Serve `node` until it is shut down, interrupted or `stop` is done."""
+    """Serve `nodes` until they are shut down, interrupted or `stop` is done."""
     executor = make_executor(choice)
-    executor.add_node(node)
-    stop = Future() if stop is None else stop
+    for node in nodes:
+        executor.add_node(node)
+    ended = Future()
+
+    def look() -> None:
+        wanted = stop is not None and stop.done()
+        if (wanted or interrupt is not None and interrupt.requested) and not ended.done():
+            ended.set_result(True)
+
+    timer = wall_timer(nodes[0], LOOK, look)
     try:
-        while rclpy.ok() and not stop.done():
-            if interrupt is not None and interrupt.requested:
-                break
-            executor.spin_until_future_complete(stop, timeout_sec=LONGEST_WAIT)
+        while rclpy.ok() and not ended.done():
+            executor.spin_until_future_complete(ended, timeout_sec=LONGEST_WAIT)
     finally:
-        executor.remove_node(node)
+        timer.cancel()
+        for node in nodes:
+            executor.remove_node(node)
         executor.shutdown()
 
 
@@ -128,21 +144,29 @@ def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None)
     int
         Exit code of the process.
     """
+    return run_nodes(lambda: (create(),), arguments)
+
+
+def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None) -> int:
+    """Run several nodes as one process with one executor; the first one decides when it ends."""
     interrupt = Interrupt()
-    node: Node | None = None
+    nodes: Sequence[Node] = ()
     try:
         _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
-        node = _create(create)
+        nodes = _create(create)
+        # What was imported stays for good: collections need not look through it at every turn.
+        gc.collect()
+        gc.freeze()
         choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
-        spin(node, choice, getattr(node, 'stop', None), interrupt)
+        spin(nodes, choice, getattr(nodes[0], 'stop', None), interrupt)
     except ExternalShutdownException:
         pass
     except SystemExit as wanted:
         return int(wanted.code or 0)
     finally:
-        _close(node)
+        _close(nodes)
         interrupt.ignore()
-    return int(getattr(node, 'exit_code', 0))
+    return int(getattr(nodes[0], 'exit_code', 0))
 
 
 def _init(words: list[str]) -> None:
@@ -152,7 +176,7 @@ def _init(words: list[str]) -> None:
         _refuse(error, 'mend the arguments or the parameter file')
 
 
-def _create(create: Callable[[], Node]) -> Node:
+def _create(create: Callable[[], Sequence[Node]]) -> Sequence[Node]:
     try:
         return create()
     except RCLError as error:
@@ -164,8 +188,8 @@ def _refuse(error: Exception, remedy: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def _close(node: Node | None) -> None:
-    if node is not None:
+def _close(nodes: Sequence[Node]) -> None:
+    for node in nodes:
         close = getattr(node, 'close', None)
         if close is not None:
             close()

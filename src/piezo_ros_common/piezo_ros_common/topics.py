@@ -3,6 +3,7 @@
 STATE = 'actuator/state'
 REFERENCE = 'reference'
 VOLTAGE_FEEDFORWARD = 'voltage/feedforward'
+VOLTAGE_ATTENUATED = 'voltage/attenuated'
 VOLTAGE_COMMAND = 'voltage/command'
 ESTIMATE = 'model/estimate'
 HARMONICS = 'attenuation/harmonics'

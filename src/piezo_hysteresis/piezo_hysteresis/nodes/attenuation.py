@@ -6,8 +6,6 @@ import sys
 from dataclasses import fields
 from typing import Any
 
-from std_msgs.msg import Header
-
 from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.nodes.link_tables import ATTENUATION
@@ -15,6 +13,7 @@ from piezo_hysteresis.nodes.tick_book import Tick
 from piezo_hysteresis.nodes.tracking_node import Law, TrackingNode
 from piezo_interfaces.msg import HarmonicState
 from piezo_ros_common import topics
+from piezo_ros_common.flat import stamp_of
 from piezo_ros_common.qos import LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.table import Value
@@ -29,9 +28,9 @@ REPORT_EVERY = 100
 class Attenuation(TrackingNode):
     """The second link of the chain: takes harmonics of the tracking error off."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, output: str = topics.VOLTAGE_COMMAND, wired: bool = True) -> None:
         self._harmonics = HarmonicState()
-        super().__init__('attenuation', ATTENUATION)
+        super().__init__('attenuation', ATTENUATION, output=output, wired=wired)
         self._harmonics_publisher = self.plain_publisher(HarmonicState, topics.HARMONICS, LOOP)
 
     def build(self, changes: dict[str, Value]) -> Law | None:
@@ -54,12 +53,12 @@ class Attenuation(TrackingNode):
             self.law.set_gain(_gain(self.parameters.values))
         return True
 
-    def passed(self, tick: Tick[Header]) -> None:
+    def passed(self, tick: Tick[bytes]) -> None:
         """Report the harmonics now and then."""
         if tick.point.sample % REPORT_EVERY or not isinstance(self.law, HarmonicAttenuation):
             return
         message = self._harmonics
-        message.header = tick.tag
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp_of(tick.tag)
         message.sample = tick.point.sample
         message.frequency = tick.point.frequency
         found = self.law.harmonics()

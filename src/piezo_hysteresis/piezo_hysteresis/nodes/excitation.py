@@ -7,22 +7,24 @@ import time
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation_plan import Experiment
-from piezo_hysteresis.nodes.messages import point_into
 from piezo_hysteresis.nodes.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.nodes.sweep_server import SweepServer
 from piezo_hysteresis.nodes.tables import EXCITATION
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 from piezo_ros_common import topics
+from piezo_ros_common.flat import head_of
 from piezo_ros_common.order import started_anew
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
-from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
+from piezo_ros_common.stamps import NANOSECONDS, tick_nanoseconds
 from piezo_ros_common.table import Value
 from piezo_ros_common.timers import wall_timer
 
@@ -59,17 +61,15 @@ class Excitation(Node):
         self._emitted = -1
         self._newest_state = -1
         self._ready = False
-        self._last: tuple[Any, Any] | None = None
+        self._last: tuple[Publisher, bytes] | None = None
         self._heard = time.monotonic()
         self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
         self._rate = self._params.number('rate')
-        self._reference = Reference()
-        self._voltage = VoltageCommand()
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
         self._voltage_publisher = self.create_publisher(
             VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
         )
-        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._sweeps = SweepServer(self, self._params, self._begin)
         reason = self._refuse({})
@@ -92,14 +92,15 @@ class Excitation(Node):
             self._ready = True
             self._emit(message.sample)
 
-    def _on_state(self, message: ActuatorState) -> None:
-        self._follow_restart(message.sample)
-        if message.sample <= self._newest_state:
+    def _on_state(self, payload: bytes) -> None:
+        _, (sample, _, _) = STATE.decode(payload)
+        self._follow_restart(sample)
+        if sample <= self._newest_state:
             return
-        self._newest_state = message.sample
+        self._newest_state = sample
         if not self._sweeps.waits:
             self._heard = time.monotonic()
-        self._emit(message.sample + 1)
+        self._emit(sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
         """Begin again where the actuator was started anew."""
@@ -145,8 +146,8 @@ class Excitation(Node):
             if self._ready or self._newest_state >= 0:
                 self._emit(self._newest_state + 1)
             return
-        publisher, message = self._last
-        publisher.publish(message)
+        publisher, payload = self._last
+        publisher.publish(payload)
 
     def _emit_sweep(self, sample: int) -> None:
         voltage = self._sweeps.voltage(sample)
@@ -171,19 +172,17 @@ class Excitation(Node):
             self._publish_voltage(sample, experiment.point(sample).displacement)
 
     def _emit_reference(self, experiment: Experiment, sample: int) -> None:
-        message = self._reference
-        point_into(experiment.point(sample), message)
-        stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
-        self._reference_publisher.publish(message)
-        self._last = (self._reference_publisher, message)
+        payload = reference_bytes(self._head(sample), experiment.point(sample))
+        self._reference_publisher.publish(payload)
+        self._last = (self._reference_publisher, payload)
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
-        message = self._voltage
-        message.sample = sample
-        message.voltage = voltage
-        stamp_into(message.header.stamp, tick_nanoseconds(sample, self._rate))
-        self._voltage_publisher.publish(message)
-        self._last = (self._voltage_publisher, message)
+        payload = voltage_bytes(self._head(sample), sample, voltage)
+        self._voltage_publisher.publish(payload)
+        self._last = (self._voltage_publisher, payload)
+
+    def _head(self, sample: int) -> bytes:
+        return head_of(*divmod(tick_nanoseconds(sample, self._rate), NANOSECONDS))
 
     def _finish(self, sample: int) -> None:
         self.get_logger().info(f'experiment over at tick {sample}')

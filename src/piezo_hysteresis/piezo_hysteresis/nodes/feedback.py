@@ -27,8 +27,8 @@ _GROUPS: dict[str, tuple[str, ...]] = {
 class Feedback(TrackingNode):
     """An optional link: adds what a law on the tracking error asks for."""
 
-    def __init__(self) -> None:
-        super().__init__('feedback', FEEDBACK)
+    def __init__(self, *, wired: bool = True) -> None:
+        super().__init__('feedback', FEEDBACK, wired=wired)
 
     def build(self, changes: dict[str, Value]) -> Law | None:
         """Return the law of the parameters; None for ``none``."""

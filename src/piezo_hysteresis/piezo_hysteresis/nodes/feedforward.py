@@ -4,40 +4,59 @@ from __future__ import annotations
 
 import sys
 
+from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
+from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.nodes.codecs import measured_of, point_of
 from piezo_hysteresis.nodes.inversion import Inversion
 from piezo_hysteresis.nodes.link_node import LinkNode
 from piezo_hysteresis.nodes.link_tables import FEEDFORWARD
-from piezo_hysteresis.nodes.messages import model_from, point_from
+from piezo_hysteresis.nodes.messages import model_from
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
-from piezo_hysteresis.nodes.paths import inside
-from piezo_interfaces.msg import ModelEstimate, Reference
+from piezo_hysteresis.nodes.paths import requested_model
+from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
 from piezo_ros_common import topics
-from piezo_ros_common.order import started_anew
+from piezo_ros_common.order import Intake
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.table import Value
+from piezo_ros_common.timers import wall_timer
+
+# How often silence of the reference is looked for [s].
+LOOK = 0.1
 
 
 class Feedforward(LinkNode):
     """Answers every reference with the voltage that the model says it takes.
 
     Without a model it answers ``displacement / gain``: no compensation.
+
+    Parameters
+    ----------
+    wired : bool
+        False where somebody in the same process calls the ``take_`` methods instead of topics.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, wired: bool = True) -> None:
         super().__init__('feedforward', FEEDFORWARD, topics.VOLTAGE_FEEDFORWARD)
-        self._last_sample = -1
+        self._seen = -1
+        self._states: Subscription | None = None
+        self._ticks = Intake()
         self._estimate: ModelEstimate | None = None
         value = self.parameters.number
+        self._gain = value('gain')
         self._inversion = Inversion(self.dt, self.limits(), value('start'), value('transition'))
         self._model_parameters = ModelParameters(self.parameters)
         self._load_at_start(self.parameters.text('model_file'))
-        self.create_subscription(Reference, topics.REFERENCE, self._on_reference, LOOP)
+        if wired:
+            self.create_subscription(
+                Reference, topics.REFERENCE, self._on_reference, LOOP, raw=True
+            )
+            wall_timer(self, LOOK, self._look)
         self.create_subscription(ModelEstimate, topics.ESTIMATE, self._on_estimate, LATCHED)
         self.create_service(LoadModel, '~/load_model', self._on_load_model)
         self.create_service(Trigger, '~/use_estimate', self._on_use_estimate)
@@ -50,6 +69,7 @@ class Feedforward(LinkNode):
     def apply(self, changes: dict[str, Value]) -> None:
         """Take accepted parameter changes over."""
         super().apply(changes)
+        self._gain = self.parameters.number('gain')
         self._inversion.start = self.parameters.number('start')
         if any(name == 'transition' or name.startswith('limits.') for name in changes):
             self._inversion.rebuild(self.limits(), self.parameters.number('transition'))
@@ -58,19 +78,44 @@ class Feedforward(LinkNode):
 
     # --- ticks ---------------------------------------------------------------------------------
 
-    def _on_reference(self, message: Reference) -> None:
-        if started_anew(message.sample, self._last_sample):
-            self._inversion.forget()
-            self.go_over()
-        elif message.sample <= self._last_sample:
-            self.pass_on_again(message.sample)
+    def _on_reference(self, payload: bytes) -> None:
+        self.take_reference(*point_of(payload))
+
+    def take_reference(self, head: bytes, point: ReferencePoint) -> None:
+        """Answer the reference of one tick."""
+        sample, newest = point.sample, self.intake.newest
+        if not self.intake.take(sample):
+            if sample == newest:
+                self.pass_on_again(sample)
             return
-        self._last_sample = message.sample
+        if sample <= newest:
+            self._inversion.forget()
+            self.begin_anew()
         self._follow_model()
-        voltage = self._inversion.voltage(point_from(message))
+        voltage = self._inversion.voltage(point)
         if voltage is None:
-            voltage = message.displacement / self.parameters.number('gain')
-        self.pass_on(message.header, message.sample, 0.0, voltage if self.active else 0.0)
+            voltage = point.displacement / self._gain
+        self.pass_on(head, sample, 0.0, voltage if self.active else 0.0)
+
+    def take_state(self, head: bytes, measured: Measured) -> None:
+        """Take note how far the actuator is."""
+        if self._ticks.take(measured.sample):
+            self.watch(head, measured.sample)
+
+    def _on_state(self, payload: bytes) -> None:
+        self.take_state(*measured_of(payload))
+
+    def _look(self) -> None:
+        """Watch the actuator while no reference comes; one message less per tick while it does."""
+        silent, self._seen = self.intake.newest == self._seen >= 0, self.intake.newest
+        if silent and self._states is None:
+            self._states = self.create_subscription(
+                ActuatorState, topics.STATE, self._on_state, LOOP, raw=True
+            )
+            self._ticks = Intake()
+        elif not silent and self._states is not None:
+            self.destroy_subscription(self._states)
+            self._states = None
 
     # --- models --------------------------------------------------------------------------------
 
@@ -124,11 +169,7 @@ class Feedforward(LinkNode):
         self, request: LoadModel.Request, response: LoadModel.Response
     ) -> LoadModel.Response:
         try:
-            if request.yaml:
-                loaded = ModelFile.parse(request.yaml)
-            else:
-                folder = self.parameters.text('model_folder')
-                loaded = ModelFile.load(inside(folder, request.path))
+            loaded = requested_model(request, self.parameters.text('model_folder'))
             self._load(loaded)
             response.success, response.message = True, f'inverts {loaded.model.name} now'
         except PiezoError as error:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -12,14 +12,25 @@ from piezo_hysteresis.discovery.monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
+from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.nodes.tables import GAP_MONITOR
 from piezo_interfaces.msg import ActuatorState, Gap
 from piezo_interfaces.srv import LoadModel
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_ros_common.order import Intake
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.table import Value
+
+SENTENCES: dict[str, Finding] = {
+    'refused': (Level.WARN, 'the sensor answers what is not a number'),
+    'missed': (Level.WARN, 'ticks are missing: the model has not seen their voltage'),
+    'strays': (Level.WARN, 'ticks are numbered far ahead: is there a second actuator?'),
+    'reordered': (Level.WARN, 'ticks come out of order: is there a second actuator?'),
+}
 
 
 class GapMonitorNode(Node):
@@ -27,18 +38,21 @@ class GapMonitorNode(Node):
 
     def __init__(self) -> None:
         super().__init__('gap_monitor')
-        self._last_sample = -1
+        self._intake = Intake()
+        self._refused = 0
+        self._report: GapReport | None = None
+        self._watch = CounterWatch(SENTENCES)
         self._monitor: GapMonitor | None = None
         self._loaded: ModelFile | None = None
         self._params = NodeParameters(self, GAP_MONITOR, self._apply)
         self._model_parameters = ModelParameters(self._params)
         self._message = Gap()
         self._publisher = self.create_publisher(Gap, topics.GAP, LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_service(LoadModel, '~/load_model', self._on_load_model)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._load_at_start(self._params.text('model_file'))
+        Diagnostics(self, self._judge)
 
     def _load_at_start(self, path: str) -> None:
         try:
@@ -63,6 +77,7 @@ class GapMonitorNode(Node):
         floor = self._params.number('noise_floor')
         self._monitor = GapMonitor(self._loaded, 1.0 / rate, floor, window)
         self._monitor.warm_up()
+        self._report = None
         chain = ', '.join(self._loaded.model.block_names)
         self.get_logger().info(f'comparing with {chain}, floor {self._monitor.floor:.3g} m')
 
@@ -71,9 +86,14 @@ class GapMonitorNode(Node):
             self._new_monitor()
 
     def _on_state(self, message: ActuatorState) -> None:
-        if message.sample <= self._last_sample:
+        newest = self._intake.newest
+        if not self._intake.take(message.sample):
             return
-        self._last_sample = message.sample
+        if message.sample < newest and self._monitor is not None:
+            self._monitor.reset()
+        if not (math.isfinite(message.voltage) and math.isfinite(message.displacement)):
+            self._refused += 1
+            return
         try:
             self._follow_model()
         except PiezoError as error:
@@ -82,6 +102,7 @@ class GapMonitorNode(Node):
             return
         report = self._monitor.add(message.voltage, message.displacement)
         if report is not None:
+            self._report = report
             self._publish(message, report)
 
     def _publish(self, state: ActuatorState, report: GapReport) -> None:
@@ -98,34 +119,26 @@ class GapMonitorNode(Node):
         message.beyond_floor = report.beyond_floor
         message.family = report.family
         self._publisher.publish(message)
-        self._diagnose(report)
 
-    def _diagnose(self, report: GapReport) -> None:
-        status = DiagnosticStatus(name=self.get_fully_qualified_name())
+    def _judge(self) -> Health:
+        report = self._report
+        counts = {'refused': self._refused, **self._intake.counters()}
+        findings = self._watch.findings(counts)
+        if self._monitor is None:
+            return judge(findings, 'no model is loaded: call ~/load_model', counts)
+        if report is None:
+            return judge(findings, 'waits for the first window', counts)
+        fine = f'the model is {report.floors:.3g} noise floors away'
         if report.beyond_floor:
-            status.level = DiagnosticStatus.WARN
-            status.message = (
-                f'the model is {report.floors:.3g} noise floors away; it looks like '
-                f'{report.family}: record a sweep and run discover'
-            )
-        else:
-            status.level = DiagnosticStatus.OK
-            status.message = f'the model is {report.floors:.3g} noise floors away'
-        status.values = [
-            KeyValue(key='gap_rms_m', value=f'{report.rms:.6g}'),
-            KeyValue(key='floors', value=f'{report.floors:.6g}'),
-        ]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+            words = f'{fine}; it looks like {report.family}: record a sweep and run discover'
+            findings.append((Level.WARN, words))
+        return judge(findings, fine, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response
     ) -> LoadModel.Response:
         try:
-            loaded = (
-                ModelFile.parse(request.yaml) if request.yaml else ModelFile.load(request.path)
-            )
+            loaded = requested_model(request, self._params.text('model_folder'))
             self._model_parameters.load(loaded)
             self._follow_model()
             response.success, response.message = True, f'comparing with {loaded.model.name} now'

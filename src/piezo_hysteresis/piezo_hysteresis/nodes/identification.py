@@ -22,6 +22,8 @@ from piezo_hysteresis.nodes.tables import IDENTIFICATION
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
 from piezo_interfaces.srv import SaveModel
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
@@ -32,6 +34,13 @@ from piezo_ros_common.timers import wall_timer
 # Samples, and seconds, between two messages that tell a player how far the node is.
 CONFIRM_EVERY = 64
 CONFIRM_AFTER = 0.05
+
+SENTENCES: dict[str, Finding] = {
+    'refused': (Level.WARN, 'samples that are not numbers are left out'),
+    'missed': (Level.WARN, 'samples are missing, the estimate is a little off'),
+    'strays': (Level.WARN, 'samples are numbered far ahead: is there a second actuator?'),
+    'reordered': (Level.WARN, 'samples come out of order: is there a second actuator?'),
+}
 
 
 class Identification(Node):
@@ -56,6 +65,8 @@ class Identification(Node):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SaveModel, '~/save', self._on_save)
         wall_timer(self, CONFIRM_AFTER, self._confirm)
+        self._watch = CounterWatch(SENTENCES)
+        Diagnostics(self, self._judge)
 
     def _new_method(self) -> OnlineMethod:
         """Return the method, compiled before it gets its first sample."""
@@ -89,6 +100,13 @@ class Identification(Node):
         if list(self._status.counts) != counts:
             self._status.counts = counts
             self._status_publisher.publish(self._status)
+
+    def _judge(self) -> Health:
+        counts = {'refused': self._course.refused, **self._course.intake.counters()}
+        newest = self._course.intake.newest
+        fine = 'waits for the first sample' if newest < 0 else f'{self._taken} samples are used'
+        values = {'sample': newest, 'taken': self._taken, 'marked': self._marked, **counts}
+        return judge(self._watch.findings(counts), fine, values)
 
     def _publish(self, state: ActuatorState) -> None:
         estimate = self._course.method.estimate()

@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.online import OnlineMethod, online, settled
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
-from piezo_ros_common.order import started_anew
+from piezo_ros_common.order import Intake
 
 # Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
 LONGEST_RUN = 60.0
@@ -85,14 +85,19 @@ class Course:
         Sampling rate [Hz].
     only_records : bool
         False takes the samples between records in too.
+    refused : int
+        Samples left out because a number is none.
+    intake : Intake
+        Judges the numbers of the samples.
     """
 
     method: OnlineMethod
     rate: float
     only_records: bool = True
+    refused: int = 0
+    intake: Intake = field(default_factory=Intake)
     _edges: deque[Edge] = field(default_factory=deque)
     _open: bool = True
-    _newest: int = -1
     _voltage: list[float] = field(default_factory=list)
     _displacement: list[float] = field(default_factory=list)
     _before: Estimate | None = None
@@ -106,11 +111,16 @@ class Course:
         while self._edges and self._edges[0].nanoseconds <= nanoseconds:
             self._open = bool(self._edges.popleft().record)
             self._rest()
-        if started_anew(sample, self._newest):
-            self._rest()
-        if sample <= self._newest or (self.only_records and not self._open):
+        newest = self.intake.newest
+        if not self.intake.take(sample):
             return False
-        self._newest = sample
+        if sample < newest:
+            self._rest()
+        if self.only_records and not self._open:
+            return False
+        if not (math.isfinite(voltage) and math.isfinite(displacement)):
+            self.refused += 1
+            return False
         self.method.update(voltage, displacement)
         if len(self._voltage) < LONGEST_RUN * self.rate:
             self._voltage.append(voltage)
@@ -178,6 +188,6 @@ class Course:
 
     def _rest(self) -> None:
         self.method.rest()
-        self._newest = -1
+        self.intake.newest = -1
         self._voltage.clear()
         self._displacement.clear()

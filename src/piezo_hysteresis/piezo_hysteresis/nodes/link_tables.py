@@ -10,6 +10,9 @@ RATE = ParameterSpec(
     'rate', 1000.0, 'Sampling rate of the loop.', 'Hz', low=1.0, high=1e5, read_only=True
 )
 
+# Ticks that the mean of the power takes at least.
+SHORTEST_WINDOW = 11
+
 MODEL_FOLDER = ParameterSpec(
     'model_folder',
     '',
@@ -22,6 +25,12 @@ def _number(values: Mapping[str, Value], name: str) -> float:
     value = values[name]
     assert isinstance(value, int | float)
     return float(value)
+
+
+def _window_rule(values: Mapping[str, Value]) -> str:
+    if _number(values, 'energy_window') * _number(values, 'rate') >= SHORTEST_WINDOW:
+        return ''
+    return f'energy_window must last {SHORTEST_WINDOW} ticks of the rate at least'
 
 
 def _range_rule(values: Mapping[str, Value]) -> str:
@@ -37,6 +46,42 @@ LINK = (
     ParameterSpec(
         'limits.slew', 2000.0, 'Fastest change of the voltage.', 'V/s', above=0.0, high=1e9
     ),
+    ParameterSpec(
+        'energy_limit',
+        0.0,
+        'Mean power that the voltage may take from the amplifier; 0 sets no limit.',
+        'W',
+        0.0,
+        1e6,
+    ),
+    ParameterSpec(
+        'capacitance',
+        1e-6,
+        'Of the actuator, for energy_limit; behind an amplifier of gain G, G^2 times that.',
+        'F',
+        above=0.0,
+        high=1e3,
+    ),
+    ParameterSpec(
+        'energy_window', 1.0, 'Time constant of the mean power.', 's', above=0.0, high=3600.0
+    ),
+    ParameterSpec(
+        'watchdog',
+        0.05,
+        'Time of the actuator without input until the voltage goes to safe_voltage; 0 never.',
+        's',
+        0.0,
+        3600.0,
+    ),
+    ParameterSpec(
+        'safe_voltage',
+        0.0,
+        'Where the voltage goes without input, within the limits.',
+        'V',
+        -500.0,
+        500.0,
+    ),
+    ParameterSpec('safe_ramp', 1.0, 'How fast it goes there.', 'V/s', above=0.0, high=1e9),
     ParameterSpec(
         'transition',
         0.2,
@@ -79,7 +124,7 @@ FEEDFORWARD = ParameterTable(
         ),
         ParameterSpec('follow_estimate', False, 'Take every model/estimate as soon as it comes.'),
     ),
-    rules=(_range_rule,),
+    rules=(_range_rule, _window_rule),
 )
 
 ATTENUATION = ParameterTable(
@@ -159,7 +204,7 @@ ATTENUATION = ParameterTable(
         ),
         *PLANT,
     ),
-    rules=(_range_rule,),
+    rules=(_range_rule, _window_rule),
 )
 
 FEEDBACK = ParameterTable(
@@ -259,5 +304,5 @@ FEEDBACK = ParameterTable(
         ParameterSpec('plant.denominator', [0.0], 'Its denominator.'),
         *PLANT,
     ),
-    rules=(_range_rule,),
+    rules=(_range_rule, _window_rule),
 )

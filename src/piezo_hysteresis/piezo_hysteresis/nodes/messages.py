@@ -2,40 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.models.named import RECIPES as MODELS
-from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
+from piezo_interfaces.msg import ModelEstimate
 
-
-def point_from(message: Reference) -> ReferencePoint:
-    """Return the reference point of `message`."""
-    return ReferencePoint(
-        message.sample,
-        message.displacement,
-        message.velocity,
-        message.acceleration,
-        message.frequency,
-        message.phase,
-    )
-
-
-def point_into(point: ReferencePoint, message: Reference) -> None:
-    """Write `point` into `message`; the header stays as it is."""
-    message.sample = point.sample
-    message.displacement = point.displacement
-    message.velocity = point.velocity
-    message.acceleration = point.acceleration
-    message.frequency = point.frequency
-    message.phase = point.phase
-
-
-def measured_from(message: ActuatorState) -> Measured:
-    """Return the measurement of `message`."""
-    return Measured(message.sample, message.voltage, message.displacement)
+if TYPE_CHECKING:  # at run time it would bring every method of identification along
+    from piezo_hysteresis.identification.estimate import Estimate
 
 
 def estimate_into(estimate: Estimate, model: Model | None, message: ModelEstimate) -> None:

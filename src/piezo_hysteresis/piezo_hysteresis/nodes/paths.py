@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
+from piezo_interfaces.srv import LoadModel
 
 
 def inside(folder: str, path: str) -> Path:
@@ -20,3 +22,16 @@ def inside(folder: str, path: str) -> Path:
     if not path or (target != base and base not in target.parents):
         raise PiezoError(f'{path!r} is not inside {base}: give a path below that folder')
     return target
+
+
+def requested_model(request: LoadModel.Request, folder: str) -> ModelFile:
+    """Return the model that `request` carries as text, or names by a path inside `folder`.
+
+    Raises
+    ------
+    PiezoError
+        If the path leads out of the folder, or there is no valid model.
+    """
+    if request.yaml:
+        return ModelFile.parse(request.yaml)
+    return ModelFile.load(inside(folder, request.path))

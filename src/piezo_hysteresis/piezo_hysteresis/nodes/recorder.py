@@ -18,6 +18,8 @@ from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, defin
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
@@ -26,6 +28,10 @@ from piezo_ros_common.timers import wall_timer
 # What is recorded where nothing is asked for.
 DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)
 
+
+SENTENCES: dict[str, Finding] = {
+    'dropped': (Level.ERROR, 'messages are lost: the disk is full or too slow')
+}
 
 # Types of the topics whose first message must not be missed.
 KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
@@ -48,8 +54,10 @@ class RecorderNode(Node):
         self._missing = {self.resolve_topic_name(name) for name in wanted or DEFAULT_TOPICS}
         self._problem = ''
         self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
+        self._watch = CounterWatch(SENTENCES)
         self._subscribe_ahead()
         self._look()
+        Diagnostics(self, self._judge)
         wall_timer(self, 0.1, self._look)
         wall_timer(self, 1.0, self._report)
 
@@ -108,6 +116,17 @@ class RecorderNode(Node):
                 self.get_logger().error(f'nothing can be written: {status.problem}')
         for name in self._missing:
             self.get_logger().warning(f'nobody publishes {name} yet', throttle_duration_sec=10.0)
+
+    def _judge(self) -> Health:
+        status = self._recorder.status
+        counts = {'received': status.received, 'written': status.written}
+        counts['dropped'] = status.dropped
+        findings = self._watch.findings(counts)
+        if status.problem:
+            findings.append((Level.ERROR, f'nothing can be written: {status.problem}'))
+        findings += [(Level.WARN, f'nobody publishes {name} yet') for name in self._missing]
+        fine = f'{status.written} messages are in {self._recorder.path}'
+        return judge(findings, fine, counts)
 
     def close(self) -> None:
         """Write what is queued and finish the bag."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
 from piezo_hysteresis.nodes.link_tables import (
     ATTENUATION,
     FEEDBACK,
@@ -14,6 +15,7 @@ from piezo_ros_common.table import ParameterSpec, ParameterTable
 
 __all__ = [
     'ATTENUATION',
+    'DASHBOARD',
     'DISCOVERY',
     'EXCITATION',
     'FEEDBACK',
@@ -186,6 +188,7 @@ GAP_MONITOR = ParameterTable(
     (
         RATE,
         ParameterSpec('model_file', '', 'Model file to compare with.', read_only=True),
+        MODEL_FOLDER,
         ParameterSpec('noise_floor', 0.0, 'Noise rms; 0 takes that of the model.', 'm', 0.0, 0.01),
         ParameterSpec('window', 1.0, 'Time over which the gap is taken.', 's', 0.05, 600.0),
     )

@@ -42,6 +42,11 @@ class TickBook(Generic[Tag]):
 
     Tick k is complete with its reference, its voltage and the measurement of tick k - 1 (for
     k = 0 without). A link so computes the same numbers whatever the order of arrival.
+
+    Attributes
+    ----------
+    dropped : int
+        Voltages that were dropped because their reference never came.
     """
 
     def __init__(self) -> None:
@@ -49,6 +54,7 @@ class TickBook(Generic[Tag]):
         self._voltages: dict[int, tuple[float, Tag]] = {}
         self._measured: dict[int, Measured] = {}
         self._newest_measured: Measured | None = None
+        self.dropped = 0
         self._done = -1
         self._impatient = -1
 
@@ -83,23 +89,31 @@ class TickBook(Generic[Tag]):
         if sample <= self._done:
             return False
         self._voltages[sample] = (voltage, tag)
+        self._voltages.pop(sample - LONGEST, None)
         return True
 
     def take(self) -> Tick[Tag] | None:
-        """Return the oldest tick that is complete, once, or None."""
-        if not self._voltages:
-            return None
-        sample = min(self._voltages)
-        point = self._points.get(sample)
-        measured = self._measured.get(sample - 1)
-        complete = point is not None and (measured is not None or sample == 0)
-        waiting = max(self._voltages) - sample < PATIENCE and sample != self._impatient
-        if not complete and (waiting or point is None):
-            return None
-        voltage, tag = self._voltages.pop(sample)
-        self._forget(sample)
-        assert point is not None
-        return Tick(point, voltage, measured or self._newest_measured, tag)
+        """Return the oldest tick that is complete, once, or None.
+
+        A voltage whose reference never came is dropped once newer voltages are there.
+        """
+        while self._voltages:
+            sample = min(self._voltages)
+            waiting = max(self._voltages) - sample < PATIENCE
+            point = self._points.get(sample)
+            if point is None:
+                if waiting:
+                    return None
+                del self._voltages[sample]
+                self.dropped += 1
+                continue
+            measured = self._measured.get(sample - 1)
+            if measured is None and sample > 0 and waiting and sample != self._impatient:
+                return None
+            voltage, tag = self._voltages.pop(sample)
+            self._forget(sample)
+            return Tick(point, voltage, measured or self._newest_measured, tag)
+        return None
 
     def _forget(self, sample: int) -> None:
         self._done = sample

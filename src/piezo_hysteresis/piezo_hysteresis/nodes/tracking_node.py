@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.crossfade import CrossFade
 from piezo_hysteresis.nodes.link_node import Fade, LinkNode
-from piezo_hysteresis.nodes.messages import measured_from, point_from
 from piezo_hysteresis.nodes.tick_book import Tick, TickBook
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common import topics
-from piezo_ros_common.order import started_anew
+from piezo_ros_common.order import Intake
 from piezo_ros_common.qos import LOOP
 from piezo_ros_common.table import ParameterTable, Value
 
@@ -38,23 +38,49 @@ class TrackingNode(LinkNode):
 
     Subclasses say with `build` which law their parameters describe, and with `adjust` what they
     can change in the law that is there.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    table : ParameterTable
+        Its parameters.
+    output : str
+        Topic of what it passes on.
+    wired : bool
+        False where somebody in the same process calls the ``take_`` methods instead of topics.
     """
 
-    def __init__(self, name: str, table: ParameterTable) -> None:
-        super().__init__(name, table, topics.VOLTAGE_COMMAND)
+    def __init__(
+        self,
+        name: str,
+        table: ParameterTable,
+        *,
+        output: str = topics.VOLTAGE_COMMAND,
+        wired: bool = True,
+    ) -> None:
+        super().__init__(name, table, output)
         try:
             self.law = self._ready(self.build({}))
         except PiezoError as error:
             self.give_up(str(error))
-        self._book: TickBook[Header] = TickBook()
+        self._book: TickBook[bytes] = TickBook()
         self._begun = False
-        self.create_subscription(Reference, topics.REFERENCE, self._on_reference, LOOP)
-        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
-        self.create_subscription(
-            VoltageCommand, topics.VOLTAGE_FEEDFORWARD, self._on_voltage, LOOP
-        )
+        self._law_resets = self._refused_references = self._dropped = 0
+        self._references, self._states = Intake(), Intake()
+        self._held = ReferencePoint(0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        if wired:
+            self._subscribe()
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.autostart()
+
+    def _subscribe(self) -> None:
+        for kind, topic, take in (
+            (Reference, topics.REFERENCE, self._on_reference),
+            (ActuatorState, topics.STATE, self._on_state),
+            (VoltageCommand, topics.VOLTAGE_FEEDFORWARD, self._on_voltage),
+        ):
+            self.create_subscription(kind, topic, take, LOOP, raw=True)
 
     def new_fade(self) -> Fade:
         """Return what carries the share over a change: a new law begins without weight."""
@@ -79,8 +105,14 @@ class TrackingNode(LinkNode):
         raise NotImplementedError
 
     def counters(self) -> dict[str, int]:
-        """Return the counters of the law."""
-        return {} if self.law is None else self.law.counters()
+        """Return the counters of the law and of the reference."""
+        law = {} if self.law is None else self.law.counters()
+        own = {
+            'law_reset': self._law_resets,
+            'refused_references': self._refused_references,
+            'dropped': self._dropped + self._book.dropped,
+        }
+        return {**own, **law}
 
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return '' or why there is no such law."""
@@ -111,39 +143,84 @@ class TrackingNode(LinkNode):
 
     # --- ticks ---------------------------------------------------------------------------------
 
-    def _on_reference(self, message: Reference) -> None:
-        if started_anew(message.sample, self._book.done):
-            self._book = TickBook()
-            self._forget()
-        self._book.add_reference(point_from(message))
-        self._advance()
-
-    def _on_state(self, message: ActuatorState) -> None:
-        self._book.add_measured(measured_from(message))
-        self._advance()
-
-    def _on_voltage(self, message: VoltageCommand) -> None:
-        if message.sample <= self._book.done:
-            self.pass_on_again(message.sample)
+    def take_reference(self, _: bytes, point: ReferencePoint) -> None:
+        """Take the reference of one tick."""
+        newest = self._references.newest
+        if point.sample != newest and not self._references.take(point.sample):
             return
-        self._book.add_voltage(message.sample, message.voltage, message.header)
+        if point.sample < newest:
+            self._begin_book(point.sample)
+        if math.isfinite(sum(point)):
+            self._held = point
+        else:
+            self._refused_references += 1
+            point = self._held._replace(sample=point.sample)
+        self._book.add_reference(point)
         self._advance()
+
+    def take_state(self, head: bytes, measured: Measured) -> None:
+        """Take the measurement of one tick."""
+        if self._states.take(measured.sample):
+            self._book.add_measured(measured)
+            self._advance()
+            self.watch(head, measured.sample)
+
+    def take_voltage(self, head: bytes, sample: int, voltage: float) -> None:
+        """Take the voltage of the link before, for one tick [V]."""
+        newest = self.intake.newest
+        if not self.intake.take(sample) and sample != newest:
+            return
+        if sample < newest:
+            self._begin_book(sample)
+        if sample <= self._book.done:
+            self.pass_on_again(sample)
+            return
+        self._book.add_voltage(sample, voltage, head)
+        self._advance()
+
+    def _on_reference(self, payload: bytes) -> None:
+        self.take_reference(*point_of(payload))
+
+    def _on_state(self, payload: bytes) -> None:
+        self.take_state(*measured_of(payload))
+
+    def _on_voltage(self, payload: bytes) -> None:
+        head, (sample, voltage) = VOLTAGE.decode(payload)
+        self.take_voltage(head, sample, voltage)
+
+    def _begin_book(self, sample: int) -> None:
+        """Begin anew, unless another message of the new run has told so already."""
+        if sample <= self._book.done:
+            self._dropped += self._book.dropped
+            self._book = TickBook()
+            self._begun = False
+            self.begin_anew()
+            if self.law is not None:
+                self.law.reset()
 
     def _advance(self) -> None:
         while (tick := self._book.take()) is not None:
             if not self._begun:
                 self._begun = True
                 self._join(tick)
-            voltage = tick.received
-            if self.active and self.law is not None:
-                voltage = self.law.step(tick.point, tick.received, tick.measured)
-            self.pass_on(tick.tag, tick.point.sample, tick.received, voltage)
+            self.pass_on(tick.tag, tick.point.sample, tick.received, self._wanted(tick))
             self.passed(tick)
 
-    def passed(self, tick: Tick[Header]) -> None:
+    def _wanted(self, tick: Tick[bytes]) -> float:
+        """Ask the law; what is not a number neither reaches it nor comes out of it [V]."""
+        if not self.active or self.law is None or not math.isfinite(tick.received):
+            return tick.received
+        voltage = self.law.step(tick.point, tick.received, tick.measured)
+        if math.isfinite(voltage):
+            return voltage
+        self._law_resets += 1
+        self._forget()
+        return tick.received
+
+    def passed(self, tick: Tick[bytes]) -> None:
         """Do what is to be done once a tick has been passed on."""
 
-    def _join(self, tick: Tick[Header]) -> None:
+    def _join(self, tick: Tick[bytes]) -> None:
         """Start from the voltage that is there where the loop is under way already."""
         if tick.measured is not None:
             self.start_at(tick.measured.voltage)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-COUNTS = ('late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns')
+COUNTS = ('late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns', 'slew_limited')
 
 # A command this many ticks ahead of the next one is meant for another run of the loop.
 AHEAD = 1000
@@ -23,8 +23,14 @@ class CommandBook:
         Where the voltage goes when commands stay away [V].
     ramp : float
         How fast it goes there [V/s].
+    slew : float
+        Fastest change of the command that is applied [V/s].
+    wanted : float
+        The newest command [V].
     voltage : float
-        The command that is held [V].
+        The command that is applied [V].
+    timed_out : bool
+        The commands stay away.
     counts : dict of str to int
         What happened so far, by the names of `COUNTS`.
     """
@@ -33,7 +39,10 @@ class CommandBook:
     high: float
     safe_voltage: float = 0.0
     ramp: float = 1.0
+    slew: float = math.inf
+    wanted: float = 0.0
     voltage: float = 0.0
+    timed_out: bool = False
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
     _newest: int = -1
     _heard: int = -1
@@ -43,8 +52,21 @@ class CommandBook:
         if not math.isfinite(voltage) or not self.low <= voltage <= self.high:
             self.counts['refused'] += 1
             return False
-        self.voltage = voltage
+        self.wanted = voltage
         return True
+
+    def follow(self, dt: float) -> None:
+        """Apply the newest command for the next tick, no faster than the slew."""
+        away, step = self.wanted - self.voltage, self.slew * dt
+        if abs(away) > step:
+            self.voltage += math.copysign(step, away)
+            self.counts['slew_limited'] += 1
+        else:
+            self.voltage = self.wanted
+
+    def rest(self) -> None:
+        """Be at 0 V at once."""
+        self.wanted = self.voltage = 0.0
 
     def arrive(self, sample: int, voltage: float, tick: int) -> None:
         """Take a command for tick `sample`, while `tick` is the next to be simulated."""
@@ -64,16 +86,20 @@ class CommandBook:
         A tick without its command is missed; once the commands are taken to have ended, none is.
         """
         silence = (tick - self._heard) * dt
-        if silence > timeout:
+        self.timed_out = silence > timeout
+        if self.timed_out:
             self.counts['timeouts'] += self._newest >= 0 and silence - dt <= timeout
-            self._ramp_to_safe(dt)
+            step = min(self.ramp, self.slew) * dt
+            away = self.safe_voltage - self.voltage
+            self.wanted = self.voltage + max(-step, min(step, away))
         elif 0 <= self._newest < tick:
             self.counts['missed'] += 1
+        self.follow(dt)
 
-    def _ramp_to_safe(self, dt: float) -> None:
-        step = self.ramp * dt
-        away = self.safe_voltage - self.voltage
-        self.voltage += max(-step, min(step, away))
+    @property
+    def heard(self) -> bool:
+        """Whether a command was ever taken."""
+        return self._newest >= 0
 
 
 @dataclass

@@ -14,16 +14,23 @@ from std_srvs.srv import Trigger
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.flat import FlatCodec, head_of
+from piezo_ros_common.health import Health
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
-from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
+from piezo_ros_common.stamps import NANOSECONDS, tick_nanoseconds
 from piezo_ros_common.table import Value
 from piezo_ros_common.timers import wall_timer
 from piezo_sim.errors import SimulationError
+from piezo_sim.nodes.health import ActuatorHealth
 from piezo_sim.nodes.pacing import CommandBook, Pace
 from piezo_sim.nodes.tables import command_range, plant_table, simulator_table
 from piezo_sim.plant import Plant
+
+STATE = FlatCodec(ActuatorState)
+COMMAND = FlatCodec(VoltageCommand)
 
 # No more than this many ticks at a time, so that parameters and commands are served in between.
 CATCH_UP = 50
@@ -40,6 +47,7 @@ class Simulator(Node):
         self.exit_code = 0
         self._tick = 0
         self._waiting_since: float | None = None
+        self._warned = False
         self._newest_command = -1
         self._table = simulator_table()
         self._params = NodeParameters(self, self._table, self._apply, self._refuse)
@@ -52,24 +60,28 @@ class Simulator(Node):
         self._plant.exchange(0.0)  # compiles the plant before the first tick
         self._plant.reset()
         low, high = command_range(self._plant)
-        self._book = CommandBook(low, high, value.number('safe_voltage'), value.number('ramp'))
+        self._book = CommandBook(low, high)
+        self._set_book()
         self._pace = Pace(self._rate, value.number('speed_factor'))
         self._lock_step = value.text('clock') == 'lock_step'
         self._make_topics()
         self._make_timers()
+        self._health = ActuatorHealth()
+        Diagnostics(self, self._judge)
         self.get_logger().info(
             f'{value.text("preset")} at {self._rate:g} Hz, {value.text("clock")}, commands '
             f'{low:g} .. {high:g} V'
         )
 
     def _make_topics(self) -> None:
-        self._state = ActuatorState()
         self._state_publisher = self.create_publisher(ActuatorState, topics.STATE, LOOP)
         self._status_publisher = self.create_publisher(LoopStatus, topics.LOOP_STATUS, LATCHED)
         self._clock_publisher = None
         if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
-        self.create_subscription(VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP)
+        self.create_subscription(
+            VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP, raw=True
+        )
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(LoadPreset, '~/load_preset', self._on_load_preset)
         self.create_service(InjectFault, '~/inject_fault', self._on_inject_fault)
@@ -92,13 +104,14 @@ class Simulator(Node):
 
     # --- ticks ---------------------------------------------------------------------------------
 
-    def _on_command(self, message: VoltageCommand) -> None:
+    def _on_command(self, payload: bytes) -> None:
+        _, (sample, voltage) = COMMAND.decode(payload)
         if not self._lock_step:
-            self._book.arrive(message.sample, message.voltage, self._tick)
-        elif message.sample <= self._newest_command:
+            self._book.arrive(sample, voltage, self._tick)
+        elif sample <= self._newest_command:
             self._say_where()
         else:
-            self._step_with(message.sample, message.voltage)
+            self._step_with(sample, voltage)
 
     def _say_where(self) -> None:
         """Tell somebody who repeats a command, and so missed its state, which tick is next.
@@ -121,8 +134,9 @@ class Simulator(Node):
         if sample == 0 and not self._listened_to():
             return  # the excitation says it again
         self._newest_command = sample
-        self._waiting_since = time.monotonic()
+        self._waiting_since, self._warned = time.monotonic(), False
         self._book.accept(voltage)
+        self._book.follow(1.0 / self._rate)
         self._advance()
 
     def _listened_to(self) -> bool:
@@ -139,15 +153,15 @@ class Simulator(Node):
 
     def _advance(self) -> None:
         voltage = self._book.voltage
-        state = self._state
-        state.sample = self._tick
-        state.voltage = voltage
-        state.displacement = self._plant.exchange(voltage)
-        stamp_into(state.header.stamp, tick_nanoseconds(self._tick, self._rate))
+        displacement = self._plant.exchange(voltage)
+        sec, nanosec = divmod(tick_nanoseconds(self._tick, self._rate), NANOSECONDS)
+        state = head_of(sec, nanosec) + STATE.pack(self._tick, voltage, displacement)
         self._tick += 1
         self._state_publisher.publish(state)
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=state.header.stamp))
+            clock = Clock()
+            clock.clock.sec, clock.clock.nanosec = sec, nanosec
+            self._clock_publisher.publish(clock)
 
     # --- watching ------------------------------------------------------------------------------
 
@@ -155,13 +169,20 @@ class Simulator(Node):
         deadline = self._params.number('lock_step_deadline')
         if self._lock_step and self._waiting_since is not None:
             waited = time.monotonic() - self._waiting_since
-            if waited > deadline:
+            if waited > deadline and not self._warned:
+                self._warned = True
                 self.get_logger().warning(
                     f'no command for tick {self._tick} within {deadline:g} s: the experiment is '
                     'over, or a link of the chain died and must be started again'
                 )
-                self._waiting_since = None
         self._publish_status()
+
+    def _judge(self) -> Health:
+        waited = 0.0
+        if self._lock_step and self._waiting_since is not None:
+            silent = time.monotonic() - self._waiting_since
+            waited = silent if silent > self._params.number('lock_step_deadline') else 0.0
+        return self._health.judge(self._book, self._tick, self._plant.fault, waited)
 
     def _publish_status(self) -> None:
         now = time.monotonic()
@@ -187,8 +208,7 @@ class Simulator(Node):
         return ''
 
     def _apply(self, changes: dict[str, Value]) -> None:
-        self._book.safe_voltage = self._params.number('safe_voltage')
-        self._book.ramp = self._params.number('ramp')
+        self._set_book()
         # Reading a saved parameter file back names the preset too, and must not undo the rest.
         if changes.get('preset', self._preset) != self._preset:
             self._become_preset()
@@ -197,11 +217,16 @@ class Simulator(Node):
             if not self._lock_step:
                 self._restart_pace()
 
+    def _set_book(self) -> None:
+        self._book.safe_voltage = self._params.number('safe_voltage')
+        self._book.ramp = self._params.number('ramp')
+        self._book.slew = self._params.number('command_slew')
+
     def _become_preset(self) -> None:
         """Be the actuator of the parameter, at rest; its numbers become the parameters."""
         self._preset = self._params.text('preset')
         self._plant = _plant(self._params.values)
-        self._book.voltage = 0.0
+        self._book.rest()
         self._params.overwrite(dict(self._plant.parameters))
         self._book.low, self._book.high = command_range(self._plant)
 
@@ -218,7 +243,7 @@ class Simulator(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._plant.reset()
-        self._book.voltage = 0.0
+        self._book.rest()
         response.success, response.message = True, f'at rest from tick {self._tick}'
         return response
 

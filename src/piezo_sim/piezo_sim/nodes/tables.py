@@ -61,6 +61,14 @@ def simulator_table() -> ParameterTable:
             ),
             ParameterSpec('ramp', 1.0, 'How fast it goes there.', 'V/s', above=0.0, high=1e6),
             ParameterSpec(
+                'command_slew',
+                1e9,
+                'Fastest change of the command that is applied; jumps become ramps.',
+                'V/s',
+                above=0.0,
+                high=1e9,
+            ),
+            ParameterSpec(
                 'publish_clock', False, 'Publish simulated time on /clock.', read_only=True
             ),
             ParameterSpec(

@@ -1,0 +1,61 @@
+"""Publishes the health of a node on ``/diagnostics``: every second and when the level changes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from piezo_ros_common.health import Health, Level
+from piezo_ros_common.timers import wall_timer
+
+TOPIC = '/diagnostics'
+
+# How often a change of level is looked for, and the longest time between two messages [s].
+LOOK = 0.2
+PERIOD = 1.0
+
+
+class Diagnostics:
+    """Asks a node how it is and tells everybody.
+
+    Parameters
+    ----------
+    node : Node
+        Whose health it is; a managed node reports while it is inactive too.
+    ask : callable
+        Returns the health of the node; called five times a second.
+    """
+
+    def __init__(self, node: Node, ask: Callable[[], Health]) -> None:
+        self._node = node
+        self._ask = ask
+        self._level: Level | None = None
+        self._told = 0.0
+        # That of a managed node would be mute while the node is inactive.
+        self._publisher = Node.create_publisher(node, DiagnosticArray, TOPIC, 10)
+        wall_timer(node, LOOK, self.look)
+
+    def look(self) -> None:
+        """Publish where the level has changed or a second is over."""
+        health = self._ask()
+        now = time.monotonic()
+        if health.level == self._level and now - self._told < PERIOD - 0.5 * LOOK:
+            return
+        self._level, self._told = health.level, now
+        status = DiagnosticStatus(
+            level=bytes([health.level]),
+            name=self._node.get_fully_qualified_name(),
+            message=health.message,
+            hardware_id=self._node.get_namespace().strip('/'),
+            values=[KeyValue(key=key, value=_text(v)) for key, v in health.values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+
+def _text(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

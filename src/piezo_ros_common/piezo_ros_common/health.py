@@ -1,0 +1,82 @@
+"""How a node is: a level, a sentence, and the numbers behind it; knows no ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+# How long something that happened still counts as present [s].
+HOLD = 5.0
+
+
+class Level(IntEnum):
+    """The levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True)
+class Health:
+    """What a node says about itself.
+
+    Attributes
+    ----------
+    level : Level
+        Fine, to be looked at, or not doing its work.
+    message : str
+        One sentence.
+    values : mapping of str to object
+        Counters and numbers, the unit at the end of the name.
+    """
+
+    level: Level
+    message: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+Finding = tuple[Level, str]
+
+
+def judge(findings: Iterable[Finding], fine: str, values: Mapping[str, object]) -> Health:
+    """Return the health that `findings` make: the worst level, and the sentences of it."""
+    found = list(findings)
+    level = max((each for each, _ in found), default=Level.OK)
+    worst = [sentence for each, sentence in found if each == level > Level.OK]
+    return Health(level, '; '.join(worst) or fine, values)
+
+
+class CounterWatch:
+    """Turns counters that grow into findings, for as long as they have grown lately.
+
+    Parameters
+    ----------
+    sentences : mapping of str to (Level, str)
+        What it means that a counter grows. Counters that are not named do not matter.
+    now : callable, optional
+        Clock [s].
+    """
+
+    def __init__(
+        self, sentences: Mapping[str, Finding], now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._sentences = sentences
+        self._now = now
+        self._before: dict[str, int] = {}
+        self._grown: dict[str, float] = {}
+
+    def findings(self, counts: Mapping[str, int]) -> list[Finding]:
+        """Return what the growth of `counts` within the last `HOLD` seconds means."""
+        now = self._now()
+        for name, count in counts.items():
+            if count > self._before.get(name, 0):
+                self._grown[name] = now
+            self._before[name] = count
+        return [
+            (level, f'{sentence} ({name} {self._before[name]})')
+            for name, (level, sentence) in self._sentences.items()
+            if now - self._grown.get(name, -HOLD) < HOLD
+        ]

@@ -1,0 +1,55 @@
+"""How the simulated actuator is, from its counters; knows no ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_sim.nodes.pacing import CommandBook
+
+_SENTENCES: dict[str, Finding] = {
+    'refused': (Level.WARN, 'commands are refused: not a number, beyond the range or far ahead'),
+    'late': (Level.WARN, 'commands come after their tick: the machine or a link is too slow'),
+    'missed': (Level.WARN, 'ticks had no command: the voltage before was held'),
+    'overruns': (Level.WARN, 'ticks were late themselves: the machine is too slow'),
+    'slew_limited': (Level.WARN, 'commands jump: they are slowed down to command_slew'),
+}
+
+
+class ActuatorHealth:
+    """Judges a simulator; remembers which counters have grown lately.
+
+    Parameters
+    ----------
+    now : callable, optional
+        Clock [s].
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._watch = CounterWatch(_SENTENCES, now)
+
+    def judge(self, book: CommandBook, tick: int, fault: str, waited: float) -> Health:
+        """Return the health of an actuator.
+
+        Parameters
+        ----------
+        book : CommandBook
+            Its commands.
+        tick : int
+            The next tick.
+        fault : str
+            The fault that is injected, ``none`` for none.
+        waited : float
+            Time in which a lock-step tick has had no command, 0 where it is not overdue [s].
+        """
+        findings = self._watch.findings(book.counts)
+        if fault != 'none':
+            findings.append((Level.ERROR, f'fault {fault} is injected'))
+        if book.timed_out and book.heard:
+            words = f'no commands: the voltage goes to {book.safe_voltage:g} V'
+            findings.append((Level.ERROR, words))
+        if waited > 0.0:
+            findings.append((Level.WARN, f'no command for tick {tick} since {waited:.0f} s'))
+        values = {'sample': tick, 'voltage_V': book.voltage, 'fault': fault, **book.counts}
+        return judge(findings, 'runs' if tick else 'waits for the first command', values)
