@@ -145,7 +145,10 @@ class Campaign:
             self.watch.forget(begun - 1.0)  # no bag reaches further back
         if trial.back is None:
             words = {name: node.tail() for name, node in self.loop.running.items()}
-            print(f'{target} {fault}: not back; last words of the nodes: {words}', flush=True)
+            print(
+                f'{target} {fault}: not back, {self.watch.state()}; last words: {words}',
+                flush=True,
+            )
             self._start_all_anew()
         return trial
 

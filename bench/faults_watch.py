@@ -18,8 +18,9 @@ from piezo_hysteresis.records.definitions import STATE
 
 Key = tuple[int, float, float]
 
-# An rms error of this share of the amplitude still counts as tracking: a busy machine is late.
-TRACKS = 0.2
+# An rms error of this share of the amplitude still counts as tracking, as a busy machine is late;
+# that of an actuator that stands still is 0.7.
+TRACKS = 0.5
 
 
 class Watch:
@@ -89,6 +90,15 @@ class Watch:
         if 2 * len(squares) < len(states):
             return math.nan
         return math.sqrt(sum(squares) / len(squares))
+
+    def state(self) -> str:
+        """Say where the loop is."""
+        seen, newest = self._seen, self._seen.states[-1]
+        return (
+            f'tick {newest.sample} at {newest.voltage:g} V, newest reference for '
+            f'{max(seen.references)} and command for {max(seen.commands)}, error '
+            f'{self.error():.3g} m where {self._bound:.3g} m are allowed'
+        )
 
     def settle(self, since: float, timeout: float) -> bool:
         """Wait until all nodes are heard and the error is small, or no longer falls at first."""
