@@ -24,6 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 PRESET = 'generic_bouc_wen'
 # A hidden effect is at least so large [noise floors], after a refit of the model.
 VISIBLE = 3.0
+MOST_ATTEMPTS = 20
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,20 @@ def records_of(hidden: Hidden) -> list[Record]:
 
 
 def draw(kind: str, index: int, seed: int, design: str = 'careful') -> Hidden:
-    """Draw set `index` of a kind: single, pair, null or unknown."""
-    rng = np.random.default_rng([seed, index, ('single', 'pair', 'null', 'unknown').index(kind)])
+    """Draw set `index` of a kind: single, pair, null or unknown.
+
+    A world in which an effect cannot be made large enough to be seen is drawn anew.
+    """
+    numbers = [seed, index, ('single', 'pair', 'null', 'unknown').index(kind)]
+    for attempt in range(MOST_ATTEMPTS):
+        rng = np.random.default_rng([*numbers, attempt] if attempt else numbers)
+        hidden = _drawn(f'{kind}-{design}-{seed}-{index}', kind, index, design, rng)
+        if all(size >= VISIBLE for size in hidden.floors):
+            return hidden
+    raise ValueError(f'no {kind} set {index} of seed {seed} shows what it hides')
+
+
+def _drawn(key: str, kind: str, index: int, design: str, rng: Generator) -> Hidden:
     table = EXOTIC if kind == 'unknown' else KNOBS
     effects = _chosen(kind, index, rng, table)
     fitting = set(table[effects[0]].worlds) if effects else {*ANY, 'linear'}
@@ -164,7 +177,7 @@ def draw(kind: str, index: int, seed: int, design: str = 'careful') -> Hidden:
         sizes.append(size)
     overrides = hidden_world.overrides | {'sensor.noise_rms': noise}
     return Hidden(
-        key=f'{kind}-{design}-{seed}-{index}',
+        key=key,
         kind=kind,
         design=design,
         world=replace(hidden_world, overrides=overrides),
@@ -204,12 +217,14 @@ def _visible(
 ) -> tuple[Overrides, float]:
     """Draw an effect and enlarge it until it stands out of the noise."""
     rise = max(2 * np.pi * s.get('frequency', 0.0) * s.get('amplitude', 0.0) for s in specs)
+    # The largest speed but for steps, and for the joints of the records.
+    speed = float(np.quantile(np.abs(np.diff(before)), 0.999)) * rate
     seen = {
         'amplitude': 1.0,
         'rate': rate,
         'rise': float(rise),
         'reach': float(np.max(np.abs(before))),
-        'speed': float(np.max(np.abs(np.diff(before)))) * rate,
+        'speed': speed,
     }
     size, state = share(rng, 0.4, 2.5), int(rng.integers(1, 2**31))
     while True:
