@@ -129,7 +129,7 @@ class Browser:
         return done['result'].get('value')
 
     def until(
-        self, condition: str | Callable[[], Any], timeout: float = 60.0, what: str = ''
+        self, condition: str | Callable[[], Any], timeout: float = 120.0, what: str = ''
     ) -> Any:
         """Wait until an expression (or function) is true; return what it is.
 

@@ -28,7 +28,7 @@ SIMULATOR = {'clock': 'lock_step', 'preset': 'generic_bouc_wen'}
 # Elements that reach beyond the screen.
 WIDE = """(() => { const found = []; const walk = (root) => {
   for (const e of root.querySelectorAll('*')) {
-    if (e.getBoundingClientRect().right > innerWidth) found.push(e.tagName + ' ' + e.className);
+    if (e.getBoundingClientRect().right > 390.1) found.push(e.tagName + ' ' + e.className);
     if (e.shadowRoot) walk(e.shadowRoot);
   } }; walk(document); return found.join(', '); })()"""
 

@@ -25,7 +25,7 @@ class Follower:
     """
 
     def __init__(self, logarithmic: bool = False, floor: float = 1e-3) -> None:
-        start, end = (floor, 10 * floor) if logarithmic else (-floor, floor)
+        start, end = (0.1, 10.0) if logarithmic else (-1.0, 1.0)
         self.range = Range1d(start, end)
         self._logarithmic, self._floor = logarithmic, floor
         self._set = (start, end)

@@ -243,7 +243,7 @@ def new_traces() -> tuple[Any, list[TracePlot]]:
     return time, [
         TracePlot('Displacement', 'displacement [µm]', followed, MICRO, time, 'trace'),
         TracePlot(
-            'Tracking error (measured minus reference)', 'error [µm]',
+            'Tracking error', 'measured minus reference [µm]',
             (('error', 'error', PALETTE[1], 1.3),), MICRO, time, 'error',
         ),
         TracePlot(
