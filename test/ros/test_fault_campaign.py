@@ -10,8 +10,14 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
+from listening import Listener
 
+from piezo_hysteresis.records.bag_content import read_content
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.definitions import STATE
+from piezo_interfaces.msg import ActuatorState, LoopStatus
 from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.qos import LOOP
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -105,6 +111,27 @@ def test_every_node_is_killed_once_and_the_loop_is_back(campaign: Campaign) -> N
     code, text = loop.end('recorder', signal.SIGTERM)
     assert code == 0, text
     assert watch.lost(loop.bags[-1], asked, killed=False) == (0, 0.0)
+
+
+def test_a_recorder_that_is_ended_keeps_all_that_has_reached_it(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    """What came while it was not scheduled waits in the middleware; a signal must not lose it."""
+    publisher = listener.node.create_publisher(ActuatorState, topics.STATE, LOOP)
+    bag = tmp_path / 'bag'
+    recorder = processes.start('piezo_hysteresis', 'recorder', {'out': str(bag)})
+    status = listener.listen(LoopStatus, 'recorder/status', latched=True)
+    listener.until(lambda: publisher.get_subscription_count() > 0, 60.0)
+    publisher.publish(ActuatorState(sample=0))
+    listener.until(lambda: status and status[-1].sample > 0)
+    recorder.signal(signal.SIGSTOP)
+    for k in range(1, 500):
+        publisher.publish(ActuatorState(sample=k))
+    recorder.signal(signal.SIGTERM)
+    recorder.signal(signal.SIGCONT)
+    assert recorder.wait(60.0) == 0
+    (held,) = read_content(bag, DamageLog(False)).of_type(STATE)
+    assert held.column('sample').tolist() == list(range(500))
 
 
 def states_of(samples: list[int]) -> list[State]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.message_types import message_type
@@ -33,6 +34,10 @@ SENTENCES: dict[str, Finding] = {
     'dropped': (Level.ERROR, 'messages are lost: the disk is full or too slow')
 }
 
+# The bag is finished once nothing that was published before has come for so long [s].
+QUIET = 0.1
+LONGEST_DRAIN = 5.0
+
 # Types of the topics whose first message must not be missed.
 KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
 
@@ -52,6 +57,7 @@ class RecorderNode(Node):
             self._give_up(str(error))
         wanted = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
         self._missing = {self.resolve_topic_name(name) for name in wanted or DEFAULT_TOPICS}
+        self._inlets: list[tuple[Subscription, Callable[[bytes], None]]] = []
         self._problem = ''
         self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
         self._watch = CounterWatch(SENTENCES)
@@ -93,7 +99,9 @@ class RecorderNode(Node):
         number = self._recorder.add_topic(
             name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
         )
-        self.create_subscription(message_type(kind), name, self._writer(number), qos, raw=True)
+        writer = self._writer(number)
+        subscription = self.create_subscription(message_type(kind), name, writer, qos, raw=True)
+        self._inlets.append((subscription, writer))
         self.get_logger().info(f'recording {name}')
 
     def _writer(self, number: int) -> Callable[[bytes], None]:
@@ -128,8 +136,27 @@ class RecorderNode(Node):
         fine = f'{status.written} messages are in {self._recorder.path}'
         return judge(findings, fine, counts)
 
+    def _drain(self) -> None:
+        """Write what was published until now and is still on its way through the middleware.
+
+        It is all there once nothing has come for a moment, or what comes is newer.
+        """
+        asked, last = time.time_ns(), time.monotonic()
+        end = last + LONGEST_DRAIN  # for a publisher whose clock is behind
+        while time.monotonic() < min(last + QUIET, end):
+            for subscription, write in self._inlets:
+                with subscription.handle:
+                    while got := subscription.handle.take_message(subscription.msg_type, True):
+                        payload, info = got
+                        if info['source_timestamp'] > asked:
+                            break
+                        write(payload)
+                        last = time.monotonic()
+            time.sleep(0.1 * QUIET)
+
     def close(self) -> None:
-        """Write what is queued and finish the bag."""
+        """Write all that came until now and finish the bag."""
+        self._drain()
         status = self._recorder.close()
         self.get_logger().info(
             f'{self._recorder.path}: {status.written} messages, {status.dropped} dropped'
