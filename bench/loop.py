@@ -1,170 +1,230 @@
-"""The four-process control loop against a ring of four bare relays, in one run.
+"""The control loop, as four processes and as one, against rings of bare relays, in one run.
 
     python bench/loop.py [--samples 8000] [--executor auto]
 
-Both move one message per hop over DDS in lock-step with the same executor; the loop also computes
-the plant, the inverse and the attenuation. Prints samples per second, their ratio, round-trip
-percentiles and CPU per sample of the loop.
+A ring has as many processes as the loop it is compared with and moves one message per hop over DDS
+in lock-step with the same executor; the loop also computes the plant, the inverse and the
+attenuation. Prints samples per second, their ratio, round-trip percentiles, and the CPU time per
+sample of all processes once they run.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
 from piezo_hysteresis.models import ModelFile, named
-from piezo_interfaces.msg import ActuatorState, VoltageCommand
+from piezo_hysteresis.nodes.excitation import Excitation
+from piezo_interfaces.msg import VoltageCommand
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 from piezo_ros_common.running import run_node
 
-HOPS = 4
 WARM_UP = 500
+
+
+# Links of the loop as processes: each executable with its parameters.
+FOUR: dict[str, dict[str, Any]] = {
+    'feedforward': {},
+    'attenuation': {'method': 'afc', 'orders': [0, 1, 3]},
+}
+THREE: dict[str, dict[str, Any]] = {
+    'control_loop': {'attenuation:method': 'afc', 'attenuation:orders': [0, 1, 3]},
+}
+
+
+class Clocked:
+    """Notes when each round is over; tells the parent of the end of the warm-up and the result."""
+
+    def __init__(self, rounds: int, stop: Future) -> None:
+        self._rounds, self._stop = rounds, stop
+        self.times: list[float] = []
+
+    def tick(self) -> None:
+        """One round is over."""
+        self.times.append(time.perf_counter())
+        if len(self.times) == WARM_UP:
+            print('warm', flush=True)
+        elif len(self.times) == self._rounds:
+            print('done', flush=True)
+            sys.stdin.readline()  # until the parent has read the clocks
+            np.savetxt(sys.stdout, np.array(self.times))
+            sys.stdout.flush()
+            self._stop.set_result(True)
 
 
 class Relay(Node):
     """Passes a number on; the first of the ring counts the rounds."""
 
-    def __init__(self, place: int, rounds: int) -> None:
+    def __init__(self, place: int, hops: int, rounds: int) -> None:
         super().__init__(f'relay_{place}')
         self.stop = Future()
         self._place = place
-        self._rounds = rounds
         self._message = VoltageCommand()
-        self._times: list[float] = []
-        self._ring = self.create_publisher(VoltageCommand, f'ring_{(place + 1) % HOPS}', LOOP)
+        self._clocked = Clocked(rounds, self.stop)
+        self._ring = self.create_publisher(VoltageCommand, f'ring_{(place + 1) % hops}', LOOP)
         self.create_subscription(VoltageCommand, f'ring_{place}', self._on_message, LOOP)
         if place == 0:
             self.create_timer(0.2, self._begin)
 
     def _begin(self) -> None:
-        if len(self._times) < 2 and self._ring.get_subscription_count():
+        if len(self._clocked.times) < 2 and self._ring.get_subscription_count():
             self._message.sample = 0
             self._ring.publish(self._message)
 
     def _on_message(self, message: VoltageCommand) -> None:
         if self._place:
             self._ring.publish(message)
-            return
-        if message.sample != len(self._times):
-            return
-        self._times.append(time.perf_counter())
-        if len(self._times) >= self._rounds:
-            np.savetxt(sys.stdout, np.array(self._times))
-            sys.stdout.flush()
-            self.stop.set_result(True)
-            return
-        self._message.sample = len(self._times)
-        self._ring.publish(self._message)
+        elif message.sample == len(self._clocked.times):
+            self._clocked.tick()
+            if not self.stop.done():
+                self._message.sample = len(self._clocked.times)
+                self._ring.publish(self._message)
 
 
-def ring(rounds: int, domain: int) -> np.ndarray:
-    """Return the times of the rounds of a bare ring [s]."""
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+class ClockedExcitation(Excitation):
+    """The excitation of the loop, which notes when each state arrives."""
+
+    def __init__(self, rounds: int) -> None:
+        super().__init__()
+        self._clocked = Clocked(rounds, self.stop)
+
+    def _on_state(self, payload: bytes) -> None:
+        self._clocked.tick()
+        if not self.stop.done():
+            super()._on_state(payload)
+
+
+@contextmanager
+def relays(hops: int, rounds: int, environment: dict[str, str]) -> Iterator[list[int]]:
+    """Run all relays but the first; yield their process numbers."""
     command = [sys.executable, __file__, '--relay']
-    relays = [
-        subprocess.Popen([*command, str(place), str(rounds)], env=environment)
-        for place in range(1, HOPS)
+    running = [
+        subprocess.Popen([*command, str(place), str(hops), str(rounds)], env=environment)
+        for place in range(1, hops)
     ]
     try:
-        first = subprocess.run(
-            [*command, '0', str(rounds)], env=environment, capture_output=True, check=True,
-            text=True, timeout=300,
-        )  # fmt: skip
+        yield [process.pid for process in running]
     finally:
-        for relay in relays:
-            relay.terminate()
-        for relay in relays:
-            relay.wait()
-    return np.array([float(line) for line in first.stdout.split()])
+        for process in running:
+            process.terminate()
+        for process in running:
+            process.wait()
 
 
-def loop(rounds: int, domain: int, folder: Path) -> tuple[np.ndarray, float]:
-    """Return the times of the states of the real loop [s] and its CPU time per sample [s]."""
-    model = named('bouc_wen_mode')
-    file = folder / 'model.yaml'
-    ModelFile(model, {**model.defaults(), 'natural_frequency': 68.0}).save(file)
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with NodeProcesses(domain) as processes:
-        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 3})
-        processes.start('piezo_hysteresis', 'feedforward', {'model_file': str(file)})
-        processes.start('piezo_hysteresis', 'attenuation', {'method': 'afc', 'orders': [0, 1, 3]})
-        times = _watch(processes, rounds)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used = (after.ru_utime + after.ru_stime) - (before.ru_utime + before.ru_stime)
-    return times, used / rounds
+def clock(command: Sequence[str], environment: dict[str, str], others: Sequence[int]) -> Any:
+    """Run the process that counts the rounds; return their times and the CPU per round [s]."""
+    with subprocess.Popen(
+        [sys.executable, __file__, *command],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as first:
+        assert first.stdin is not None
+        assert first.stdout is not None
+        pids = [first.pid, *others]
+        used: dict[str, float] = {}
+        for line in first.stdout:
+            used[line.strip()] = sum(_cpu(pid) for pid in pids)
+            if 'done' in used:
+                break
+        if 'done' not in used:
+            raise SystemExit(f'{" ".join(command)} ended early')
+        first.stdin.write('\n')
+        first.stdin.flush()
+        times = np.array([float(line) for line in first.stdout])
+    return times, (used['done'] - used['warm']) / (len(times) - WARM_UP)
 
 
-def _watch(processes: NodeProcesses, rounds: int) -> np.ndarray:
-    """Start the excitation and note when each state arrives."""
-    context = Context()
-    rclpy.init(context=context, domain_id=processes.domain)
-    node = Node('watch', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    times: list[float] = []
-    node.create_subscription(
-        ActuatorState, 'actuator/state', lambda _: times.append(time.perf_counter()), LOOP
-    )
-    processes.start(
-        'piezo_hysteresis',
-        'excitation',
-        {'mode': 'reference', 'frequency': 23.0, 'duration': rounds / 1000.0, 'wait_for': 2},
-    )
-    while len(times) < rounds:
-        executor.spin_once(timeout_sec=1.0)
-        processes.check()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-    return np.array(times)
+def _cpu(pid: int) -> float:
+    """Return the CPU time of a process so far [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def report(name: str, times: np.ndarray) -> float:
-    """Print rate and latency of one run; return samples per second."""
+def ring(hops: int, rounds: int) -> Any:
+    """Return the times of the rounds of a bare ring and its CPU per round [s]."""
+    with NodeProcesses() as group:
+        environment = dict(group.environment)
+        with relays(hops, rounds, environment) as others:
+            return clock(['--relay', '0', str(hops), str(rounds)], environment, others)
+
+
+def loop(links: dict[str, dict[str, Any]], rounds: int, model: Path) -> Any:
+    """Return the times of the states of the real loop and its CPU per sample [s]."""
+    with NodeProcesses() as group:
+        started = [group.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2})]
+        for name, values in links.items():
+            first = {} if name == 'attenuation' else {'model_file': str(model)}
+            started.append(group.start('piezo_hysteresis', name, {**values, **first}))
+        words = [
+            'mode:=reference',
+            'frequency:=23.0',
+            f'wait_for:={len(links)}',
+            'deadline:=600.0',
+        ]
+        settings = [word for each in words for word in ('-p', each)]
+        command = ['--excitation', str(rounds), '--ros-args', *settings]
+        return clock(command, dict(group.environment), [node.pid for node in started])
+
+
+def report(name: str, measured: Any) -> tuple[float, float]:
+    """Print rate, latency and CPU of one run; return its rate [1/s] and median round trip [us]."""
+    times, cpu = measured
     steps = np.diff(times[WARM_UP:])
     rate = 1.0 / float(steps.mean())
     p50, p99, p999 = np.percentile(steps, [50, 99, 99.9]) * 1e6
     print(
-        f'{name:12} {rate:8.0f} samples/s   p50 {p50:6.0f}  p99 {p99:6.0f}  p99.9 {p999:6.0f} us'
+        f'{name:34} {rate:6.0f} samples/s   p50 {p50:6.0f}  p99 {p99:6.0f}  p99.9 {p999:6.0f} us'
+        f'   CPU {1e6 * cpu:5.0f} us/sample',
+        flush=True,
     )
-    return rate
+    return rate, float(p50)
 
 
 def main() -> int:
-    """Run both in turn and print the ratio."""
+    """Run all in turn and print the ratios."""
     if '--relay' in sys.argv:
-        place, rounds = int(sys.argv[-2]), int(sys.argv[-1])
-        return run_node(lambda: Relay(place, rounds), [])
+        place, hops, rounds = (int(word) for word in sys.argv[-3:])
+        return run_node(lambda: Relay(place, hops, rounds), [])
+    if '--excitation' in sys.argv:
+        rounds = int(sys.argv[2])
+        return run_node(lambda: ClockedExcitation(rounds), sys.argv[3:])
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--samples', type=int, default=8000)
     parser.add_argument('--executor', default='auto', choices=('auto', 'events', 'default'))
     words = parser.parse_args()
     os.environ['PIEZO_EXECUTOR'] = words.executor
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    import tempfile
-
-    domain = 1 + os.getpid() % 90
     with tempfile.TemporaryDirectory() as folder:
-        loop(WARM_UP + 500, domain, Path(folder))  # kernels compiled and cached
-        bare = report('bare ring', ring(words.samples, domain + 1))
-        times, cpu = loop(words.samples, domain + 2, Path(folder))
-        real = report('control loop', times)
-    print(
-        f'ratio {real / bare:.2f}; CPU per sample of the loop {1e6 * cpu:.0f} us (with start-up)'
-    )
+        file = Path(folder) / 'model.yaml'
+        model = named('bouc_wen_mode')
+        ModelFile(model, {**model.defaults(), 'natural_frequency': 68.0}).save(file)
+        bare = {
+            hops: report(f'ring of {hops} relays', ring(hops, words.samples)) for hops in (4, 3)
+        }
+        four = report('loop of four processes', loop(FOUR, words.samples, file))
+        three = report('loop with control_loop, three', loop(THREE, words.samples, file))
+    for name, real, other in (
+        ('four processes / ring of four', four, bare[4]),
+        ('control_loop / ring of three', three, bare[3]),
+        ('control_loop / ring of four', three, bare[4]),
+        ('control_loop / four processes', three, four),
+    ):
+        rate, median = real[0] / other[0], other[1] / real[1]
+        print(f'{name:34} {rate:.2f} by samples per second, {median:.2f} by median round trip')
     return 0
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
@@ -29,6 +28,10 @@ class BlockInverse:
     """
 
     def __init__(self, block: Block, values: FloatArray, dt: float, scale: float) -> None:
+        # SciPy takes long to import and few chains need it; at the first sample it is too late.
+        from scipy.optimize import brentq
+
+        self._root = brentq
         self.block = block
         self._values = values
         self._dt = dt
@@ -100,4 +103,6 @@ class BlockInverse:
         return start + furthest
 
     def _between(self, near: float, far: float, target: float) -> float:
-        return float(brentq(lambda x: self.trial(x) - target, near, far, xtol=1e-18, rtol=1e-14))
+        return float(
+            self._root(lambda x: self.trial(x) - target, near, far, xtol=1e-18, rtol=1e-14)
+        )

@@ -1,6 +1,21 @@
 """Finds what a model misses: check, locate, compete, verdict, advise."""
 
-from piezo_hysteresis.discovery.verdict import Verdict
-from piezo_hysteresis.discovery.workflow import Discovery, discover
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.discovery.verdict import Verdict
+    from piezo_hysteresis.discovery.workflow import Discovery, discover
 
 __all__ = ['Discovery', 'Verdict', 'discover']
+
+_HOMES = {'Verdict': 'verdict', 'Discovery': 'workflow', 'discover': 'workflow'}
+
+
+def __getattr__(name: str) -> Any:
+    # Imported when asked for: the gap monitor needs none of it, and it takes SciPy along.
+    if name not in _HOMES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(importlib.import_module(f'{__name__}.{_HOMES[name]}'), name)
