@@ -31,7 +31,8 @@ if not __package__:
 import numpy as np
 
 from bench.faults_watch import Watch
-from bench.live_loop import NODES, Loop, Observer, Setting, end_on_terminate, wait_until
+from bench.live_loop import NODES, Loop, Setting, end_on_terminate, wait_until
+from bench.live_observer import Observer
 from bench.rogue import FAULTS, TARGETS, Rogue
 from piezo_interfaces.srv import InjectFault
 from piezo_ros_common.processes import NodeProcesses
@@ -251,7 +252,7 @@ def main() -> int:
         loop = Loop(processes, Path(folder), Setting())
         watch = Watch(observer.seen, loop.setting)
         random = np.random.default_rng(words.seed)
-        campaign = Campaign(loop, observer, Rogue(observer.node), watch, random)
+        campaign = Campaign(loop, observer, Rogue(observer), watch, random)
         campaign.begin()
         wanted = plan(words.trials, words.seed, words.only)
         for target, fault in wanted:

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from bench.live_loop import NODES, Observed, Setting, State, wait_until
+from bench.live_loop import NODES, Setting, wait_until
+from bench.live_observer import Observed, State
 from piezo_hysteresis.records.bag_content import read_content
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import STATE

@@ -1,4 +1,4 @@
-"""The whole loop as live processes, and an observer that keeps every sample of it.
+"""The whole loop as live processes.
 
 What `bench/faults.py`, `bench/soak.py` and `bench/real_time.py` have in common.
 """
@@ -6,50 +6,17 @@ What `bench/faults.py`, `bench/soak.py` and `bench/real_time.py` have in common.
 from __future__ import annotations
 
 import signal
-import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-
+from bench.live_observer import VOICES, VOLTAGE_ATTENUATED
 from piezo_hysteresis.models import ModelFile, named
-from piezo_interfaces.msg import (
-    ActuatorState,
-    Gap,
-    LoopStatus,
-    ModelEstimate,
-    Reference,
-    VoltageCommand,
-)
 from piezo_ros_common import topics
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
-from piezo_ros_common.qos import LATCHED, LOOP
 
-# Voltage between attenuation and feedback, where both are in the chain.
-VOLTAGE_ATTENUATED = 'voltage/attenuated'
-
-# Messages whose header says this are no genuine ones.
-ROGUE = 'rogue'
-
-# By what an observer knows that a node works: the topic that it alone publishes.
-VOICES: dict[str, tuple[type, str, Any]] = {
-    'simulator': (ActuatorState, topics.STATE, LOOP),
-    'excitation': (Reference, topics.REFERENCE, LOOP),
-    'feedforward': (VoltageCommand, topics.VOLTAGE_FEEDFORWARD, LOOP),
-    'attenuation': (VoltageCommand, VOLTAGE_ATTENUATED, LOOP),
-    'feedback': (VoltageCommand, topics.VOLTAGE_COMMAND, LOOP),
-    'identification': (ModelEstimate, topics.ESTIMATE, LATCHED),
-    'gap_monitor': (Gap, topics.GAP, LOOP),
-    'recorder': (LoopStatus, 'recorder/status', LATCHED),
-}
 NODES = tuple(VOICES)
-CHAIN = NODES[:5]
 
 
 @dataclass(frozen=True)
@@ -81,139 +48,6 @@ class Setting:
     def period(self) -> int:
         """Ticks of one period of the reference."""
         return round(self.rate / self.frequency)
-
-
-class State(NamedTuple):
-    """One tick of the actuator as it was observed.
-
-    Attributes
-    ----------
-    arrived : float
-        When [s], on the monotonic clock.
-    life : int
-        How often the actuator was started anew before.
-    sample : int
-        Number of the tick.
-    voltage, displacement : float
-        What it said [V], [m].
-    """
-
-    arrived: float
-    life: int
-    sample: int
-    voltage: float
-    displacement: float
-
-
-@dataclass
-class Observed:
-    """Everything that was heard.
-
-    Attributes
-    ----------
-    states : list of State
-        Every tick of the actuator.
-    references : dict
-        Displacement wanted at a tick [m], of the newest run.
-    commands : dict
-        Voltage commanded for a tick [V], of the newest run.
-    heard : dict
-        When each node was last heard [s].
-    counts : dict
-        Messages of each node.
-    """
-
-    states: list[State] = field(default_factory=list)
-    references: dict[int, float] = field(default_factory=dict)
-    commands: dict[int, float] = field(default_factory=dict)
-    heard: dict[str, float] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(NODES, 0))
-
-    def forget(self) -> None:
-        """Drop all but the newest samples, for runs that are long."""
-        del self.states[:-1000]
-        for book in (self.references, self.commands):
-            for old in sorted(book)[:-1000]:
-                del book[old]
-
-
-class Observer:
-    """Listens in a thread of its own, in the domain of the processes.
-
-    Parameters
-    ----------
-    processes : NodeProcesses
-        Whose domain it joins.
-    namespace : str
-        Where the loop is.
-    """
-
-    def __init__(self, processes: NodeProcesses, namespace: str = '') -> None:
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=processes.domain)
-        self.node = Node('observer', context=self._context, namespace=namespace)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self.seen = Observed()
-        self._life = 0
-        self._closing = False
-        for name, (kind, topic, qos) in VOICES.items():
-            self.node.create_subscription(kind, topic, self._listener(name), qos)
-        self._thread = threading.Thread(target=self._spin, name='observer', daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        while not self._closing:
-            self._executor.spin_once(timeout_sec=0.1)
-
-    def _listener(self, name: str) -> Callable[[Any], None]:
-        seen = self.seen
-        special: dict[str, Callable[[Any, float], None]] = {
-            'simulator': self._on_state,
-            'excitation': lambda m, _: seen.references.__setitem__(m.sample, m.displacement),
-            'feedback': lambda m, _: seen.commands.__setitem__(m.sample, m.voltage),
-        }
-        more = special.get(name)
-
-        def on_message(message: Any) -> None:
-            if message.header.frame_id == ROGUE:
-                return
-            now = time.monotonic()
-            seen.heard[name] = now
-            seen.counts[name] += 1
-            if more is not None:
-                more(message, now)
-
-        return on_message
-
-    def _on_state(self, message: ActuatorState, now: float) -> None:
-        states = self.seen.states
-        if states and message.sample < states[-1].sample:
-            self._life += 1
-        states.append(
-            State(now, self._life, message.sample, message.voltage, message.displacement)
-        )
-
-    def call(self, kind: type, service: str, request: Any, timeout: float = 30.0) -> Any:
-        """Call a service from another thread than the observer's; None where nobody answers."""
-        client = self.node.create_client(kind, service)
-        end = time.monotonic() + timeout
-        try:
-            while not client.service_is_ready() and time.monotonic() < end:
-                time.sleep(0.02)
-            future = client.call_async(request)
-            while not future.done() and time.monotonic() < end:
-                time.sleep(0.01)
-            return future.result() if future.done() else None
-        finally:
-            self.node.destroy_client(client)
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self._closing = True
-        self._thread.join()
-        self._executor.shutdown()
-        rclpy.shutdown(context=self._context)
 
 
 class Loop:

@@ -6,13 +6,12 @@ Used by `bench/faults.py`.
 from __future__ import annotations
 
 import copy
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.node import Node
-
-from bench.live_loop import ROGUE
+from bench.live_observer import ROGUE, Observer
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common import topics
 from piezo_ros_common.qos import LOOP
@@ -75,40 +74,33 @@ FAULTS: dict[str, Callable[[Any, str], None]] = {
 
 
 class Rogue:
-    """Publishes spoilt copies of what it hears.
+    """Publishes spoilt copies of what an observer hears.
 
     Parameters
     ----------
-    node : Node
-        In the domain and namespace of the loop.
+    observer : Observer
+        In the domain of the loop.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, observer: Observer) -> None:
         self._left: dict[str, tuple[str, int]] = {}
         self._publishers: dict[str, Any] = {}
         for topic, (kind, _) in TARGETS.items():
-            self._publishers[topic] = node.create_publisher(kind, topic, LOOP)
-            node.create_subscription(kind, topic, self._listener(topic), LOOP)
+            self._publishers[topic] = observer.node.create_publisher(kind, topic, LOOP)
+            observer.hooks[topic] = functools.partial(self._answer, topic)
 
-    def _listener(self, topic: str) -> Callable[[Any], None]:
-        def on_message(message: Any) -> None:
-            fault, left = self._left.get(topic, ('', 0))
-            if left <= 0:
-                return
-            # Every other one, so that its own words do not answer themselves for ever.
-            self._left[topic] = (fault, left - 1)
-            if left % 2:
-                return
+    def _answer(self, topic: str, message: Any) -> None:
+        fault, left = self._left.get(topic, ('', 0))
+        if left > 0:
             spoilt = copy.deepcopy(message)
             spoilt.header.frame_id = ROGUE
             FAULTS[fault](spoilt, TARGETS[topic][1])
             self._publishers[topic].publish(spoilt)
-
-        return on_message
+            self._left[topic] = (fault, left - 1)
 
     def talk(self, topic: str, fault: str, messages: int) -> None:
         """Spoil the next so many messages of `topic` by `fault`."""
-        self._left[topic] = (fault, 2 * messages)
+        self._left[topic] = (fault, messages)
 
     def silent(self, topic: str) -> bool:
         """Tell whether all has been said."""

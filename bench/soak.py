@@ -26,7 +26,8 @@ if not __package__:
 
 import numpy as np
 
-from bench.live_loop import NODES, Loop, Observer, Setting, end_on_terminate, wait_until
+from bench.live_loop import NODES, Loop, Setting, end_on_terminate, wait_until
+from bench.live_observer import Observer
 from piezo_ros_common.processes import NodeProcesses
 
 MIB = 1 << 20

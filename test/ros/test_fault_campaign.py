@@ -23,7 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from bench.faults import Campaign, Trial
 from bench.faults_watch import Watch, missing
-from bench.live_loop import NODES, VOLTAGE_ATTENUATED, Loop, Observer, Setting, State, wait_until
+from bench.live_loop import NODES, VOLTAGE_ATTENUATED, Loop, Setting, wait_until
+from bench.live_observer import Observer, State
 from bench.rogue import Rogue
 from piezo_ros_common import topics
 
@@ -41,7 +42,7 @@ def campaign(
     loop = Loop(shared_processes, tmp_path_factory.mktemp('campaign'), Setting())
     watch = Watch(observer.seen, loop.setting)
     random = np.random.default_rng(SEED)
-    running = Campaign(loop, observer, Rogue(observer.node), watch, random)
+    running = Campaign(loop, observer, Rogue(observer), watch, random)
     running.begin()
     yield running
     observer.close()
