@@ -130,7 +130,7 @@ def main() -> int:
         folder = Path(name)
         model = named('classical')
         ModelFile(model, model.defaults()).save(folder / 'model.yaml')
-        ramp = np.arange(500) * 1e-3
+        ramp = np.linspace(0.0, 0.5, 500)
         write_bag(folder / 'bag', [Record('r', 1e-3, ramp, 1e-4 * ramp)])
         for node in words.nodes or NODES:
             measure(node, folder)
