@@ -168,7 +168,10 @@ _FIELDS = ('sample', 'voltage', 'displacement')
 
 
 def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[int, float]:
-    """Return how many of the samples `seen` after the first one `held` are not held.
+    """Return how many of the samples `seen` are not `held` though they should be.
+
+    Not counted is what came before the recorder was connected: before its first sample of the
+    run it began in, and of every later run of the actuator, which ticks from its first moment on.
 
     Parameters
     ----------
@@ -179,14 +182,18 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
     killed : bool
         Leave out what is missing at the end, and return how long that is [s] instead.
     """
-    if not held:
-        return (0, 0.0) if killed else (len(seen), 0.0)
-    keys = [(s.sample, s.voltage, s.displacement) for s in seen]
     have = set(held)
-    first = next((k for k, key in enumerate(keys) if key in have), len(keys))
-    absent = [k for k in range(first, len(keys)) if keys[k] not in have]
-    tail = 0
-    while killed and tail < len(absent) and absent[-1 - tail] == len(keys) - 1 - tail:
-        tail += 1
-    unflushed = seen[-1].arrived - seen[len(keys) - tail].arrived if tail else 0.0
-    return len(absent) - tail, unflushed
+    there = [(s.sample, s.voltage, s.displacement) in have for s in seen]
+    if not any(there):
+        return (0 if killed else len(seen)), 0.0
+    tail = next(k for k, held_too in enumerate(reversed(there)) if held_too) if killed else 0
+    end = len(seen) - tail
+    lost, connected = 0, {seen[there.index(True)].life: False}
+    for state, held_too in zip(seen[:end], there[:end], strict=True):
+        if held_too:
+            connected[state.life] = True
+        elif connected.get(state.life, False):
+            lost += 1
+    unheard = {s.life for s in seen[:end]} - connected.keys()
+    lost += sum(s.life in unheard and s.life > min(connected) for s in seen[:end])
+    return lost, (seen[-1].arrived - seen[end].arrived if tail else 0.0)

@@ -148,3 +148,8 @@ def test_lost_samples_are_counted_and_those_a_kill_takes_told_apart() -> None:
     assert lost == 2
     assert unflushed == pytest.approx(0.4)
     assert missing(keys[3:15], seen, killed=False)[0] == 5
+    again = [state._replace(life=1) for state in states_of(list(range(30, 40)))]
+    later = [(s.sample, s.voltage, s.displacement) for s in again]
+    assert missing([*keys, *later[4:]], [*seen, *again], killed=False) == (0, 0.0)
+    assert missing([*keys, later[4], *later[7:]], [*seen, *again], killed=False) == (2, 0.0)
+    assert missing(keys, [*seen, *again], killed=False) == (10, 0.0)

@@ -126,3 +126,12 @@ def test_a_voltage_whose_reference_never_comes_does_not_block_the_book() -> None
         taken.append(tick.point.sample)
     assert taken == [0, 2, 3]
     assert book.dropped == 1
+
+
+def test_strays_between_genuine_messages_never_make_a_jump() -> None:
+    intake = Intake()
+    for k in range(50):
+        assert intake.take(k)
+        assert not intake.take(k + 10**6)
+    assert intake.newest == 49
+    assert intake.counters()['strays'] == 50

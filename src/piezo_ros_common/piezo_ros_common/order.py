@@ -33,6 +33,7 @@ class Intake:
         newest = self.newest
         if sample == newest + 1 or newest < 0:
             self.newest = sample
+            self._stray = -REORDERED  # a jump is confirmed only by the very next message
             return True
         if sample <= newest:
             if started_anew(sample, newest):
