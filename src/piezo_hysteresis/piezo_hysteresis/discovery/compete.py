@@ -9,6 +9,7 @@ from piezo_hysteresis.discovery.arena import Arena, added_of
 from piezo_hysteresis.discovery.screen import Promise, Screen
 from piezo_hysteresis.discovery.significance import Improvement, improvement, win_shares
 from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.models import described
 
 __all__ = ['Arena', 'Contest', 'compete']
 
@@ -109,10 +110,10 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
     candidate = promise.candidate
     added = (*before.added, added_of(candidate))
     starts = list(promise.starts[:STARTS])
-    own = set(candidate.added)
+    own = {name: starts[0][name] for name in candidate.added}
     for hint in arena.hints:
-        known = {k: v for k, v in hint.items() if k in starts[0] and k not in own}
-        starts.append({**starts[0], **known})
+        known = {k: hint.get(k, v) for k, v in before.values.items()}
+        starts.append({**starts[0], **candidate.values(known, own)})
     found = []
     for start in starts:
         trial = arena.fit(
@@ -127,11 +128,21 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
 
 
 def _semifinalists(fitted: Sequence[Trial]) -> list[Trial]:
-    """Return the best fits of different effects, and another way of the best one."""
+    """Return the best fits of different effects, and another way of the best one.
+
+    An effect that may take the place of different blocks is as different as two effects: what a
+    model has in that place already can hide it.
+    """
     leading: list[Trial] = []
     for trial in fitted:
-        if all(trial.effect != other.effect for other in leading):
+        if all(_place(trial) != _place(other) for other in leading):
             leading.append(trial)
     others = [t for t in fitted if all(t is not other for other in leading)]
     rest = [t for t in others if t.effect == fitted[0].effect][:1]
     return [*leading[: LAST_FITS - len(rest)], *rest]
+
+
+def _place(trial: Trial) -> tuple[str, tuple[str, ...]]:
+    """Return the effect that came last and what it took the place of."""
+    effect = next(e for e in described(trial.effect) if e.variant == trial.variant)
+    return trial.effect, effect.replaces

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.discovery.compete import Arena, Contest
+from piezo_hysteresis.discovery.locate import HIGHEST_ORDER, harmonics
 from piezo_hysteresis.discovery.trial import Trial
 from piezo_hysteresis.discovery.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.models import described
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
 # Alternatives with less probability than this are not mentioned.
 WORTH_SAYING = 0.005
 # Drives whose harmonic comes this close to a mode are named with it.
-NEAR_MODE = 0.06
+NEAR_MODE = 0.04
+_WHERE = {
+    ('hysteresis', 'input'): 'of the input',
+    ('hysteresis', 'restoring_force'): 'of the restoring force',
+    ('hysteresis', 'restoring_force_held_input'): 'of the restoring force',
+}
 
 
 def named_effects(steps: Sequence[Step], final: Trial, arena: Arena) -> tuple[NamedEffect, ...]:
@@ -41,6 +47,7 @@ def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
         gap_after_rms_m=more.gap_after_rms_m,
         parameters={**first.parameters, **more.parameters},
         evidence=(*first.evidence, *more.evidence[1:]),
+        drives=(*first.drives, *more.drives),
     )
 
 
@@ -53,7 +60,7 @@ def _named(step: Step, final: Trial, arena: Arena) -> NamedEffect:
         for name, chance in chances.items()
         if name != winner and chance > WORTH_SAYING
     )
-    return NamedEffect(
+    named = NamedEffect(
         name=winner,
         variant=step.trial.variant,
         probability=chances[winner],
@@ -62,8 +69,13 @@ def _named(step: Step, final: Trial, arena: Arena) -> NamedEffect:
         gap_after_rms_m=step.trial.rms,
         parameters=_numbers(step, final),
         alternatives=others,
-        evidence=tuple(_evidence(step, final, arena)),
+        evidence=tuple(_evidence(step, arena)),
     )
+    for frequency in _modes(named):
+        drives = _drives_on(frequency, arena)
+        more = (*named.evidence, *_mode_evidence(drives, frequency))
+        named = replace(named, evidence=more, drives=(*named.drives, *drives))
+    return named
 
 
 def _numbers(step: Step, final: Trial) -> dict[str, Number]:
@@ -78,7 +90,7 @@ def _numbers(step: Step, final: Trial) -> dict[str, Number]:
     }
 
 
-def _evidence(step: Step, final: Trial, arena: Arena) -> list[str]:
+def _evidence(step: Step, arena: Arena) -> list[str]:
     contest = step.contest
     floor = arena.floor
     effect = next(e for e in described(step.trial.effect) if e.variant == step.trial.variant)
@@ -91,25 +103,44 @@ def _evidence(step: Step, final: Trial, arena: Arena) -> list[str]:
             said.append(
                 f'The next best effect, {second.effect}, leaves {second.rms / floor:.3g} floors.'
             )
-    said += _mode_evidence(final, arena)
     return said
 
 
-def _mode_evidence(final: Trial, arena: Arena) -> list[str]:
+def _drives_on(frequency: float, arena: Arena) -> list[dict[str, float]]:
+    """Return which odd harmonics of which drives land on a mode, the largest measured first."""
+    found: dict[float, dict[str, float]] = {}
+    for record in arena.data.records:
+        drive = record.info.frequency
+        order = round(frequency / drive) if drive > 0 else 0
+        if not 1 < order <= HIGHEST_ORDER or order % 2 == 0:
+            continue
+        if abs(order * drive / frequency - 1.0) > NEAR_MODE:
+            continue
+        measured = record.displacement[record.warm_up_samples :]
+        orders, phasors, _ = harmonics(measured, drive, record.dt)
+        if order not in orders:
+            continue
+        size = float(abs(phasors[order]))
+        if size > found.get(drive, {'amplitude_m': 0.0})['amplitude_m']:
+            found[drive] = {'frequency_hz': drive, 'order': order, 'amplitude_m': size}
+    return sorted(found.values(), key=lambda each: -each['amplitude_m'])
+
+
+def _mode_evidence(drives: Sequence[dict[str, float]], frequency: float) -> list[str]:
     """Say which harmonics of which drives land on a mode that was found."""
-    frequency = final.values.get('resonance_frequency')
-    if frequency is None:
-        return []
-    hits = []
-    for drive in sorted({r.info.frequency for r in arena.data.records if r.info.frequency > 0}):
-        order = round(frequency / drive)
-        if order > 1 and order % 2 == 1 and abs(order * drive / frequency - 1.0) < NEAR_MODE:
-            hits.append(f'{drive:g} Hz (order {order}, {order * drive:g} Hz)')
+    hits = [
+        f'{each["frequency_hz"]:g} Hz (order {each["order"]}, '
+        f'{each["order"] * each["frequency_hz"]:g} Hz, {1e6 * each["amplitude_m"]:.3g} um)'
+        for each in drives
+    ]
     if not hits:
         return []
-    return [
-        f'Odd harmonics of these drives land on the mode at {frequency:.4g} Hz: {", ".join(hits)}.'
-    ]
+    where = f'Odd harmonics of these drives land on the mode at {frequency:.4g} Hz'
+    return [f'{where}; with the amplitude that was measured there: {", ".join(hits)}.']
+
+
+def _modes(effect: NamedEffect) -> list[float]:
+    return [n.value for k, n in effect.parameters.items() if k.startswith('resonance_frequency')]
 
 
 def suspects(steps: Sequence[Step], last: Contest | None) -> tuple[Alternative, ...]:
@@ -134,9 +165,12 @@ def summary_of(verdict: Verdict) -> str:
             f'gap is {held.before_in_floors:.3g} noise floors.'
         )
     if verdict.verdict == 'unknown':
+        left = f'{held.after_in_floors:.3g} noise floors stay on held-out records.'
+        if held.after_in_floors < held.before_in_floors:
+            left = f'what comes closest only lowers the held-out gap from {gap}.'
         return (
             f'The model {verdict.baseline} misses something that is none of the known effects: '
-            f'{held.after_in_floors:.3g} noise floors stay on held-out records.'
+            f'{left}'
         )
     names = ' and '.join(_with_chance(effect) for effect in verdict.effects)
     more = ' Something significant is left.' if verdict.unexplained.significant else ''
@@ -150,4 +184,6 @@ def _with_chance(effect: NamedEffect) -> str:
     if effect.alternatives and effect.alternatives[0].probability > 0.1:
         names = [effect.name, *(a.name for a in effect.alternatives if a.probability > 0.1)]
         return f'{" or ".join(names)} (these records do not tell which)'
-    return effect.name
+    modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))
+    where = f'at {modes}' if modes else _WHERE.get((effect.name, effect.variant), '')
+    return f'{effect.name} {where}'.rstrip()

@@ -1,8 +1,8 @@
-"""The proof: before and after on records that decided nothing."""
+"""The proof: before and after on records that decided nothing, and on all over frequency."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from piezo_hysteresis.identification.targets import Target
 
 @dataclass(frozen=True)
 class ProofRow:
-    """One held-out view.
+    """One view.
 
     Attributes
     ----------
@@ -24,6 +24,8 @@ class ProofRow:
         Of the drive [Hz], [V].
     before, after : float
         Rms of the gap without and with what was found [m].
+    held_out : bool
+        Whether it decided nothing.
     """
 
     record: str
@@ -31,6 +33,7 @@ class ProofRow:
     amplitude: float
     before: float
     after: float
+    held_out: bool = True
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,19 @@ def prove(data: Dataset, before: Trial, after: Trial) -> Proof:
     stable = all(bool(np.all(np.abs(e) < limit)) for e in new)
     ordered = sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record))
     return Proof(tuple(ordered), errors_rms(old), errors_rms(new), stable)
+
+
+def over_frequency(data: Dataset, before: Trial, after: Trial, proof: Proof) -> list[ProofRow]:
+    """Return the gaps of all records with a frequency, held-out ones among them, in its order.
+
+    This is Figure 10 of 000 for any model and any effect.
+    """
+    trained = [
+        replace(_row(view, old, new), held_out=False)
+        for view, old, new in zip(data.training, before.errors, after.errors, strict=True)
+    ]
+    rows = [row for row in (*trained, *proof.rows) if row.frequency > 0.0]
+    return sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record, r.held_out))
 
 
 def _row(view: Target, before: FloatArray, after: FloatArray) -> ProofRow:

@@ -45,6 +45,9 @@ class NamedEffect:
         What else it may be.
     evidence : tuple of str
         Sentences.
+    drives : tuple of dict
+        For a mode, the drives that have an odd harmonic on it: ``frequency_hz``, ``order`` and
+        ``amplitude_m``, what was measured of that harmonic.
     """
 
     name: str
@@ -56,6 +59,7 @@ class NamedEffect:
     parameters: dict[str, Number]
     alternatives: tuple[Alternative, ...]
     evidence: tuple[str, ...]
+    drives: tuple[dict[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,7 @@ class Verdict:
     suspects: tuple[Alternative, ...] = ()
     check: tuple[str, ...] = ()
     proof: tuple[dict[str, Any], ...] = ()
+    over_frequency: tuple[dict[str, Any], ...] = ()
     baseline_gaps_rms_m: dict[str, float] = field(default_factory=dict)
     free_run_stable: bool = True
 

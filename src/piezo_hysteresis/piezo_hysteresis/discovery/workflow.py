@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from piezo_hysteresis.discovery.advise import advise
 from piezo_hysteresis.discovery.annotate import annotated
@@ -17,7 +18,7 @@ from piezo_hysteresis.discovery.describe import describe
 from piezo_hysteresis.discovery.floor import noise_floor
 from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
-from piezo_hysteresis.discovery.prove import Proof, prove
+from piezo_hysteresis.discovery.prove import Proof, ProofRow, over_frequency, prove
 from piezo_hysteresis.discovery.settle import Step, settle
 from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
@@ -216,20 +217,25 @@ def _verdict(
         seconds=0.0,
         suspects=doubts,
         check=tuple(found.check.sentences()),
-        proof=tuple(
-            {
-                'record': r.record,
-                'frequency_hz': r.frequency,
-                'amplitude_v': r.amplitude,
-                'before_in_floors': r.before / floor,
-                'after_in_floors': r.after / floor,
-            }
-            for r in proof.rows
+        proof=tuple(_told(row, floor) for row in proof.rows),
+        over_frequency=tuple(
+            {**_told(row, floor), 'held_out': row.held_out}
+            for row in over_frequency(data, found.baselines.joint, found.final, proof)
         ),
         baseline_gaps_rms_m=_gaps(found.baselines),
         free_run_stable=proof.stable,
     )
     return replace(verdict, summary=summary_of(verdict))
+
+
+def _told(row: ProofRow, floor: float) -> dict[str, Any]:
+    return {
+        'record': row.record,
+        'frequency_hz': row.frequency,
+        'amplitude_v': row.amplitude,
+        'before_in_floors': row.before / floor,
+        'after_in_floors': row.after / floor,
+    }
 
 
 def _explained(before: float, after: float) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezo_hysteresis.discovery import Discovery, Verdict
+from piezo_hysteresis.discovery.prove import over_frequency
 from piezo_hysteresis.discovery.trial import Trial, simulate
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.uncertainty import digits
@@ -17,10 +18,13 @@ from piezo_hysteresis.reporting.plots import (
     loop_figure,
     spectrum_figure,
     trace_figure,
+    xy_figure,
 )
 
 MICRO = 1e6
 PERIODS = 3
+# A picture over frequency needs some of them.
+FEWEST_FREQUENCIES = 5
 
 
 def discovery_page(found: Discovery) -> str:
@@ -70,7 +74,34 @@ def _proof(found: Discovery) -> Section:
     proof_table = table(
         ('record', 'frequency [Hz]', 'amplitude', 'before [floors]', 'after [floors]'), rows
     )
-    return Section('Before and after', text, (bars, *_pictures(found)), (proof_table,))
+    plots = (bars, *_over_frequency(found), *_pictures(found))
+    return Section('Before and after', text, plots, (proof_table,))
+
+
+def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
+    """Draw the gap of all records of the largest amplitude over the frequency of the drive."""
+    rows = over_frequency(found.data, found.baselines.joint, found.final, found.proof)
+    largest = max((row.amplitude for row in rows), default=0.0)
+    rows = [row for row in rows if row.amplitude > 0.99 * largest]
+    frequency = np.array([row.frequency for row in rows])
+    if np.unique(frequency).size < FEWEST_FREQUENCIES:
+        return ()
+    spared = ', '.join(f'{row.frequency:g}' for row in rows if row.held_out)
+    plot = xy_figure(
+        [
+            Curve(
+                f'{found.verdict.baseline} alone', frequency, np.array([r.before for r in rows])
+            ),
+            Curve('with what was found', frequency, np.array([r.after for r in rows])),
+        ],
+        'Gap over the frequency of the drive',
+        f'Drives of {largest:.3g} {found.data.records[0].info.input_unit}; held out: {spared} Hz.',
+        'frequency of the drive [Hz]',
+        'rms gap [µm]',
+        log_y=True,
+        floor=found.floor,
+    )
+    return (plot,)
 
 
 def _pictures(found: Discovery) -> tuple[Plot, ...]:
