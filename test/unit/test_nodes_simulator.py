@@ -63,6 +63,19 @@ def test_commands_that_jump_are_applied_no_faster_than_the_slew() -> None:
     assert book.voltage == 0.0
 
 
+def test_commands_of_a_link_that_was_held_up_do_not_act() -> None:
+    book = CommandBook(-1.0, 1.0, patience=10.0)
+    book.arrive(0, 0.1, tick=0)
+    for sample in range(1, 41):
+        book.arrive(sample, 0.01 * sample, tick=50)
+    book.follow(DT)
+    assert book.voltage == pytest.approx(0.4)  # the newest, ten ticks late
+    book.arrive(41, 0.9, tick=60)
+    book.follow(DT)
+    assert book.voltage == pytest.approx(0.4)
+    assert book.counts['late'] == 41
+
+
 def test_refused_commands_do_not_keep_the_watch_quiet() -> None:
     book = CommandBook(-1.0, 1.0, safe_voltage=0.0, ramp=1000.0)
     book.arrive(0, 0.9, tick=0)

@@ -25,6 +25,8 @@ class CommandBook:
         How fast it goes there [V/s].
     slew : float
         Fastest change of the command that is applied [V/s].
+    patience : float
+        A command this many ticks late is counted and not applied: what it was meant for is over.
     wanted : float
         The newest command [V].
     voltage : float
@@ -40,6 +42,7 @@ class CommandBook:
     safe_voltage: float = 0.0
     ramp: float = 1.0
     slew: float = math.inf
+    patience: float = math.inf
     wanted: float = 0.0
     voltage: float = 0.0
     timed_out: bool = False
@@ -77,7 +80,7 @@ class CommandBook:
         else:
             self._newest = sample
             self.counts['late'] += sample < tick
-            if self.accept(voltage):
+            if tick - sample <= self.patience and self.accept(voltage):
                 self._heard = tick
 
     def hold(self, tick: int, dt: float, timeout: float) -> None:
