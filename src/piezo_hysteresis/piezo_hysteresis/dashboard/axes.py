@@ -63,6 +63,7 @@ def live_axes(title: str, x_label: str, y_label: str, x: Any, y: Any, **options:
     plot.frame_height = HEIGHT
     plot.toolbar.active_drag = None  # a finger on a plot scrolls the page
     plot.toolbar.autohide = True
+    plot.toolbar.stylesheets = [':host(.bk-hidden) { visibility: hidden; }']
     return plot
 
 

@@ -44,6 +44,7 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="__POLICY__">
 <link rel="icon" href="data:,">
 <title>{{ title | e }}</title>
 <style>__STYLE__</style>
@@ -110,7 +111,14 @@ figure { margin-bottom: .4rem; }
 """
 )
 
-PAGE = _PAGE.replace('__STYLE__', _STYLE)
+# Nothing from elsewhere; Bokeh makes functions of the callbacks that come with the page.
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "
+    "connect-src 'self' ws:"
+)
+
+PAGE = _PAGE.replace('__STYLE__', _STYLE).replace('__POLICY__', _POLICY)
 
 
 def page_template() -> Template:

@@ -185,14 +185,26 @@ class Dashboard(Node):
 
     def start_sweep(self, actuator: str, order: SweepOrder) -> None:
         """Run a sweep and record it, after the experiment that runs has been ended."""
-        live = self.live(actuator)
-        live.sweep = Job('asked', 0.0, 'asking the excitation')
-        mode = live.parameter('excitation', 'mode')
-        if mode is not None and mode.value != 'idle':
-            self._wish(
-                actuator, lambda desk: desk.directory.set('excitation', {'mode': 'idle'}, Answer())
-            )
-        self._wish(actuator, lambda desk: desk.jobs.run_sweep(order))
+        self.live(actuator).sweep = Job('asked', 0.0, 'asking the excitation')
+        self._wish(actuator, lambda desk: self._rest_then_sweep(desk, order))
+
+    def _rest_then_sweep(self, desk: Desk, order: SweepOrder) -> None:
+        mode = desk.live.parameter('excitation', 'mode')
+        answer = Answer()
+        if mode is None or mode.value == 'idle':
+            answer.give()
+        else:
+            desk.directory.set('excitation', {'mode': 'idle'}, answer)
+
+        def go_on() -> None:
+            if not answer.done:
+                self._later(LISTEN_EVERY, go_on)
+            elif answer.reason:
+                desk.live.sweep = Job('failed', 0.0, answer.reason)
+            else:
+                desk.jobs.run_sweep(order)
+
+        go_on()
 
     def cancel_sweep(self, actuator: str) -> None:
         """Let the actuator return to rest."""

@@ -91,6 +91,8 @@ class Directory:
         client.list_parameters(callback=lambda listed: self._listed(name, listed))
 
     def _listed(self, name: str, listed: Any) -> None:
+        if listed.result() is None:
+            return  # it has gone, or is asked again
         names = [n for n in listed.result().result.names if not n.startswith('qos_overrides')]
         found: dict[str, Any] = {}
 
@@ -109,8 +111,10 @@ class Directory:
     def _told(self, name: str, names: list[str], found: Mapping[str, Any]) -> None:
         self._asked.pop(name, None)
         state = self._live.nodes.get(name)
+        if state is None or None in found.values():
+            return
         values, about = found['values'].values, found['about'].descriptors
-        if state is None or not len(names) == len(values) == len(about):
+        if not len(names) == len(values) == len(about):
             return  # it has changed meanwhile and is asked again
         parameters = {
             key: from_ros(name, key, parameter_value_to_python(value), descriptor)
@@ -150,6 +154,8 @@ class Directory:
         self._answers.append((self._live.clock() + PATIENCE, name, answer))
 
         def answered(future: Any) -> None:
+            if future.result() is None:
+                return  # and so runs out of time
             refused = [r.reason or 'refused' for r in future.result().results if not r.successful]
             answer.give(refused[0] if refused else '')
 
