@@ -109,7 +109,7 @@ def test_only_links_and_excitation_move_the_actuator() -> None:
         for name, p in profiles().items()
         if 'voltage/command' in allowed(p, 'topic', 'publish')
     }
-    assert may == {'excitation', 'attenuation', 'feedback'}
+    assert may == {'excitation', 'attenuation', 'feedback', 'control_loop'}
 
 
 def test_people_publish_nothing_of_the_loop_and_observers_call_nothing() -> None:
