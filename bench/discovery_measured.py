@@ -92,14 +92,14 @@ def free_run(powers: FloatArray, weights: FloatArray, u: FloatArray, y: FloatArr
 
 
 def pysindy_models(u: FloatArray, y: FloatArray) -> list[Recursion]:
-    """Sparse regression by thresholds, discrete time."""
+    """Sparse regression (STLSQ) in discrete time, by several thresholds."""
     import pysindy
 
     states = np.column_stack([y[1:], y[:-1]])
     inputs = np.column_stack([u[1:], u[:-1]])
     found = []
-    for threshold in (1e-3, 1e-2, 5e-2):
-        library = pysindy.PolynomialLibrary(degree=DEGREE)
+    for degree, threshold in ((1, 0.0), (DEGREE, 1e-3), (DEGREE, 1e-2), (DEGREE, 5e-2)):
+        library = pysindy.PolynomialLibrary(degree=degree)
         kind = getattr(pysindy, 'DiscreteSINDy', None) or pysindy.SINDy
         model = kind(
             optimizer=pysindy.STLSQ(threshold=threshold, alpha=1e-6), feature_library=library
@@ -113,18 +113,17 @@ def pysindy_models(u: FloatArray, y: FloatArray) -> list[Recursion]:
 
 
 def sysidentpy_models(u: FloatArray, y: FloatArray) -> list[Recursion]:
-    """Forward regression (FROLS) with the number of terms by AIC."""
+    """Forward regression (FROLS) with several numbers of terms."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
 
     found = []
-    for degree in (1, DEGREE):
+    for degree, terms in ((1, 4), (DEGREE, 8), (DEGREE, 16)):
         model = FROLS(
-            order_selection=True,
-            n_info_values=12 if degree > 1 else 5,
+            order_selection=False,
+            n_terms=terms,
             ylag=LAGS,
             xlag=LAGS,
-            info_criteria='aic',
             basis_function=Polynomial(degree=degree),
         )
         model.fit(X=u[:, None], y=y[:, None])

@@ -1,0 +1,56 @@
+"""Discovery on records that we did not simulate; skipped where they are not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.dataset import view_of
+from piezo_hysteresis.discovery.trial import on_views
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import load
+
+DATA = Path(__file__).parents[3] / 'shared' / 'data'
+MEASURED = DATA / 'piezo_150v_1hz' / 'piezo_150V_1Hz.csv'
+BENCHMARK = DATA / 'boucwen_benchmark' / 'train_multisine.csv'
+SWEEP = DATA / 'boucwen_benchmark' / 'test_sinesweep.csv'
+
+
+@pytest.mark.skipif(not BENCHMARK.exists(), reason=f'{BENCHMARK.name} is not there')
+def test_a_linear_mode_lacks_hysteresis_of_the_restoring_force() -> None:
+    found = discover(load([BENCHMARK]), named('linear_mode'), name='linear_mode', workers=2)
+    verdict = found.verdict
+    assert verdict.verdict == 'named', verdict.summary
+    (effect,) = verdict.effects
+    assert effect.name == 'hysteresis'
+    assert effect.variant.startswith('restoring_force')
+    assert 'of the restoring force' in verdict.summary
+    for name, true in (('z_alpha', 5e4), ('z_beta', 800.0), ('z_gamma', -1100.0)):
+        number = effect.parameters[name]
+        assert number.std is not None
+        assert abs(number.value - true) < 5 * number.std
+    assert verdict.held_out.before_in_floors > 20
+    assert verdict.held_out.after_in_floors < 1.1
+    # a sweep from rest that nothing was fitted to, noise-free, its resonance 0.6 mm
+    (record,) = load([SWEEP])
+    before, after = (
+        on_views(trial, [view_of(record, 0)]).rms for trial in (found.baselines.joint, found.final)
+    )
+    assert after < 0.05 * before
+
+
+@pytest.mark.skipif(not MEASURED.exists(), reason=f'{MEASURED.name} is not there')
+def test_a_measured_stack_shows_what_is_left_and_by_how_much_less() -> None:
+    verdict = discover(load([MEASURED]), named('classical'), name='classical', workers=2).verdict
+    held = verdict.held_out
+    # sensor noise is 0.049 um rms (SOURCES.md)
+    assert verdict.noise_floor_rms_m == pytest.approx(0.049e-6, rel=0.1)
+    assert held.before_in_floors > 5.0
+    assert held.after_in_floors < 0.5 * held.before_in_floors
+    assert verdict.free_run_stable
+    told = verdict.summary + verdict.unexplained.description
+    assert f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g}' in told
+    if verdict.unexplained.significant:
+        assert 'um rms' in verdict.unexplained.description
