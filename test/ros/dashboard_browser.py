@@ -116,7 +116,7 @@ class Browser:
     def open(self, url: str) -> None:
         """Open a page and wait until Bokeh has drawn it."""
         self.command('Page.navigate', url=url)
-        self.until('window.Bokeh && Bokeh.documents.length > 0 && Bokeh.documents[0].is_idle')
+        self.until('window.Bokeh?.documents.length > 0 && Bokeh.documents[0].is_idle', 240.0)
 
     def run(self, code: str) -> Any:
         """Return what an expression is on the page."""

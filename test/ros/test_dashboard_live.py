@@ -42,7 +42,7 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
 
 def start_all(processes: NodeProcesses, listener: Listener, folder: Path) -> NodeProcess:
     drive = {
-        'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 0.5, 'ramp': 0.1,
+        'frequency': 5.0, 'voltage.amplitude': 0.5, 'ramp': 0.1,
         'deadline': 120.0,
     }  # fmt: skip
     dashboard = processes.start(
@@ -99,7 +99,10 @@ def test_the_page_over_live_processes(
     dashboard = start_all(processes, listener, tmp_path)
     browser.size(1400, 1000)
     address = address_of(dashboard, browser)
+    # A loop in lock-step takes all the processor it can get: it starts once the page is there.
     browser.open(f'{address}?actuator={SPACE}')
+    node = f'/{SPACE}/excitation'
+    assert listener.set_one(node, 'mode', 'voltage') == ''
 
     # The loop is shown.
     browser.until("document.querySelector('h1').textContent.includes('stage_x')")
@@ -113,7 +116,6 @@ def test_the_page_over_live_processes(
     drag_slider(browser, 'excitation.voltage.amplitude.slider', 0.5)
     wanted = browser.value('excitation.voltage.amplitude.slider')
     assert wanted > 0.7
-    node = f'/{SPACE}/excitation'
     listener.until(lambda: listener.get_parameter(node, 'voltage.amplitude') == wanted)
     browser.until(lambda: loop_height(browser) > 1.3 * before, what='a larger loop')
     assert words(browser, 'excitation.voltage.amplitude.reason') == ''
