@@ -29,7 +29,7 @@ from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, write_bag
 
 DT = 1e-3
-TASK = Identify('bouc_wen_mode', options={'sampling_offset': False})
+TASK = Identify('bouc_wen_mode', options={'sampling_offset': False, 'count': 1})
 
 
 def main() -> None:

@@ -119,6 +119,14 @@ def test_parquet_holds_what_csv_holds(data, tmp_path):
             assert said == other[name]
 
 
+def test_without_pyarrow_there_is_csv_and_a_word(data, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    done = run_batch(Gain(), [data], tmp_path / 'out')
+    assert 'pyarrow' in done.notes[0]
+    assert (tmp_path / 'out' / 'results.csv').is_file()
+    assert 'parquet' not in (tmp_path / 'out' / 'index.html').read_text()
+
+
 def test_any_executor_gives_the_rows_of_the_serial_loop(data, tmp_path):
     given = [data / 'day1', data / 'bad.csv', data / 'three']
     serial = run_batch(TASK, given, tmp_path / 'serial')

@@ -87,15 +87,14 @@ def test_the_page_answers_in_order_and_tells_where_the_error_sits(records, found
     largest = re.search(r'sine_10Hz (?:[\d.]+ ){4}3×: ([\d.]+) µm', words)
     assert largest
     assert float(largest.group(1)) == pytest.approx(0.8, abs=0.3)  # what was added, less the fit
-    for name in found.names:
+    for name in found.std:
         assert name in words
     i, j = np.unravel_index(
         np.argmax(np.abs(found.correlation - np.eye(len(found.names)))), found.correlation.shape
     )
     assert f'{found.correlation[i, j]:+.3f}' in words
-    assert 'http' not in re.sub(r'http://www.w3.org/[\w./#-]+', '', ' '.join(
-        re.findall(r'(?:src|href)="([^"]*)"', page)
-    ))  # fmt: skip
+    shown = re.sub(r'<(script|style)\b.*?</\1>', ' ', page, flags=re.DOTALL)
+    assert re.findall(r'(?:src|href)=', shown) == []
 
 
 def test_harmonics_of_known_size():

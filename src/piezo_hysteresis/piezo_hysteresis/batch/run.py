@@ -107,6 +107,8 @@ def run_batch(
 def work(task: Task, job: Job) -> Row:
     """Do one job in this process; whatever happens is a row."""
     begun = time.perf_counter()
+    if (known := job.finished()) is not None:  # a cluster lost the answer, not the work
+        return known
     try:
         job.begin()
     except PiezoError as error:  # a folder that is not ours gets no note either

@@ -42,17 +42,13 @@ def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
         If the folder cannot be written.
     """
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    files: dict[str, bytes | str] = {
-        'results.csv': as_csv(columns, rows),
-        'index.html': index_page(verb, rows),
-    }
+    files: dict[str, bytes | str] = {'results.csv': as_csv(columns, rows)}
     notes = []
     try:
         files['results.parquet'] = as_parquet(columns, rows)
     except ModuleNotFoundError:
-        notes.append(
-            'pyarrow is not installed, so there is no results.parquet: results.csv is whole'
-        )
+        notes.append('there is no results.parquet without pyarrow; results.csv is whole')
+    files['index.html'] = index_page(verb, rows, list(files))
     write_folder(out, files)
     return notes
 
@@ -89,7 +85,7 @@ def as_parquet(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
     return bytes(sink.getvalue().to_pybytes())
 
 
-def index_page(verb: str, rows: Sequence[Row]) -> str:
+def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
     """Return the page: how many, how good, what went wrong, links to every report."""
     done = [row for row in rows if row['state'] == 'done']
     bad = [row for row in rows if row['state'] != 'done']
@@ -101,7 +97,7 @@ def index_page(verb: str, rows: Sequence[Row]) -> str:
         sections.append(Section('What could not be used', '', (), (why,)))
     said = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
     said += f', {len(bad)} did not.' if bad else '.'
-    text = 'All columns are in `results.csv` and `results.parquet`, in SI units.'
+    text = f'All columns, in SI units: {", ".join(f"`{name}`" for name in tables)}.'
     sections.append(Section('The whole table', text))
     return render(f'Batch: {verb} over {len(rows)} data sets', said, sections)
 

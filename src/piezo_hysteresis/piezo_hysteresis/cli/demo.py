@@ -87,8 +87,9 @@ def identify_own(data: Sequence[str], out: Path) -> None:
             progress(0.7, f'fitting {choice.model.name}')
             found = identify(records, choice.model, start=choice.start, count=1)
             progress(0.95, 'drawing the report')
-            write_data_report(folder / 'report.html', records, found, choice.steps)
-        write_model(found.model_file([str(each) for each in data], records[0].rate), folder)
+            given = [str(each) for each in data]
+            write_data_report(folder / 'report.html', records, found, choice.steps, given)
+        write_model(found.model_file(given, records[0].rate), folder)
         steps = [vars(step) for step in choice.steps]
         seconds = round(time.perf_counter() - begun, 3)
         write_summary({**found.summary(), 'choice': steps, 'seconds': seconds}, folder)

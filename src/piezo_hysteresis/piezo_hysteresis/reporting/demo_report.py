@@ -95,7 +95,11 @@ def write_demo_report(
 
 
 def write_data_report(
-    path: Path, records: Sequence[Record], found: Identification, steps: Sequence[Step]
+    path: Path,
+    records: Sequence[Record],
+    found: Identification,
+    steps: Sequence[Step],
+    data: Sequence[str] = (),
 ) -> None:
     """Write the report of an identification whose model was chosen automatically.
 
@@ -104,7 +108,7 @@ def write_data_report(
     PiezoError
         If the file cannot be written.
     """
-    page = identification_page(records, found, steps=steps)
+    page = identification_page(records, found, steps=steps, data=data)
     write_folder(path.parent, {path.name: page})
 
 

@@ -133,10 +133,11 @@ def fit_section(
         caption = f'{longest.name} and the free run of the model.'
         figures.append(trace_figure(curves, 'Over time', caption))
     worst = max(found.records, key=lambda row: _size(row.nrmse_percent))
+    which = f'Its worst record is {worst.record}:' if len(records) > 1 else 'It leaves'
     text = (
         f'The model `{found.model.name}` runs freely: it is given the voltage alone, never the '
-        f'measured displacement. Its worst record is {worst.record}: {worst.nrmse_percent:.3g} % '
-        f'of the standard deviation of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
+        f'measured displacement. {which} {worst.nrmse_percent:.3g} % of the standard deviation '
+        f'of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
     )
     return Section('Does the model follow the actuator?', text, tuple(figures))
 
