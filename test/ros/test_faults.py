@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -76,3 +78,41 @@ def test_a_dead_link_ends_the_experiment_and_leaves_nothing_running() -> None:
     for pid in pids:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+# What is started and ended at once: each executable, and a moment of its start [s].
+STARTS = [
+    ('piezo_sim', 'simulator', 0.0),
+    ('piezo_sim', 'simulator', 0.4),
+    ('piezo_hysteresis', 'feedforward', 0.0),
+    ('piezo_hysteresis', 'control_loop', 0.2),
+    ('piezo_hysteresis', 'identification', 0.6),
+    ('piezo_hysteresis', 'gap_monitor', 0.3),
+]
+
+
+def catches_term(pid: int) -> bool:
+    """Tell whether the process has taken the signals in hand; Python itself leaves SIGTERM."""
+    (line,) = (
+        line
+        for line in Path(f'/proc/{pid}/status').read_text().splitlines()
+        if line.startswith('SigCgt')
+    )
+    return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def test_a_node_that_is_interrupted_while_it_starts_ends_in_silence(
+    processes: NodeProcesses,
+) -> None:
+    for package, name, moment in STARTS:
+        node = processes.start(package, name)
+        end = time.monotonic() + 60.0
+        while not catches_term(node.pid):
+            assert time.monotonic() < end
+            assert node.returncode is None
+            time.sleep(0.002)
+        time.sleep(moment)
+        node.signal(signal.SIGINT)
+        assert node.wait(60.0) == 0, node.tail()
+        assert 'Traceback' not in node.log.read_text(), node.tail(20)
+        processes.forget(node)
