@@ -190,8 +190,11 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
     end = len(seen) - tail
     lost, connected = 0, {seen[there.index(True)].life: False}
     for state, held_too in zip(seen[:end], there[:end], strict=True):
-        if held_too:
+        # At 0 V all runs of the actuator begin alike: such a sample may be that of another run.
+        if held_too and state.voltage != 0.0:
             connected[state.life] = True
+        elif held_too:
+            continue
         elif connected.get(state.life, False):
             lost += 1
     unheard = {s.life for s in seen[:end]} - connected.keys()
