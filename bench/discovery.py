@@ -45,9 +45,12 @@ def discover(bag: Path, baseline: str, seed: int, threads: int) -> dict[str, Any
     command = [sys.executable, '-m', 'piezo_hysteresis', 'discover', str(bag)]
     command += ['--baseline', baseline, '--out', str(out), '--seed', str(seed)]
     command += ['--workers', str(threads)]
-    done = subprocess.run(
-        command, cwd=bag.parent, capture_output=True, text=True, timeout=PATIENCE, check=False
-    )
+    try:
+        done = subprocess.run(
+            command, cwd=bag.parent, capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return {'verdict': 'refused', 'effects': [], 'said': f'no verdict within {PATIENCE} s'}
     if done.returncode != 0:
         return {'verdict': 'refused', 'effects': [], 'said': (done.stderr or done.stdout)[-2000:]}
     found: dict[str, Any] = json.loads((out / 'verdict.json').read_text(encoding='utf-8'))
