@@ -22,7 +22,7 @@ def commands() -> Iterator[tuple[str, str, str]]:
     for page in PAGES:
         text = page.read_text().replace('\\\n', ' ')
         for found in COMMAND.finditer(text):
-            words = found.group(2).split('#')[0].strip()
+            words = re.split('[#|]', found.group(2))[0].strip()
             if words and '...' not in words and not words.startswith(('VERB', ',', '.', ')', '|')):
                 yield page.name, found.group(1), words
 
@@ -45,7 +45,10 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 def test_a_command_is_understood(page: str, program: str, words: str) -> None:
     arguments = shlex.split(words)
     if program == 'piezo_hysteresis' and arguments[0] in VERBS:
-        parser_of(arguments[0]).parse_args(arguments[1:])
+        if '--help' in arguments:
+            assert parser_of(arguments[0]).format_help()
+        else:
+            parser_of(arguments[0]).parse_args(arguments[1:])
     elif program == 'piezo_sim' and not arguments[0].startswith('simulator'):
         build_parser().parse_args(arguments)
     else:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from listening import Listener
@@ -25,6 +26,10 @@ STANDARD_SERVICES = (
 )  # fmt: skip
 
 
+# Executables that hold several nodes, each with names of its own.
+INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
+
+
 def own(names: Iterable[tuple[str, list[str]]], standard: tuple[str, ...]) -> dict[str, str]:
     return {name: types[0] for name, types in names if not any(word in name for word in standard)}
 
@@ -43,30 +48,41 @@ def test_the_page_tells_what_a_node_offers(
     settings = {'recorder': {'out': str(tmp_path / 'bag')}, 'dashboard': {'port': 0}}
     processes.start(page.package, name, settings.get(name))
     graph = listener.node
+    nodes = INSIDE.get(name, (name,))
+    private = [n for n in NODES if n.executable in INSIDE.get(name, ())]
+
+    def all_of(what: str) -> set[str]:
+        own_names = resolved(getattr(page, what), name)
+        return own_names.union(
+            *(resolved((t for t in getattr(n, what) if '~' in t), n.executable) for n in private)
+        )
+
+    def offered(ask: Callable[[str, str], list[tuple[str, list[str]]]]) -> list[Any]:
+        return [pair for node in nodes for pair in ask(node, '/')]
 
     def there() -> bool:
-        present = name in graph.get_node_names()
-        return present and bool(graph.get_service_names_and_types_by_node(name, '/'))
+        present = set(nodes) <= set(graph.get_node_names())
+        return present and bool(offered(graph.get_service_names_and_types_by_node))
 
-    listener.until(there, 60.0)
-    wanted = resolved(page.publishes, name), resolved(page.subscribes, name)
+    listener.until(there)
+    wanted = all_of('publishes'), all_of('subscribes')
 
     def published() -> dict[str, str]:
-        return own(graph.get_publisher_names_and_types_by_node(name, '/'), STANDARD)
+        return own(offered(graph.get_publisher_names_and_types_by_node), STANDARD)
 
     def heard() -> dict[str, str]:
-        return own(graph.get_subscriber_names_and_types_by_node(name, '/'), STANDARD)
+        return own(offered(graph.get_subscriber_names_and_types_by_node), STANDARD)
 
     def services() -> set[str]:
-        found = graph.get_service_names_and_types_by_node(name, '/')
+        found = offered(graph.get_service_names_and_types_by_node)
         return set(own(found, STANDARD_SERVICES))
 
     # Announcements come one by one: wait for all, then nothing else may be there.
     listener.until(lambda: wanted[0] <= published().keys() and wanted[1] <= heard().keys())
-    listener.until(lambda: resolved(page.services, name) <= services())
+    listener.until(lambda: all_of('services') <= services())
     assert set(published()) == wanted[0]
     assert set(heard()) == wanted[1]
-    assert services() == resolved(page.services, name)
+    assert services() == all_of('services')
     for short in (*page.publishes, *page.subscribes):
         full = '/' + short.replace('~', name).lstrip('/')
         assert {**published(), **heard()}[full] == TYPES[short]

@@ -49,6 +49,7 @@ class SweepServer:
         self._reason = ''
         self._records_run = 0
         self._refused = self._refused_before = 0
+        self._recount = False
         self._marker = RecordMarker(rate=self._rate)
         self._markers = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
         self._server = ActionServer(
@@ -67,9 +68,15 @@ class SweepServer:
 
     @property
     def waits(self) -> bool:
-        """Whether the sweep has not begun because somebody is missing who shall hear markers."""
+        """Whether the sweep has not begun.
+
+        Somebody is missing who shall hear markers, or the refusals that ended the sweep before
+        have not all been counted yet and would be taken for refusals of this one.
+        """
         if not self.active or self._first >= 0:
             return False
+        if self._recount:
+            return True
         wanted = self._parameters.integer('marker_listeners')
         return bool(self._markers.get_subscription_count() < wanted)
 
@@ -108,6 +115,7 @@ class SweepServer:
 
     def follow_restart(self) -> None:
         """Begin again with an actuator that was started anew, unless some of it has been run."""
+        self._recount = False
         if self.active and self._newest > self._first:
             self.give_up('the actuator was started anew during the sweep; run it again')
         else:
@@ -115,7 +123,10 @@ class SweepServer:
 
     def note_refused(self, refused: int) -> None:
         """Note how many commands the actuator has refused; return to rest if it is one of ours."""
-        if self.active and refused > self._refused_before and not self._reason:
+        if not self.active or self._first < 0:
+            self._recount = False
+            self._refused_before = refused
+        elif refused > self._refused_before and not self._reason:
             self._reason = (
                 f'the actuator refused {refused - self._refused_before} commands: the amplitude '
                 'is beyond its range'
@@ -179,6 +190,7 @@ class SweepServer:
         sweep, self._sweep = self._sweep, None
         assert sweep is not None
         assert self._done is not None
+        self._recount = self._refused > self._refused_before
         ran = sample - self._first
         self._records_run = sum(record.last <= ran for record in sweep.records)
         self._busy = False
