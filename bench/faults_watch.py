@@ -167,6 +167,11 @@ class Watch:
 _FIELDS = ('sample', 'voltage', 'displacement')
 
 
+def _key(sample: int, voltage: float, displacement: float) -> Key:
+    """Return what tells a sample apart; a failed sensor says NaN, which is equal to nothing."""
+    return sample, voltage, math.inf if math.isnan(displacement) else displacement
+
+
 def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[int, float]:
     """Return how many of the samples `seen` are not `held` though they should be.
 
@@ -182,8 +187,8 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
     killed : bool
         Leave out what is missing at the end, and return how long that is [s] instead.
     """
-    have = set(held)
-    there = [(s.sample, s.voltage, s.displacement) in have for s in seen]
+    have = {_key(*each) for each in held}
+    there = [_key(s.sample, s.voltage, s.displacement) in have for s in seen]
     if not any(there):
         return (0 if killed else len(seen)), 0.0
     tail = next(k for k, held_too in enumerate(reversed(there)) if held_too) if killed else 0
