@@ -3,42 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from piezo_hysteresis.discovery.advise import advise
 from piezo_hysteresis.discovery.annotate import annotated
-from piezo_hysteresis.discovery.arena import SURE, Arena
+from piezo_hysteresis.discovery.arena import Arena
 from piezo_hysteresis.discovery.baseline import Baselines, baselines
 from piezo_hysteresis.discovery.check import Check, check
-from piezo_hysteresis.discovery.compete import Contest, compete
+from piezo_hysteresis.discovery.compete import Contest
 from piezo_hysteresis.discovery.dataset import Dataset, split
 from piezo_hysteresis.discovery.describe import describe
 from piezo_hysteresis.discovery.floor import noise_floor
 from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
 from piezo_hysteresis.discovery.prove import Proof, ProofRow, over_frequency, prove
-from piezo_hysteresis.discovery.settle import Step, settle
+from piezo_hysteresis.discovery.search import NEAR, Progress, search
+from piezo_hysteresis.discovery.settle import Step
 from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
 
-Progress = Callable[[float, str], None]
-
-MOST_EFFECTS = 5
-# An improvement counts if it takes at least this share of what is above the floor.
-SHARE = 0.25
-# Laws are not quite those of the actuator and leave crumbs, for which some effect always finds a
-# use. Of what is so small, or up to so many times larger, a real effect takes nearly all or most.
-NEARLY_ALL = 0.9
-MOST_OF_IT = 0.6
-MAY_BE_CRUMB = 3.0
-# What is left counts as explained up to this gap [floors].
-NEAR = 1.2
-# Evaluations of a fit that is to end where nothing is left to gain.
-THOROUGH = 200
 # Effects that explain less than this of the excess, with more left than NEAR, name nothing.
 MOSTLY = 0.9
 
@@ -118,55 +105,13 @@ def discover(
     progress(0.12, 'baselines fitted')
     hints = [trial.values for trial in (base.slow,) if trial is not None]
     arena = Arena(data, noise, seed, workers, hints)
-    arena, steps, last = _compete(arena, base.joint, progress)
-    final = base.joint
-    if steps:
-        progress(0.85, 'judging every effect knowing the others')
-        steps, final = settle(arena, base.joint, steps, lambda fraction, words: None)
+    arena, steps, final, last = search(arena, base.joint, progress)
     progress(0.95, 'proving on held-out records')
     proof = prove(arena.data, base.joint, final)
     seen = arena.data
     discovery = Discovery(_placeholder(), seen, noise.rms, base, tuple(steps), final, proof, found)
     verdict = _verdict(discovery, arena, last, name or base.joint.model.name, seed)
     return replace(discovery, verdict=replace(verdict, seconds=time.monotonic() - began))
-
-
-def _compete(
-    arena: Arena, start: Trial, progress: Progress
-) -> tuple[Arena, list[Step], Contest | None]:
-    """Add effects one by one until nothing significant is left."""
-    current = start
-    steps: list[Step] = []
-    contest: Contest | None = None
-    for place in range(MOST_EFFECTS):
-        if not arena.lacks_something(current):
-            return arena, steps, None
-        begin, share = 0.12 + 0.7 * place / MOST_EFFECTS, 0.7 / MOST_EFFECTS
-
-        def told(fraction: float, words: str, begin: float = begin, share: float = share) -> None:
-            progress(begin + share * fraction, words)
-
-        arena = arena.on_one_clock(current)
-        contest = compete(arena, current, told)
-        if contest is None or not accepted(arena, contest, start):
-            return arena, steps, contest
-        # A fit that stopped short would leave crumbs for which the next round finds a name.
-        current = arena.refit(contest.best, THOROUGH)
-        steps.append(Step(contest, current))
-    return arena, steps, contest
-
-
-def accepted(arena: Arena, contest: Contest, start: Trial) -> bool:
-    """Tell whether the winner of a contest is an effect: sure, and not a crumb."""
-    needed = SHARE
-    if arena.is_crumb(contest.before, start):
-        needed = NEARLY_ALL
-    elif arena.is_crumb(contest.before, start, MAY_BE_CRUMB):
-        needed = MOST_OF_IT
-    before, after = arena.excess(contest.before), arena.excess(contest.best)
-    share = (before - after) / max(before, 1e-12)
-    better = arena.score(contest.best) < arena.score(contest.before)
-    return better and contest.gain.ratio >= SURE and share >= needed
 
 
 def _placeholder() -> Verdict:
