@@ -23,7 +23,7 @@ lint: setup
 
 test: lint
 	@$(run) python -m pytest -n 2 test/unit test/property test/docs
-	@$(run) python -m pytest -n 2 --dist loadfile test/ros $(wildcard test/blind)
+	@$(run) python -m pytest -n 2 --dist loadfile --reruns 1 test/ros $(wildcard test/blind)
 
 clean:
 	rm -rf build install log .venv out

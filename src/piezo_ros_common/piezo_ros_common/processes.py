@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,10 @@ from typing import IO
 from ament_index_python.packages import get_package_prefix
 
 PATIENCE = 5.0
+
+# Set by whoever handles Ctrl-C: an exception that a signal raises may be swallowed where it lands,
+# in a callback or a destructor, and whoever waits for nodes must still hear of it.
+INTERRUPTED = threading.Event()
 
 
 class ProcessError(Exception):
@@ -210,7 +215,11 @@ class NodeProcesses:
         ------
         ProcessError
             Naming the node and its last words.
+        KeyboardInterrupt
+            If the user wants an end.
         """
+        if INTERRUPTED.is_set():
+            raise KeyboardInterrupt
         for node in self._running:
             if node.returncode not in (None, 0):
                 raise ProcessError(

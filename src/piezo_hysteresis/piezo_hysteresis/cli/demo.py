@@ -32,7 +32,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo."""
     # The children end in the same way whether the demo is interrupted or terminated.
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
     out = Path(arguments.out)
     if arguments.data:
         identify_own(arguments.data, out)
@@ -43,6 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _interrupt(*_: object) -> None:
+    processes = sys.modules.get('piezo_ros_common.processes')
+    if processes is not None:
+        processes.INTERRUPTED.set()
     raise KeyboardInterrupt
 
 
