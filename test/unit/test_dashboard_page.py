@@ -1,4 +1,4 @@
-"""The live page without ROS and without a browser: controls, words, pages, the web server."""
+"""The live page without ROS and without a browser: words, pages, the web server."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ import math
 import numpy as np
 import pytest
 from bokeh.document import Document
+from dashboard_fakes import Backend, filled, live_at
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from piezo_hysteresis.dashboard.axes import Follower
-from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.controls import Parameter, described, groups_of, reach
-from piezo_hysteresis.dashboard.forms import numbers
-from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, Live, NodeState, Word
+from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, NodeState, Word
 from piezo_hysteresis.dashboard.page import Page
-from piezo_hysteresis.dashboard.rows import ParameterRow
 from piezo_hysteresis.dashboard.server import DashboardServer
 from piezo_hysteresis.dashboard.signals import State
 from piezo_hysteresis.dashboard.words import (
@@ -30,164 +27,6 @@ from piezo_hysteresis.dashboard.words import (
     tracking_words,
 )
 from piezo_hysteresis.errors import PiezoError
-
-
-class Backend:
-    """Stands in for ROS: takes every value up to 500."""
-
-    def __init__(self, names=('stage',)):
-        self.names = list(names)
-        self.lives = {}
-        self.sent = []
-        self.orders = []
-
-    def actuators(self):
-        return self.names or ['']
-
-    def allows(self, actuator):
-        return True
-
-    def live(self, actuator):
-        return self.lives.setdefault(actuator, live_at([0.0], actuator))
-
-    def set_parameters(self, actuator, node, values):
-        ((name, value),) = values.items()
-        answer = Answer()
-        self.sent.append((node, name, value, answer))
-        return answer
-
-    def start_sweep(self, actuator, order):
-        self.orders.append(order)
-
-    start_discovery = start_sweep
-
-    def cancel_sweep(self, actuator):
-        self.orders.append('cancel')
-
-    cancel_discovery = cancel_sweep
-
-    def bags(self, actuator):
-        return ['first']
-
-
-def live_at(time, name='stage'):
-    return Live(name, clock=lambda: time[0])
-
-
-def amplitude(value=1.0):
-    return Parameter('excitation', 'voltage.amplitude', value, 'Amplitude.', 'V', 0.0, 500.0)
-
-
-# --- controls ---------------------------------------------------------------------------------
-
-
-def test_a_descriptor_is_read_back():
-    found = described(
-        'n', 'mode', 'idle', 'What is published. One of idle, voltage.', 'one of idle, voltage'
-    )
-    assert (found.sentence, found.unit) == ('What is published.', '')
-    assert found.choices == ('idle', 'voltage')
-    found = described('n', 'a', 5e-5, 'Amplitude of it. [m]', '', (0.0, 0.01))
-    assert (found.sentence, found.unit, found.high) == ('Amplitude of it.', 'm', 0.01)
-    assert (found.shown_unit, found.factor) == ('µm', 1e6)
-    assert described('n', 'g', 1.0, 'x. [V]', '', (0.0, 1.7e308)).high == math.inf
-
-
-@pytest.mark.parametrize(
-    ('value', 'unit', 'low', 'high', 'start', 'end'),
-    [
-        (1.0, 'V', 0.0, 500.0, 0.0, 5.0),  # cut to what is usual
-        (8e-5, 'm', 0.0, 0.01, 0.0, 500.0),  # µm
-        (-0.3, '1/V', -1e4, 1e4, -1.0, 1.0),
-        (0.9995, '1', 0.9, 1.0, 0.9, 1.0),  # narrow ranges are shown whole
-        (1.0, 'Hz', 1.0, 1e5, 1.0, 5.0),
-        (400.0, 'V', 0.0, 500.0, 0.0, 500.0),
-        (0.0, 'Hz', 0.0, 1e4, 0.0, 5.0),
-        (7, '', 0, 999, 0.0, 50.0),
-    ],
-)
-def test_a_slider_spans_what_is_usual(value, unit, low, high, start, end):
-    span = reach(Parameter('n', 'p', value, '', unit, low, high))
-    assert (span.start, span.end) == (start, end)
-    assert span.end > span.start
-    assert 0.0 < span.step <= 0.05 * (span.end - span.start)
-
-
-def test_a_number_at_zero_learns_its_size_from_its_relatives():
-    offset = Parameter('n', 'reference.offset', 0.0, '', 'm', -0.01, 0.01)
-    relative = Parameter('n', 'reference.amplitude', 5e-5, '', 'm', 0.0, 0.01)
-    span = reach(offset, [offset, relative])
-    assert (span.start, span.end) == (-200.0, 200.0)
-
-
-def test_parameters_are_grouped_and_fixed_ones_left_out():
-    rows = [
-        Parameter('n', 'rate', 1.0, read_only=True),
-        Parameter('n', 'plant.gain', 1.0),
-        Parameter('n', 'use_sim_time', False),
-        Parameter('n', 'mode', 'idle'),
-    ]
-    groups = groups_of(rows)
-    assert {name: [p.name for p in group] for name, group in groups.items()} == {
-        '': ['mode'],
-        'plant': ['plant.gain'],
-    }
-
-
-def test_typed_lists_keep_their_type():
-    assert Parameter('n', 'orders', [1, 3]).parse('[0, 2 5]') == [0, 2, 5]
-    assert Parameter('n', 'zeros', [1.0]).parse('1, 2.5') == [1.0, 2.5]
-    assert Parameter('n', 'orders', [1]).parse('three') == ['three']  # the node says why not
-    assert Parameter('n', 'topics', ['']).parse('a b') == ['a', 'b']
-
-
-def test_typed_sweeps_are_read_or_refused():
-    assert numbers('1, 2.5; 3 4', 'f') == (1.0, 2.5, 3.0, 4.0)
-    for text in ('', 'one, two'):
-        with pytest.raises(PiezoError, match='frequencies'):
-            numbers(text, 'frequencies')
-
-
-def test_a_refused_control_goes_back_and_says_why():
-    backend = Backend()
-    row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
-    slider, box = row.root.children[1].children
-    box.value = 9000.0
-    node, name, value, answer = backend.sent.pop()
-    assert (node, name, value) == ('excitation', 'voltage.amplitude', 9000.0)
-    row.refresh(lambda *_: amplitude())
-    assert box.value == 9000.0  # nobody has answered yet
-    answer.give('voltage.amplitude = 9000 V is outside 0 .. 500 V')
-    row.refresh(lambda *_: amplitude())
-    assert (box.value, slider.value) == (1.0, 1.0)
-    reason = row.root.children[2]
-    assert 'outside 0 .. 500 V' in reason.text
-    assert reason.visible
-    assert backend.sent == []  # going back is no wish of the reader
-
-    slider.value = 2.0
-    backend.sent.pop()[3].give()
-    row.refresh(lambda *_: amplitude(2.0))
-    assert (box.value, reason.visible) == (2.0, False)
-
-
-def test_a_dragged_slider_sends_the_newest_wish_only():
-    backend = Backend()
-    row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
-    slider = row.root.children[1].children[0]
-    for value in (1.5, 2.0, 2.5, 3.0):
-        slider.value = value
-    assert [entry[2] for entry in backend.sent] == [1.5]
-    backend.sent[0][3].give()
-    row.refresh(lambda *_: amplitude(1.5))
-    assert [entry[2] for entry in backend.sent] == [1.5, 3.0]
-    assert slider.value == 3.0  # does not jump back under the finger
-    backend.sent[1][3].give()
-    row.refresh(lambda *_: amplitude(3.0))
-    row.refresh(lambda *_: amplitude(0.7))  # somebody else sets it
-    assert slider.value == 0.7
-    assert len(backend.sent) == 2
-
 
 # --- words ------------------------------------------------------------------------------------
 
@@ -271,26 +110,6 @@ def test_an_axis_is_calm_and_leaves_a_zoom_alone():
     assert follower.range.end > 5.0
     follower.fit(math.nan, 1.0)
     assert follower.range.end > 5.0
-
-
-def filled(backend, name='stage'):
-    live = backend.live(name)
-    turn = 2 * np.pi * 0.01 * np.arange(5000)
-    live.signals.add_references(list(range(5000)), list(5e-5 * np.sin(turn)))
-    volts = np.sin(turn).tolist()
-    live.signals.add_states(
-        [State(k, k * 1_000_000, volt, 6e-5 * volt) for k, volt in enumerate(volts)]
-    )
-    live.note('state')
-    live.note('reference')
-    live.frequency = 10.0
-    live.published = live.sweeps_offered = True
-    live.nodes['excitation'] = NodeState(
-        'excitation', True, 0.0, {'voltage.amplitude': amplitude()}
-    )
-    switch = described('simulator', 'effects.creep', False, 'Creeps.')
-    live.nodes['simulator'] = NodeState('simulator', True, 0.0, {'effects.creep': switch})
-    return live
 
 
 def test_a_page_shows_what_is_known():

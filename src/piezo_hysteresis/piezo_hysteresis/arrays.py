@@ -1,4 +1,6 @@
-"""The array types used everywhere."""
+"""The array types used everywhere, and how a number that is not known is ranked."""
+
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -6,3 +8,8 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+
+def largest_if_unknown(value: float) -> float:
+    """Return `value`, or infinity where it is not finite: an error not known is the worst."""
+    return value if math.isfinite(value) else math.inf

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from piezo_hysteresis.arrays import largest_if_unknown
 from piezo_hysteresis.errors import IdentificationError
 
 if TYPE_CHECKING:
@@ -205,7 +206,7 @@ class Discover:
 
 def identification_row(found: Identification) -> Row:
     """Return what a table says of an identification; parameters last, in SI units."""
-    worst = max(found.records, key=lambda row: _largest_if_unknown(row.nrmse_percent))
+    worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     row: Row = {
         'model': found.model.name,
         'method': found.method,
@@ -268,7 +269,3 @@ def _warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _largest_if_unknown(value: float) -> float:
-    return value if math.isfinite(value) else math.inf

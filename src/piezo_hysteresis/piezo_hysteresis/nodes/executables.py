@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from piezo_ros_common.starting import node_executable
 
-NODES = (
-    'attenuation',
-    'control_loop',
-    'dashboard',
-    'discovery',
-    'excitation',
-    'feedback',
-    'feedforward',
-    'gap_monitor',
-    'identification',
-    'player',
-    'recorder',
-)
 
-globals().update({name: node_executable(f'{__package__}.{name}') for name in NODES})
+def __getattr__(name: str) -> Callable[[], None]:
+    """Return the entry point of the node `name`; which there are is said in setup.py."""
+    if name.startswith('_'):
+        raise AttributeError(name)
+    return node_executable(f'{__package__}.{name}')

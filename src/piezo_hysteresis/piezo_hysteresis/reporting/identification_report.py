@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.annotate import annotated
 from piezo_hysteresis.identification.automatic import Step
 from piezo_hysteresis.identification.errors import free_run
@@ -83,7 +83,7 @@ def free_runs(records: Sequence[Record], found: Identification) -> dict[str, Flo
 
 def sentence_of(found: Identification) -> str:
     """Return the verdict on an identification."""
-    worst = max(found.records, key=lambda row: _size(row.nrmse_percent))
+    worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     many = len(found.records) > 1
     where = f' in the worst of {len(found.records)} records' if many else ''
     if not np.isfinite(worst.free_run_rms):
@@ -101,11 +101,6 @@ def sentence_of(found: Identification) -> str:
         if ratio > _MANY_FLOORS:
             return said + ': it lacks something that the data show.'
     return said + '.'
-
-
-def _size(value: float) -> float:
-    """Return a number by which one that is not known counts as the largest."""
-    return value if np.isfinite(value) else float('inf')
 
 
 def fit_section(
@@ -132,7 +127,7 @@ def fit_section(
         ]
         caption = f'{longest.name} and the free run of the model.'
         figures.append(trace_figure(curves, 'Over time', caption))
-    worst = max(found.records, key=lambda row: _size(row.nrmse_percent))
+    worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     which = f'Its worst record is {worst.record}:' if len(records) > 1 else 'It leaves'
     text = (
         f'The model `{found.model.name}` runs freely: it is given the voltage alone, never the '
@@ -170,7 +165,7 @@ def next_section(found: Identification, data: Sequence[str] = ()) -> Section:
     lines = []
     if not found.converged:
         lines.append('The fit did not come to rest: record more, or take a simpler model.')
-    worst = max(_size(row.free_run_rms) for row in found.records)
+    worst = max(largest_if_unknown(row.free_run_rms) for row in found.records)
     lacks = found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
     why = 'names what the model lacks' if lacks else 'says what the model still misses'
     discover = (

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
@@ -34,7 +34,7 @@ def where_section(
     """
     errors = {each.name: each.displacement - simulated[each.name] for each in records}
     by_name = {row.record: row for row in found.records}
-    worst = max(records, key=lambda r: _finite(by_name[r.name].free_run_rms))
+    worst = max(records, key=lambda r: largest_if_unknown(by_name[r.name].free_run_rms))
     figures = []
     if len({r.info.frequency for r in records if r.info.frequency > 0}) > 2:
         figures.append(over_frequency(records, found))
@@ -92,10 +92,6 @@ def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float
     for n in range(1, highest + 1):
         found[n] = 2.0 * abs(complex(np.exp(-1j * n * angle) @ tail)) / length
     return found
-
-
-def _finite(value: float) -> float:
-    return value if np.isfinite(value) else float('inf')
 
 
 def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> list[Plot]:

@@ -1,0 +1,76 @@
+"""What stands in for ROS in the tests of the live page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_hysteresis.dashboard.backend import Answer
+from piezo_hysteresis.dashboard.controls import Parameter, described
+from piezo_hysteresis.dashboard.live import Live, NodeState
+from piezo_hysteresis.dashboard.signals import State
+
+
+class Backend:
+    """Stands in for ROS: takes every value up to 500."""
+
+    def __init__(self, names=('stage',)):
+        self.names = list(names)
+        self.lives = {}
+        self.sent = []
+        self.orders = []
+
+    def actuators(self):
+        return self.names or ['']
+
+    def allows(self, actuator):
+        return True
+
+    def live(self, actuator):
+        return self.lives.setdefault(actuator, live_at([0.0], actuator))
+
+    def set_parameters(self, actuator, node, values):
+        ((name, value),) = values.items()
+        answer = Answer()
+        self.sent.append((node, name, value, answer))
+        return answer
+
+    def start_sweep(self, actuator, order):
+        self.orders.append(order)
+
+    start_discovery = start_sweep
+
+    def cancel_sweep(self, actuator):
+        self.orders.append('cancel')
+
+    cancel_discovery = cancel_sweep
+
+    def bags(self, actuator):
+        return ['first']
+
+
+def live_at(time, name='stage'):
+    return Live(name, clock=lambda: time[0])
+
+
+def amplitude(value=1.0):
+    return Parameter('excitation', 'voltage.amplitude', value, 'Amplitude.', 'V', 0.0, 500.0)
+
+
+def filled(backend, name='stage'):
+    live = backend.live(name)
+    turn = 2 * np.pi * 0.01 * np.arange(5000)
+    live.signals.add_references(list(range(5000)), list(5e-5 * np.sin(turn)))
+    volts = np.sin(turn).tolist()
+    live.signals.add_states(
+        [State(k, k * 1_000_000, volt, 6e-5 * volt) for k, volt in enumerate(volts)]
+    )
+    live.note('state')
+    live.note('reference')
+    live.frequency = 10.0
+    live.published = live.sweeps_offered = True
+    live.nodes['excitation'] = NodeState(
+        'excitation', True, 0.0, {'voltage.amplitude': amplitude()}
+    )
+    switch = described('simulator', 'effects.creep', False, 'Creeps.')
+    live.nodes['simulator'] = NodeState('simulator', True, 0.0, {'effects.creep': switch})
+    return live

@@ -1,0 +1,24 @@
+"""A simulated straight line with effects switched on, and what it answers when settled."""
+
+from sim_signals import sine
+
+from piezo_sim import Plant
+
+# Effects of which a test has looked for the signature.
+TESTED = set()
+
+
+def plant(effect, *others, rate=1000.0, seed=0, **values):
+    """Return a straight line with some effects on; keywords have __ for the dot."""
+    TESTED.add(effect)
+    on = {f'effects.{name}': True for name in (effect, *others)}
+    numbers = {key.replace('__', '.'): value for key, value in values.items()}
+    return Plant({**on, **numbers}, rate=rate, seed=seed)
+
+
+def held(p, f, amplitude=1.0, seconds=2.0, tail=1.0):
+    """Return the reading, and the voltages that it answers, over the last periods."""
+    p.reset()
+    _, command = sine(f, amplitude, seconds, p.rate)
+    count = round(tail * p.rate)
+    return p.run(command)[-count:], command[-count - 1 : -1]
