@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
+from piezo_hysteresis.nodes.hindsight import EVERY, KEPT
 from piezo_hysteresis.nodes.identification_plan import Course, Edge, forgetting_of, new_method
 from piezo_hysteresis.nodes.tables import IDENTIFICATION
 
@@ -60,6 +63,65 @@ def test_markers_cut_by_their_time_however_early_they_come() -> None:
     course.reset()
     feed(course, [9])
     assert did[-2:] == ['reset', 9.0]
+
+
+class Tape(Spy):
+    """A method whose copies know what they did themselves."""
+
+    def __deepcopy__(self, memo: object) -> Tape:
+        copy = Tape()
+        copy.did = list(self.did)
+        return copy
+
+
+EDGES = [Edge(k * MS, name) for k, name in ((2, 'a'), (4, ''), (6, 'b'), (9, ''), (9, 'c'))]
+
+
+def taped(order: list[int | Edge]) -> tuple[list[object], int]:
+    """Let a course hear samples, by their number, and markers, in an order."""
+    course = Course(Tape(), RATE)  # type: ignore[arg-type]
+    for each in order:
+        if isinstance(each, Edge):
+            course.mark(each)
+        else:
+            feed(course, [each])
+    assert isinstance(course.method, Tape)
+    assert course.taken == sum(isinstance(each, float) for each in course.method.did)
+    return course.method.did, course.late
+
+
+@given(st.lists(st.integers(0, 14), min_size=len(EDGES), max_size=len(EDGES)))
+def test_a_marker_that_comes_late_cuts_as_if_it_had_come_in_time(places: list[int]) -> None:
+    order: list[int | Edge] = []
+    for k in range(15):
+        order += [edge for edge, place in zip(EDGES, sorted(places), strict=True) if place == k]
+        order.append(k)
+    assert taped(order)[0] == taped([*EDGES, *range(15)])[0]
+
+
+@pytest.mark.parametrize('delay', [EVERY - 1, EVERY, EVERY + 1, (KEPT - 1) * EVERY])
+def test_a_marker_may_be_seconds_late(delay: int) -> None:
+    first, last = Edge(100 * MS, 'a'), Edge(3000 * MS, '')
+    everything = range(KEPT * EVERY + 500)
+    in_time = taped([first, last, *everything])
+    late: list[int | Edge] = list(everything)
+    late.insert(101 + delay, first)
+    late.insert(max(3001, 102 + delay), last)
+    assert taped(late) == in_time == (in_time[0], 0)
+
+
+def test_a_marker_that_is_later_than_memory_acts_from_then_on() -> None:
+    end = KEPT * EVERY + 10
+    did, late = taped([*range(end), Edge(3 * MS, 'a'), end, end + 1])
+    assert late == 1
+    assert did == [*map(float, range(end)), 'rest', float(end), float(end + 1)]
+
+
+def test_the_first_marker_of_a_bag_played_again_is_not_late() -> None:
+    once: list[int | Edge] = [Edge(0, 'a'), 0, 1, 2, Edge(3 * MS, ''), 3]
+    did, late = taped([*once, *once])
+    assert late == 0
+    assert did == ['rest', 0.0, 1.0, 2.0, 'rest', 'rest', 0.0, 1.0, 2.0, 'rest']
 
 
 def test_samples_between_records_count_where_wanted() -> None:

@@ -38,6 +38,7 @@ CONFIRM_AFTER = 0.05
 SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'samples that are not numbers are left out'),
     'missed': (Level.WARN, 'samples are missing, the estimate is a little off'),
+    'late': (Level.WARN, 'markers of records came long after the samples that they mark'),
     'strays': (Level.WARN, 'samples are numbered far ahead: is there a second actuator?'),
     'reordered': (Level.WARN, 'samples come out of order: is there a second actuator?'),
 }
@@ -50,7 +51,6 @@ class Identification(Node):
         super().__init__('identification')
         self._received = 0
         self._marked = 0
-        self._taken = 0
         self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
         value = self._params
         self._course = Course(self._new_method(), value.number('rate'), value.flag('only_records'))
@@ -85,8 +85,7 @@ class Identification(Node):
             message.voltage,
             message.displacement,
         )
-        self._taken += taken
-        if taken and self._taken % self._params.integer('publish_every') == 0:
+        if taken and self._course.taken % self._params.integer('publish_every') == 0:
             self._publish(message)
 
     def _on_marker(self, message: RecordMarker) -> None:
@@ -102,10 +101,15 @@ class Identification(Node):
             self._status_publisher.publish(self._status)
 
     def _judge(self) -> Health:
-        counts = {'refused': self._course.refused, **self._course.intake.counters()}
+        course = self._course
+        counts = {'refused': course.refused, 'late': course.late, **course.intake.counters()}
         newest = self._course.intake.newest
-        fine = 'waits for the first sample' if newest < 0 else f'{self._taken} samples are used'
-        values = {'sample': newest, 'taken': self._taken, 'marked': self._marked, **counts}
+        fine = (
+            'waits for the first sample'
+            if newest < 0
+            else f'{self._course.taken} samples are used'
+        )
+        values = {'sample': newest, 'taken': self._course.taken, 'marked': self._marked, **counts}
         return judge(self._watch.findings(counts), fine, values)
 
     def _publish(self, state: ActuatorState) -> None:
@@ -132,7 +136,7 @@ class Identification(Node):
         if not changes.keys().isdisjoint(SETTINGS):
             self._course.change(self._new_method())
         elif 'forgetting' in changes:
-            self._course.method.forgetting = forgetting_of(self._params.values)
+            self._course.forget_at(forgetting_of(self._params.values))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._course.reset()

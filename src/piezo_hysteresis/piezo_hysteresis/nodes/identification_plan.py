@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +17,14 @@ from piezo_hysteresis.identification.online import OnlineMethod, online, settled
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
+from piezo_hysteresis.nodes.hindsight import Hindsight, Sample
 from piezo_ros_common.order import Intake
 
 # Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
 LONGEST_RUN = 60.0
+
+# Edges that are remembered; more never lie within the samples that are.
+MOST_EDGES = 4096
 
 # Where the forgetting factor is left to the method.
 FORGETTING = {'rls': 1.0, 'rls_ud': 0.9999, 'pi_bank': 0.9999}
@@ -70,12 +75,37 @@ class Edge:
     record: str
 
 
+class Run(NamedTuple):
+    """What came since the actuator was at rest."""
+
+    voltage: list[float]
+    displacement: list[float]
+
+    def cut(self, length: int) -> Run:
+        """Return its beginning."""
+        return Run(self.voltage[:length], self.displacement[:length])
+
+
+class State(NamedTuple):
+    """What samples act on; the run is shared, and only its beginning belongs to the state."""
+
+    method: OnlineMethod
+    intake: Intake
+    refused: int
+    taken: int
+    open: bool
+    run: Run
+    length: int
+
+
 @dataclass
 class Course:
     """Feeds a method with the samples that lie in records, each from rest.
 
     Without any marker everything is one record. Samples between the end of a record and the
-    start of the next are left out, as they are when the bag is read.
+    start of the next are left out, as they are when the bag is read. Markers travel on a topic
+    of their own and may come after the samples that they mark: what was made of those is then
+    taken back and made anew.
 
     Attributes
     ----------
@@ -87,6 +117,10 @@ class Course:
         False takes the samples between records in too.
     refused : int
         Samples left out because a number is none.
+    taken : int
+        Samples that the method was fed with.
+    late : int
+        Markers that came too late to take back what was made of their samples.
     intake : Intake
         Judges the numbers of the samples.
     """
@@ -95,26 +129,46 @@ class Course:
     rate: float
     only_records: bool = True
     refused: int = 0
+    taken: int = 0
+    late: int = 0
     intake: Intake = field(default_factory=Intake)
     _edges: deque[Edge] = field(default_factory=deque)
+    _passed: deque[Edge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
     _open: bool = True
-    _voltage: list[float] = field(default_factory=list)
-    _displacement: list[float] = field(default_factory=list)
+    _run: Run = field(default_factory=lambda: Run([], []))
     _before: Estimate | None = None
 
+    def __post_init__(self) -> None:
+        self._hindsight: Hindsight[State] = Hindsight(self._remember)
+
     def mark(self, edge: Edge) -> None:
-        """Note an edge; it acts on the samples from its time on."""
+        """Note an edge; it acts on the samples from its time on, had they come already or not."""
+        known = [*self._passed, *self._edges]
+        # Edges come in order; one that lies further back belongs to an actuator that starts anew.
+        follows = not known or (edge.nanoseconds >= known[-1].nanoseconds and edge != known[-1])
         self._edges.append(edge)
+        if follows and edge.nanoseconds <= self._hindsight.newest:
+            self._take_back(edge)
 
     def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
         """Take one sample in; return False where it is left out."""
+        came = Sample(sample, nanoseconds, voltage, displacement)
+        if nanoseconds < self._hindsight.newest:
+            self._forget_samples()
+        self._hindsight.note(came)
+        return self._feed(came)
+
+    def _feed(self, sample: Sample) -> bool:
+        number, nanoseconds, voltage, displacement = sample
         while self._edges and self._edges[0].nanoseconds <= nanoseconds:
-            self._open = bool(self._edges.popleft().record)
+            edge = self._edges.popleft()
+            self._passed.append(edge)
+            self._open = bool(edge.record)
             self._rest()
         newest = self.intake.newest
-        if not self.intake.take(sample):
+        if not self.intake.take(number):
             return False
-        if sample < newest:
+        if number < newest:
             self._rest()
         if self.only_records and not self._open:
             return False
@@ -122,21 +176,65 @@ class Course:
             self.refused += 1
             return False
         self.method.update(voltage, displacement)
-        if len(self._voltage) < LONGEST_RUN * self.rate:
-            self._voltage.append(voltage)
-            self._displacement.append(displacement)
+        self.taken += 1
+        if len(self._run.voltage) < LONGEST_RUN * self.rate:
+            self._run.voltage.append(voltage)
+            self._run.displacement.append(displacement)
         return True
+
+    def _take_back(self, edge: Edge) -> None:
+        """Make anew what was made of the samples since an edge."""
+        found = self._hindsight.back_to(edge.nanoseconds)
+        if found is None:
+            self.late += 1
+            self._passed.clear()
+            return
+        memory, samples = found
+        state = memory.state
+        self.method, self.intake = state.method, state.intake
+        self.refused, self.taken, self._open = state.refused, state.taken, state.open
+        self._run = state.run.cut(state.length)
+        again = [each for each in self._passed if each.nanoseconds > memory.nanoseconds]
+        for each in again:
+            self._passed.remove(each)
+        self._edges.extendleft(reversed(again))
+        for sample in samples:
+            self._hindsight.note(sample)
+            self._feed(sample)
+
+    def _remember(self) -> State:
+        run = self._run
+        return State(
+            copy.deepcopy(self.method),
+            copy.deepcopy(self.intake),
+            self.refused,
+            self.taken,
+            self._open,
+            run,
+            len(run.voltage),
+        )
+
+    def _forget_samples(self) -> None:
+        self._hindsight.clear()
+        self._passed.clear()
+
+    def forget_at(self, forgetting: float) -> None:
+        """Go on with another forgetting factor."""
+        self.method.forgetting = forgetting
+        self._forget_samples()
 
     def change(self, method: OnlineMethod) -> None:
         """Go on with another method, which knows nothing yet."""
         self.method = method
         self._before = None
+        self._forget_samples()
 
     def reset(self) -> None:
         """Forget what was learnt, and that there were records."""
         self.method.reset()
         self._open = True
         self._before = None
+        self._forget_samples()
 
     def settled(self, estimate: Estimate) -> bool:
         """Tell whether the estimate stood still since this was asked last."""
@@ -149,13 +247,13 @@ class Course:
         """Return the rms free-run error over the last second [m], NaN where it is not known."""
         if isinstance(self.method, OnlineUd):
             return estimate.one_step_rms  # its predictions are those of the free run
-        count = len(self._voltage)
+        count = len(self._run.voltage)
         if count < 2 or count >= LONGEST_RUN * self.rate:
             return math.nan
         with np.errstate(all='ignore'):
-            free = self.method.free_run(np.array(self._voltage))
+            free = self.method.free_run(np.array(self._run.voltage))
             last = slice(-round(self.rate), None)
-            error = free[last] - np.array(self._displacement[last])
+            error = free[last] - np.array(self._run.displacement[last])
             rms = float(np.sqrt(np.nanmean(error**2)))
         return rms if math.isfinite(rms) else math.inf
 
@@ -189,5 +287,4 @@ class Course:
     def _rest(self) -> None:
         self.method.rest()
         self.intake.newest = -1
-        self._voltage.clear()
-        self._displacement.clear()
+        self._run = Run([], [])

@@ -1,0 +1,85 @@
+"""Takes samples back that were used before it was known what they belong to; knows no ROS."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice
+from typing import Generic, NamedTuple, TypeVar
+
+# Samples between two memories, and how many memories are kept: seconds of a loop at 1 kHz.
+EVERY = 1024
+KEPT = 6
+
+State = TypeVar('State')
+
+
+class Sample(NamedTuple):
+    """One sample of an actuator as it came."""
+
+    number: int
+    nanoseconds: int
+    voltage: float
+    displacement: float
+
+
+@dataclass(frozen=True)
+class Memory(Generic[State]):
+    """The state of a recursion before the sample that came as number `count`."""
+
+    count: int
+    nanoseconds: int
+    state: State
+
+
+class Hindsight(Generic[State]):
+    """Remembers the last samples, and now and then the state that they acted on.
+
+    Parameters
+    ----------
+    remember : callable
+        Returns a copy of the present state.
+    """
+
+    def __init__(self, remember: Callable[[], State]) -> None:
+        self._remember = remember
+        self._memories: deque[Memory[State]] = deque(maxlen=KEPT)
+        self._samples: deque[Sample] = deque(maxlen=EVERY * KEPT)
+        self._count = 0
+
+    @property
+    def newest(self) -> int:
+        """Time of the newest sample [ns], -1 where there is none."""
+        return self._samples[-1].nanoseconds if self._samples else -1
+
+    def note(self, sample: Sample) -> None:
+        """Remember a sample; call it before the sample acts."""
+        if self._count % EVERY == 0:
+            self._memories.append(Memory(self._count, self.newest, self._remember()))
+        self._samples.append(sample)
+        self._count += 1
+
+    def clear(self) -> None:
+        """Forget everything: nothing before this is to be taken back."""
+        self._memories.clear()
+        self._samples.clear()
+        self._count = 0
+
+    def back_to(self, nanoseconds: int) -> tuple[Memory[State], list[Sample]] | None:
+        """Return the newest memory before a time, and the samples since; None if too long ago.
+
+        The memories after that one are forgotten with their samples; note those again.
+        """
+        while self._memories and self._memories[-1].nanoseconds >= nanoseconds:
+            self._memories.pop()
+        if not self._memories:
+            self.clear()
+            return None
+        memory = self._memories.pop()
+        first = len(self._samples) - (self._count - memory.count)
+        since = list(islice(self._samples, first, None))
+        for _ in since:
+            self._samples.pop()
+        self._count = memory.count
+        return memory, since
