@@ -25,6 +25,16 @@ CASES = {
         1e-3,
     ),
     'series_mode': ({'resonance_frequency': 120.0, 'resonance_damping': 0.05}, 1e-3),
+    'mode_pair': (
+        {
+            'natural_frequency': 90.0,
+            'damping_ratio': 0.05,
+            'resonance_frequency': 210.0,
+            'resonance_damping': 0.03,
+            'resonance_share': -0.2,
+        },
+        1e-3,
+    ),
     # The hum is read at the tick itself, not one later as the answer to the voltage is.
     'mains_hum': ({'hum_frequency': 50.0, 'hum_sine': 2e-6, 'hum_cosine': 1e-6}, 4e-3),
     'saturation': ({'saturation_high': 0.8, 'saturation_low': 0.7}, 1e-3),

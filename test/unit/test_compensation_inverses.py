@@ -75,6 +75,9 @@ CASES = {
                         'presliding': 20e-6}, ChainInverse, 3e-7),
     'two_modes': (('bouc_wen_exact', 'mode', 'resonance'),
                   {**BOUC_WEN, **MODE, 'resonance_frequency': 400.0}, ChainInverse, 3e-8),
+    'mode_pair': (('bouc_wen_exact', 'mode_pair'),
+                  {**BOUC_WEN, **MODE, 'resonance_frequency': 400.0, 'resonance_share': 0.2},
+                  ChainInverse, 3e-8),
 }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from piezo_hysteresis.discovery.dataset import split
 from piezo_hysteresis.discovery.workflow import discover
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
@@ -39,3 +40,31 @@ def test_a_gap_that_only_held_out_records_show_is_unknown():
     assert late.name in found.verdict.unexplained.description
     sound = discover([*fine, record(3, 9)], MODEL)
     assert sound.verdict.verdict == 'none'
+
+
+def test_values_that_training_tells_badly_are_no_missing_effect():
+    fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
+    t = np.arange(2000) / RATE
+    # the mode is driven in the last quarter alone, which is held out
+    u = np.sin(2 * np.pi * np.where(t < 1.5, 3.0, 90.0) * t)
+    y = MODEL.respond(u, MODEL.pack(TRUE), 1.0 / RATE, state=MODEL.initial_state(1.0 / RATE))
+    y = y + NOISE * np.random.default_rng(9).normal(size=t.size)
+    into_mode = Record('late', 1.0 / RATE, u, y, info=RecordInfo(excitation='multisine'))
+    found = discover([*fine, into_mode], MODEL).verdict
+    assert found.held_out.after_in_floors > 1.5
+    assert found.verdict == 'none'
+    assert not found.unexplained.significant
+    assert 'damping_ratio' in found.summary
+
+
+def test_a_chirp_trains_whole_where_sines_are_held_out():
+    sines = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
+    sine = record(3, 9)
+    chirp = Record('up', 1.0 / RATE, sine.voltage, sine.displacement,
+                   info=RecordInfo(excitation='chirp'))  # fmt: skip
+    data = split([*sines, chirp])
+    assert {v.name: v.measured.size for v in data.training}['up'] == 2000
+    assert {v.name for v in data.held_out} <= {r.name for r in sines}
+    # alone it gives its last quarter
+    alone = split([chirp])
+    assert [v.measured.size for v in (*alone.training, *alone.held_out)] == [1500, 500]

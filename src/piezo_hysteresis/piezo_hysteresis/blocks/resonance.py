@@ -9,8 +9,12 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.blocks.mode import kernel as mode_kernel
 from piezo_hysteresis.jit import jit
+
+# Frequencies in samples^-1 from which fits may start: seven octaves, six each.
+_GRID = tuple(0.45 * 2.0 ** (-k / 6.0) for k in range(1, 43))
 
 
 @jit
@@ -31,11 +35,36 @@ def kernel(
     state[1] = velocity
 
 
-def guess(seen: Residual) -> dict[str, float]:
-    """Return the frequency at which the residual is largest against the simulated displacement.
+@jit
+def pair_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``(1 - share) q1 + share q2``; state is (q1 [m], q1' [m/s], q2, q2')."""
+    a11, a12, a21, a22 = hold(2.0 * pi * p[0], p[1], dt)
+    b11, b12, b21, b22 = hold(2.0 * pi * p[2], p[3], dt)
+    share = p[4]
+    q1, v1, q2, v2 = state[0], state[1], state[2], state[3]
+    for k in range(x.size):
+        y[k] = q1 + share * (q2 - q1)
+        away1, away2 = q1 - x[k], q2 - x[k]
+        q1 = x[k] + a11 * away1 + a12 * v1
+        v1 = a21 * away1 + a22 * v1
+        q2 = x[k] + b11 * away2 + b12 * v2
+        v2 = b21 * away2 + b22 * v2
+    state[0] = q1
+    state[1] = v1
+    state[2] = q2
+    state[3] = v2
 
-    Hysteresis puts odd harmonics everywhere; a mode makes those near it stand out.
+
+def guess(seen: Residual) -> list[dict[str, float]]:
+    """Return where the residual is largest against the simulated displacement, then a grid.
+
+    Hysteresis puts odd harmonics everywhere; a mode makes those near it stand out. Where no line
+    of the drive comes near the mode nothing does, and it shows by how what it leaves grows with
+    frequency; the share being linear, every frequency of the grid costs one simulation.
     """
+    grid = [{'resonance_frequency': each / seen.dt, 'resonance_damping': 0.03} for each in _GRID]
     window = np.hanning(seen.residual.size)
     left = np.abs(np.fft.rfft(window * (seen.residual - seen.residual.mean())))
     moved = np.abs(np.fft.rfft(window * (seen.simulated - seen.simulated.mean())))
@@ -43,8 +72,8 @@ def guess(seen: Residual) -> dict[str, float]:
     ratio[:3] = 0.0
     place = int(np.argmax(ratio))
     if place == 0 or ratio[place] == 0.0:
-        return {}
-    return {'resonance_frequency': place / (seen.residual.size * seen.dt)}
+        return grid
+    return [{'resonance_frequency': place / (seen.residual.size * seen.dt)}, *grid]
 
 
 def poles(seen: Residual) -> list[dict[str, float]]:
@@ -79,22 +108,20 @@ _DAMPING = Parameter(
     0.02,
 )
 
+_SHARE = Parameter(
+    'resonance_share',
+    '1',
+    0.0,
+    -2.0,
+    2.0,
+    'Share of the static displacement that the mode carries; 1 is a mode in series.',
+    0.5,
+)
+
 _RESONANCE = Block(
     name='resonance',
     slot=Slot.STRUCTURE,
-    parameters=(
-        _FREQUENCY,
-        _DAMPING,
-        Parameter(
-            'resonance_share',
-            '1',
-            0.0,
-            -2.0,
-            2.0,
-            'Share of the static displacement that the mode carries; 1 is a mode in series.',
-            0.5,
-        ),
-    ),
+    parameters=(_FREQUENCY, _DAMPING, _SHARE),
     kernel=kernel,
     state_size=2,
     description='A further mode that carries a share of the static displacement.',
@@ -111,7 +138,17 @@ _SERIES = Block(
     source='002 (3) in the place of the autoregression of 000 (3)',
 )
 
-BLOCKS = (_RESONANCE, _SERIES)
+_PAIR = Block(
+    name='mode_pair',
+    slot=Slot.STRUCTURE,
+    parameters=(*MODE.parameters, _FREQUENCY, _DAMPING, _SHARE),
+    kernel=pair_kernel,
+    state_size=4,
+    description='Two modes side by side that share the static displacement.',
+    source='002 (3), two of them driven by the same force',
+)
+
+BLOCKS = (_RESONANCE, _SERIES, _PAIR)
 
 _EXPERIMENT = (
     'A sweep in which n times the drive passes the suspected frequency (n = 1, 3, 5, 7), or a '
@@ -151,6 +188,21 @@ EFFECTS = (
             'The whole displacement goes through a lightly damped mode. The autoregression of the '
             'model has as many coefficients as a mode has numbers, but its first one is fixed, so '
             'that it bends towards the mode and misses its sharpness and its delay.'
+        ),
+        experiment=_EXPERIMENT,
+        mistaken_for=_MISTAKEN,
+    ),
+    Effect(
+        name='resonance',
+        variant='mode_pair',
+        block=_PAIR,
+        replaces=('mode',),
+        neutral={'resonance_share': 0.0},
+        start={'resonance_share': 0.1, 'resonance_damping': 0.03},
+        guess=guess,
+        physics=(
+            'The same force drives a second mode of the structure beside the first one; each '
+            'carries a share of the displacement.'
         ),
         experiment=_EXPERIMENT,
         mistaken_for=_MISTAKEN,

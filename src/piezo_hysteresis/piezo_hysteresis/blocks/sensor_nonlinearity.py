@@ -38,7 +38,11 @@ EFFECTS = (
         first=True,
         neutral={'sensor_quadratic': 0.0, 'sensor_cubic': 0.0},
         start={'sensor_quadratic': 50.0, 'sensor_cubic': 0.0},
-        alternatives=({'sensor_quadratic': -50.0},),
+        alternatives=(
+            {'sensor_quadratic': -50.0},
+            {'sensor_quadratic': 0.0, 'sensor_cubic': 1e6},
+            {'sensor_quadratic': 0.0, 'sensor_cubic': -1e6},
+        ),
         physics=(
             'The reading is a curve of the true displacement: the harmonics it makes follow the '
             'measured amplitude, resonance included, and do not excite the structure.'

@@ -25,7 +25,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
 # Blocks that move the structure: inverted on the derivatives of the reference.
-_DYNAMIC = ('mode', 'mass_spring', 'resonance', 'nonlinear_mode')
+_DYNAMIC = ('mode', 'mass_spring', 'resonance', 'nonlinear_mode', 'mode_pair')
 _DELAY = 'transport_delay'
 
 
@@ -113,6 +113,14 @@ def _structure(block: Block, own: FloatArray) -> tuple[float, float, float]:
     for one, right to second order in frequency over natural frequency for more.
     """
     values = [float(value) for value in own]
+    if block.name == 'mode_pair':
+        share = values[4]
+        both = [
+            structure_coefficients({'natural_frequency': f, 'damping_ratio': damping})
+            for f, damping in (values[:2], values[2:4])
+        ]
+        k1, k2 = ((1.0 - share) * a + share * b for a, b in zip(*both, strict=True))
+        return 1.0, k1, k2
     if block.name in ('resonance', 'nonlinear_mode'):
         k1, k2 = structure_coefficients(
             {'natural_frequency': values[0], 'damping_ratio': values[1]}

@@ -109,6 +109,16 @@ def _resonance(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
+def _mode_pair(v: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **_mode(v),
+        'effects.second_mode': True,
+        'mode_2.frequency': v['resonance_frequency'],
+        'mode_2.damping_ratio': v['resonance_damping'],
+        'mode_2.share': v['resonance_share'],
+    }
+
+
 def _hum(v: Mapping[str, float]) -> SimulatorValues:
     return {
         'effects.mains_hum': True,
@@ -167,6 +177,7 @@ TABLE: dict[str, Translation] = {
     'mode': _mode,
     'resonance': _resonance,
     'series_mode': _series_mode,
+    'mode_pair': _mode_pair,
     'mains_hum': _hum,
     'saturation': _saturation,
     'creep': _creep,

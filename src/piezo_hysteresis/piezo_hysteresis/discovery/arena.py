@@ -157,6 +157,17 @@ class Arena:
             added=trial.added,
         )
 
+    def fit_to(self, trial: Trial, views: Sequence[Target]) -> Trial | None:
+        """Return `trial` fitted to other views, of names that differ."""
+        return fit_trial(
+            trial.model,
+            trial.values,
+            views,
+            evaluations=LAST_EVALUATIONS,
+            offset=self._offset(trial),
+            added=trial.added,
+        )
+
     def refit(self, trial: Trial, evaluations: int = 0) -> Trial:
         """Return `trial` fitted once more, itself where that is no better."""
         found = self.fit(trial, evaluations=evaluations)

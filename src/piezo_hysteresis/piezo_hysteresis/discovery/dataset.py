@@ -22,6 +22,8 @@ HELD_OUT = 0.25
 FEWEST_TO_SPARE = 6
 # A record that does not start at rest is led in by this much of its own period [s].
 LEAD_IN = 3.0
+# Share of the largest speed of an input that counts as fastest.
+ALMOST = 0.98
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,13 @@ class Dataset:
 def split(records: Sequence[Record]) -> Dataset:
     """Split records into training and held-out views.
 
-    Of many records of one kind some are held out whole, never the extremes of frequency and
-    amplitude; a record that cannot be spared gives its last part.
+    Of many sines some are held out whole, never the extremes of frequency and amplitude. Beside
+    them the others train whole, and so do chirps, whose end is an extreme of frequency as well;
+    any other record gives its last part.
     """
     periods = {r.name: _period(r) for r in records}
     spared = _spared(records)
+    whole = ('sine', 'chirp') if spared else ('sine',)
     training: list[Target] = []
     held_out: list[Target] = []
     for record in records:
@@ -73,7 +77,7 @@ def split(records: Sequence[Record]) -> Dataset:
         if record.name in spared:
             held_out.append(view)
             continue
-        if len(records) >= FEWEST_TO_SPARE and record.info.excitation == 'sine':
+        if len(records) >= FEWEST_TO_SPARE and record.info.excitation in whole:
             training.append(view)
             continue
         first, last = cut(view, 1.0 - HELD_OUT)
@@ -146,14 +150,18 @@ def cut(view: Target, share: float) -> tuple[Target, Target]:
 def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> tuple[Target, ...]:
     """Shorten views from behind until about `samples` are simulated in all.
 
-    Every view keeps three periods or a second; the longest of the slowest keeps more, because
-    slow effects show only there.
+    Every view keeps three periods or half a second, and its fastest motion: what is at the end of
+    a chirp shows nowhere else. The longest of the slowest keeps more, because slow effects show
+    only there.
     """
     total = sum(v.voltage.size for v in views)
     if total <= samples:
         return tuple(views)
     least = [
-        min(v.voltage.size, v.first + max(3 * periods.get(v.name, 0), round(0.5 / v.dt)))
+        min(
+            v.voltage.size,
+            max(v.first + max(3 * periods.get(v.name, 0), round(0.5 / v.dt)), _fastest(v)),
+        )
         for v in views
     ]
     slowest = int(np.argmax([v.voltage.size * v.dt / (1.0 + v.frequency) for v in views]))
@@ -166,6 +174,12 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
         replace(v, voltage=v.voltage[:n], measured=v.measured[: n - v.first])
         for v, n in zip(views, kept, strict=True)
     )
+
+
+def _fastest(view: Target) -> int:
+    """Return the number of samples up to which the input has once moved as fast as it ever does."""
+    speed = np.abs(np.diff(view.voltage, prepend=view.voltage[0]))
+    return int(np.argmax(speed >= ALMOST * speed.max())) + 1
 
 
 def errors_rms(errors: Sequence[FloatArray]) -> float:

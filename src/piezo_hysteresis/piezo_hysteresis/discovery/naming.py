@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.discovery.compete import Arena, Contest
 from piezo_hysteresis.discovery.locate import HIGHEST_ORDER, harmonics
-from piezo_hysteresis.discovery.trial import Trial
+from piezo_hysteresis.discovery.trial import Added, Trial
 from piezo_hysteresis.discovery.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.models import described
 
@@ -26,32 +26,28 @@ _WHERE = {
 }
 
 
-def named_effects(steps: Sequence[Step], final: Trial, arena: Arena) -> tuple[NamedEffect, ...]:
-    """Return the accepted effects with everything that is known about them."""
+def named_effects(
+    steps: Sequence[Step], start: Trial, final: Trial, arena: Arena
+) -> tuple[NamedEffect, ...]:
+    """Return the effects that `final` has beyond `start`, with everything known about them."""
     found: dict[str, NamedEffect] = {}
     for step in steps:
-        one = _named(step, final, arena)
+        one = _named(step, start, final, arena)
         before = found.get(one.name)
         found[one.name] = one if before is None else _joined(before, one)
-    return tuple(found.values())
+    return tuple(_with_drives(each, arena) for each in found.values())
 
 
 def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
     """Return one effect that took several elements to model."""
-    variant = (
-        first.variant if first.variant == more.variant else f'{first.variant}, {more.variant}'
-    )
     return replace(
         first,
-        variant=variant,
         gap_after_rms_m=more.gap_after_rms_m,
-        parameters={**first.parameters, **more.parameters},
         evidence=(*first.evidence, *more.evidence[1:]),
-        drives=(*first.drives, *more.drives),
     )
 
 
-def _named(step: Step, final: Trial, arena: Arena) -> NamedEffect:
+def _named(step: Step, start: Trial, final: Trial, arena: Arena) -> NamedEffect:
     contest = step.contest
     chances = contest.probabilities()
     winner = step.trial.effect
@@ -60,17 +56,24 @@ def _named(step: Step, final: Trial, arena: Arena) -> NamedEffect:
         for name, chance in chances.items()
         if name != winner and chance > WORTH_SAYING
     )
-    named = NamedEffect(
+    # The contest may have been won by another way of the effect than the model has it in.
+    elements = [added for added in final.added if added.effect == winner]
+    variants = tuple(dict.fromkeys(added.variant for added in elements))
+    return NamedEffect(
         name=winner,
-        variant=step.trial.variant,
+        variant=', '.join(variants),
         probability=chances[winner],
         p_value=contest.gain.p_value,
         gap_before_rms_m=contest.before.rms,
         gap_after_rms_m=step.trial.rms,
-        parameters=_numbers(step, final),
+        parameters=_numbers(elements, start, final),
         alternatives=others,
-        evidence=tuple(_evidence(step, arena)),
+        evidence=tuple(_evidence(step, variants[0], arena)),
     )
+
+
+def _with_drives(named: NamedEffect, arena: Arena) -> NamedEffect:
+    """Add which drives have a harmonic on a mode, where the effect is one."""
     for frequency in _modes(named):
         drives = _drives_on(frequency, arena)
         more = (*named.evidence, *_mode_evidence(drives, frequency))
@@ -78,22 +81,32 @@ def _named(step: Step, final: Trial, arena: Arena) -> NamedEffect:
     return named
 
 
-def _numbers(step: Step, final: Trial) -> dict[str, Number]:
-    known = set(step.contest.before.model.free_names)
-    names = [name for name in step.trial.model.free_names if name not in known]
+def _numbers(elements: Sequence[Added], start: Trial, final: Trial) -> dict[str, Number]:
+    """Return what `elements` have that is free in `final` and was not in `start`."""
+    free = set(final.model.free_names) - set(start.model.free_names)
     units = {q.name: q.unit for q in final.model.parameters}
     std = final.fitted.std if final.fitted is not None else {}
     return {
         name: Number(final.values[name], std.get(name), units[name])
-        for name in names
-        if name in units
+        for added in elements
+        for name in added.names.values()
+        if name in free and _owner(name, final) is added
     }
 
 
-def _evidence(step: Step, arena: Arena) -> list[str]:
+def _owner(name: str, final: Trial) -> Added:
+    """Return which element a parameter belongs to.
+
+    A block that came for one effect may hold parameters that another, smaller one set free.
+    """
+    holders = [added for added in final.added if name in added.names.values()]
+    return min(holders, key=lambda added: len(added.names))
+
+
+def _evidence(step: Step, variant: str, arena: Arena) -> list[str]:
     contest = step.contest
     floor = arena.floor
-    effect = next(e for e in described(step.trial.effect) if e.variant == step.trial.variant)
+    effect = next(e for e in described(step.trial.effect) if e.variant == variant)
     gap = f'{contest.before.rms / floor:.3g} to {step.trial.rms / floor:.3g} noise floors'
     trust = f'{contest.gain.ratio:.3g} standard errors, {contest.tried} candidates tried'
     said = [effect.physics, f'It lowers the gap on the training records from {gap} ({trust}).']
@@ -162,8 +175,8 @@ def summary_of(verdict: Verdict) -> str:
     if verdict.verdict == 'none':
         return (
             f'The model {verdict.baseline} misses nothing that these records show: the held-out '
-            f'gap is {held.before_in_floors:.3g} noise floors.'
-        )
+            f'gap is {held.before_in_floors:.3g} noise floors. {verdict.unexplained.description}'
+        ).rstrip()
     if verdict.verdict == 'unknown':
         left = f'{held.after_in_floors:.3g} noise floors stay on held-out records.'
         if held.after_in_floors < held.before_in_floors:

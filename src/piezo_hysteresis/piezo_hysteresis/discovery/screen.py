@@ -7,7 +7,7 @@ explains bounds what the effect can do near its start.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -30,6 +30,8 @@ GUESSES = 3
 MANY = 5
 # Shares of a start at which a candidate is looked at: effects are not linear in their size.
 STEPS = (1.0, 0.2)
+# Starts whose values all differ by less than this share lead to the same place.
+ALIKE = 0.15
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,11 @@ class Promise:
     candidate: Candidate
     starts: tuple[dict[str, float], ...]
     explained: float
+
+
+def _differ(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Tell whether two starts are more than steps of one fit apart."""
+    return any(abs(one[k] - other[k]) > ALIKE * max(abs(one[k]), abs(other[k])) for k in one)
 
 
 @jit
@@ -133,7 +140,11 @@ class Screen:
             share, chosen = self._best_step(candidate, values)
             found.append((max(share, self._nearby(candidate, values)), chosen))
         found.sort(key=lambda each: -each[0])
-        return Promise(candidate, tuple(each[1] for each in found), found[0][0])
+        apart: list[dict[str, float]] = []
+        for _, start in found:
+            if all(_differ(start, other) for other in apart):
+                apart.append(start)
+        return Promise(candidate, tuple(apart), found[0][0])
 
     def _guesses(self, candidate: Candidate) -> list[dict[str, float]]:
         """Return starts that the residual itself suggests, where it is largest."""
@@ -160,7 +171,7 @@ class Screen:
                 view.start + view.first * view.dt,
                 self._trial.values,
             )
-            guesses += candidate.guessed(seen)
+            guesses += [each for each in candidate.guessed(seen) if each not in guesses]
         return guesses
 
     def _best_step(

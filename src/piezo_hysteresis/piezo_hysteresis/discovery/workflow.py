@@ -13,6 +13,7 @@ from piezo_hysteresis.discovery.arena import Arena
 from piezo_hysteresis.discovery.baseline import Baselines, baselines
 from piezo_hysteresis.discovery.check import Check, check
 from piezo_hysteresis.discovery.compete import Contest
+from piezo_hysteresis.discovery.consistency import explained_together
 from piezo_hysteresis.discovery.dataset import Dataset, split
 from piezo_hysteresis.discovery.describe import describe
 from piezo_hysteresis.discovery.floor import noise_floor
@@ -124,18 +125,20 @@ def _verdict(
     found: Discovery, arena: Arena, last: Contest | None, name: str, seed: int
 ) -> Verdict:
     data, floor, proof = found.data, found.floor, found.proof
-    views, final = data.training, found.final
+    views, final, open_values = data.training, found.final, ''
     if not arena.lacks_something(final):
         # What training does not show can neither be named nor passed over.
         views, final = data.held_out, on_views(final, data.held_out)
-    left = arena.lacks_something(final)
+        if arena.lacks_something(final):
+            open_values = explained_together(arena, found.final)
+    left = arena.lacks_something(final) and not open_values
     # An effect that does not prove itself on held-out records is not the one.
     proven = _explained(found.baselines.joint.rms / floor, found.final.rms / floor) and _explained(
         proof.before / floor, proof.after / floor
     )
     word = _word(bool(found.steps), left, proven)
-    description = describe(data, views, final.errors, floor) if left else ''
-    effects = named_effects(found.steps, found.final, arena)
+    description = describe(data, views, final.errors, floor) if left else open_values
+    effects = named_effects(found.steps, found.baselines.joint, found.final, arena)
     doubts = suspects(found.steps, last) if word == 'unknown' else ()
     verdict = Verdict(
         baseline=name,

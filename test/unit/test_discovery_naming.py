@@ -1,0 +1,59 @@
+"""Names, variants and numbers are those that the final model has."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from piezo_hysteresis.discovery.arena import added_of
+from piezo_hysteresis.discovery.compete import Contest
+from piezo_hysteresis.discovery.naming import named_effects
+from piezo_hysteresis.discovery.settle import Step
+from piezo_hysteresis.discovery.significance import Improvement
+from piezo_hysteresis.discovery.trial import Trial
+from piezo_hysteresis.models import add_effect, described, named
+
+ARENA = cast(Any, SimpleNamespace(floor=1e-8, data=SimpleNamespace(records=())))
+
+
+def start() -> Trial:
+    model = named('classical')
+    return Trial(model, model.defaults(), (np.full(8, 1e-7),), 4)
+
+
+def with_effect(trial: Trial, name: str, variant: str) -> Trial:
+    effect = next(e for e in described(name) if e.variant == variant)
+    found = add_effect(trial.model, effect)
+    values = found.values(trial.values, found.starts[0])
+    return Trial(found.model, values, (np.full(8, 1e-8),), 4, (*trial.added, added_of(found)))
+
+
+def step(before: Trial, after: Trial) -> Step:
+    return Step(Contest(before, (after,), (1.0,), Improvement(1.0, 9.0, 1e-6), 20), after)
+
+
+def test_a_contest_won_by_another_way_of_the_effect_does_not_lose_its_numbers() -> None:
+    base = start()
+    final = with_effect(base, 'rate_dependence', 'bouc_wen_widening')
+    final = with_effect(final, 'asymmetry', described('asymmetry')[0].variant)
+    # judged again, the other law of the rate won by a hair, and the model was left as it was
+    other = with_effect(base, 'rate_dependence', 'bouc_wen_rate')
+    steps = [step(base, other), step(other, final)]
+    rate, asymmetry = named_effects(steps, base, final, ARENA)
+    assert (rate.name, rate.variant) == ('rate_dependence', 'bouc_wen_widening')
+    assert list(rate.parameters) == ['widening', 'widening_corner', 'widening_memory']
+    assert rate.parameters['widening'].value == final.values['widening']
+    # A0 stands in the block that came for the rate, and was set free by the asymmetry
+    assert list(asymmetry.parameters) == ['A0']
+
+
+def test_two_elements_of_one_effect_keep_their_own_numbers() -> None:
+    base = start()
+    once = with_effect(base, 'resonance', 'resonance')
+    twice = with_effect(once, 'resonance', 'resonance')
+    (effect,) = named_effects([step(base, once), step(once, twice)], base, twice, ARENA)
+    assert effect.variant == 'resonance'
+    assert {'resonance_share', 'resonance_share_2'} < set(effect.parameters)
+    assert len(effect.parameters) == 6
