@@ -22,6 +22,7 @@ from piezo_interfaces.msg import (
     VoltageCommand,
 )
 from piezo_ros_common import topics
+from piezo_ros_common.middleware import prepare
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
@@ -123,6 +124,7 @@ class Observer:
 
     def __init__(self, processes: NodeProcesses) -> None:
         self._context = Context()
+        prepare()
         rclpy.init(context=self._context, domain_id=processes.domain)
         self.node = Node('observer', context=self._context)
         self._caller = Node('caller', context=self._context)

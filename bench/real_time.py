@@ -34,6 +34,7 @@ from bench.live_loop import end_on_terminate
 from piezo_hysteresis.models import ModelFile, named
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_ros_common import topics
+from piezo_ros_common.middleware import prepare
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
@@ -143,6 +144,7 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
     own['control_loop'] = {**own['excitation'], **own['feedforward'], **own['attenuation']}
     with NodeProcesses() as processes:
         os.environ['ROS_DOMAIN_ID'] = str(processes.domain)
+        prepare()
         rclpy.init()
         watch = Stopwatch()
         processes.start('piezo_sim', 'simulator', {'rate': rate})

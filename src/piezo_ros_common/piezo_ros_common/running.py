@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from piezo_ros_common.middleware import prepare
 from piezo_ros_common.timers import wall_timer
 
 # How long a signal may wait to be seen [s].
@@ -170,6 +171,7 @@ def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | N
 
 
 def _init(words: list[str]) -> None:
+    prepare()
     try:
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy does not export the class of this error

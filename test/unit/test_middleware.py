@@ -1,0 +1,50 @@
+"""The set-up of the middleware that comes with the nodes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+from piezo_ros_common.middleware import PROFILES, prepare, profiles
+
+NODE = """
+from piezo_ros_common.middleware import prepare
+prepare()
+import rclpy
+rclpy.init()
+rclpy.create_node('probe').destroy_node()
+rclpy.shutdown()
+"""
+
+
+def test_a_file_of_the_user_stays_in_force(monkeypatch) -> None:
+    monkeypatch.delenv(PROFILES, raising=False)
+    prepare()
+    assert os.environ[PROFILES] == profiles()
+    monkeypatch.setenv(PROFILES, 'mine.xml')
+    prepare()
+    assert os.environ[PROFILES] == 'mine.xml'
+
+
+def _says(file: str) -> str:
+    environment = {
+        **os.environ,
+        PROFILES: file,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_DOMAIN_ID': '101',
+    }
+    done = subprocess.run(
+        [sys.executable, '-c', NODE], env=environment, capture_output=True, text=True, timeout=60.0
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def test_the_middleware_understands_every_word_of_it(tmp_path) -> None:
+    assert 'XML' not in _says(profiles())
+    wrong = tmp_path / 'wrong.xml'
+    text = ElementTree.tostring(ElementTree.parse(profiles()).getroot(), encoding='unicode')
+    wrong.write_text(text.replace('heartbeatPeriod', 'heartbeatPeriods'))
+    assert 'XML' in _says(str(wrong))
