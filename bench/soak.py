@@ -46,7 +46,8 @@ class Verdict:
     slope, low, high : float
         Growth and its 95 % interval [byte/h].
     handles_first, handles_last : int
-        Most handles open in the second quarter and in the last one.
+        Handles open in the second quarter and in the last one, the median: a recorder has its
+        metadata open for a moment every second.
     flat : bool
         Whether both stay where they are.
     """
@@ -100,7 +101,7 @@ def judge(seconds: np.ndarray, rss: np.ndarray, open_handles: np.ndarray) -> Ver
     mean = float(rss[late].mean())
     after = open_handles[late]
     third = max(1, len(after) // 3)
-    first, last = int(after[:third].max()), int(after[-third:].max())
+    first, last = int(np.median(after[:third])), int(np.median(after[-third:]))
     bound = max(FLOOR_PER_HOUR, SHARE_PER_DAY * mean / 24.0)
     return Verdict(mean, slope, low, high, first, last, high <= bound and last <= first)
 

@@ -70,6 +70,30 @@ def test_what_was_handed_over_is_in_the_bag_byte_for_byte(tmp_path, split):
     assert total < 1_000_000  # nothing of the reserved room is left
 
 
+def test_memory_does_not_grow_with_what_was_written(tmp_path):
+    """The index of a file that is recorded for hours is read back from it, not kept."""
+    import tracemalloc
+
+    def record(chunks):
+        for k in range(chunks):
+            for topic in topics:
+                recorder.write(topic, bytes(40), k)
+            recorder._drain()
+        return tracemalloc.get_traced_memory()[0]
+
+    with Recorder(tmp_path / 'bag', flush_interval=3600.0) as recorder:
+        topics = [recorder.add_topic(f'/t{k}', 'std_msgs/msg/Empty') for k in range(3)]
+        tracemalloc.start()
+        try:
+            begun = record(200)
+            grown = record(1000) - begun
+        finally:
+            tracemalloc.stop()
+    assert grown < 20_000
+    with Reader(tmp_path / 'bag') as reader:
+        assert len(list(reader.messages())) == 3600
+
+
 def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
     """Copy the bag in front of every single write that the recorder makes."""
     import shutil

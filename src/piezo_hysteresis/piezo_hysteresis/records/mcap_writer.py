@@ -18,6 +18,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.records import mcap_format as mcap
+from piezo_hysteresis.records.mcap_index import chunk_indexes
 from piezo_hysteresis.records.storage import Topic
 
 PAGE = 4096
@@ -28,7 +29,7 @@ class PlainFile:
     """Appends to a file that nobody reads before it is finished."""
 
     def __init__(self, path: Path, head: bytes) -> None:
-        self._file = path.open('xb')
+        self._file = path.open('x+b')
         self._file.write(head)
         self.end = len(head)
 
@@ -45,6 +46,11 @@ class PlainFile:
         """Append complete records."""
         self._file.write(data)
         self.end += len(data)
+
+    def readable(self) -> int:
+        """Return a descriptor by which what was appended can be read."""
+        self._file.flush()
+        return self._file.fileno()
 
     def finish(self, data: bytes) -> None:
         """Append what closes the file, and close it."""
@@ -114,6 +120,10 @@ class PaddedFile:
         self._write(data[: mcap.PREFIX.size], self.end)
         self.end = end
 
+    def readable(self) -> int:
+        """Return a descriptor by which what was appended can be read."""
+        return self._fd
+
     def finish(self, data: bytes) -> None:
         """Put the closing records into the padding, cut the file behind them and close it."""
         start = self.closing_at
@@ -160,7 +170,8 @@ class McapWriter:
         self._file = PaddedFile(path, head, reserve) if reserve else PlainFile(path, head)
         self._defined = 0
         self._schemas: dict[str, int] = {}
-        self._chunks: list[bytes] = []
+        self._begin = self._file.end
+        self._chunks = 0
 
     def add_topic(self, topic: Topic) -> int:
         """Return the channel number of a new topic."""
@@ -225,30 +236,19 @@ class McapWriter:
             struct.pack('<Q', len(content)),
             content,
         )
-        indexes, places = [], []
-        at = self._file.end + len(chunk)
+        indexes = []
         for number in np.unique(channel).tolist():
             own = channel == number
             entries = np.stack([log_time[own], offset[own] + len(definitions)], axis=1)
             raw = entries.astype('<u8').tobytes()
-            places.append(struct.pack('<HQ', number, at))
             indexes.append(
                 mcap.record(mcap.MESSAGE_INDEX, struct.pack('<HI', number, len(raw)), raw)
             )
-            at += len(indexes[-1])
         index = b''.join(indexes)
         if not self._file.room_for(len(chunk) + len(index) + self._summary_room()):
             return False
-        start = self._file.end
         self._file.append(chunk + index)
-        self._chunks.append(
-            struct.pack('<QQQQ', first, last, start, len(chunk))
-            + struct.pack('<I', 10 * len(places))
-            + b''.join(places)
-            + struct.pack('<Q', len(index))
-            + mcap.text('')
-            + struct.pack('<QQ', len(content), len(content))
-        )
+        self._chunks += 1
         self._defined = len(self.topics)
         self.first, self.last = min(self.first, first), max(self.last, last)
         for number, count in enumerate(np.bincount(channel, minlength=len(self.topics) + 1)[1:]):
@@ -259,7 +259,7 @@ class McapWriter:
         """Return an upper bound for the closing records [byte]."""
         definitions = len(self._definitions(self.topics))
         chunk = 100 + 10 * len(self.topics)
-        return 2048 + 3 * definitions + chunk * (len(self._chunks) + 1) + 600 * len(self.topics)
+        return 2048 + 3 * definitions + chunk * (self._chunks + 1) + 600 * len(self.topics)
 
     def close(self, metadata: str) -> None:
         """Write index and footer.
@@ -277,7 +277,7 @@ class McapWriter:
         place = struct.pack('<QQ', start, len(data)) + mcap.text('rosbag2')
         data += mcap.record(mcap.DATA_END, bytes(4))
         definitions = self._definitions(self.topics)
-        chunks = b''.join(mcap.record(mcap.CHUNK_INDEX, chunk) for chunk in self._chunks)
+        chunks = b''.join(chunk_indexes(self._file.readable(), self._begin, self._file.end))
         sections = [
             (mcap.SCHEMA, definitions),
             (mcap.CHUNK_INDEX, chunks),
@@ -296,7 +296,7 @@ class McapWriter:
         first = self.first if sum(self.counts) else 0
         return (
             struct.pack('<QHI', sum(self.counts), len(self._schemas), len(self.topics))
-            + struct.pack('<IIIQQ', 0, 1, len(self._chunks), first, self.last)
+            + struct.pack('<IIIQQ', 0, 1, self._chunks, first, self.last)
             + struct.pack('<I', len(counts))
             + counts
         )
