@@ -93,7 +93,7 @@ NODES = (
         'runs sweeps, one record per frequency and amplitude.',
         tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS),
-        publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER),
+        publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER, '/diagnostics'),
         actions=('run_sweep',),
     ),
     NodePage(
@@ -170,6 +170,7 @@ NODES = (
         'discovery',
         'Finds what a model misses in recorded data, as the verb `discover` does, with feedback.',
         tables.DISCOVERY,
+        publishes=('/diagnostics',),
         actions=('discover',),
     ),
     NodePage(
@@ -179,6 +180,7 @@ NODES = (
         'actuator that somebody looks at, through a second node `dashboard_ear`, and is a client '
         'of the parameters and actions of the others.',
         DASHBOARD,
+        publishes=('/diagnostics',),
     ),
     NodePage(
         'piezo_hysteresis',
@@ -192,8 +194,9 @@ NODES = (
         'piezo_hysteresis',
         'player',
         'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
-        'bag.',
+        'bag, too.',
         tables.PLAYER,
+        publishes=('/diagnostics',),
     ),
 )
 
@@ -216,6 +219,13 @@ After `watchdog` seconds of the actuator's time without input a link ramps to `s
 
 `/diagnostics` says every second, and when the level changes, how each node is: OK, WARN or ERROR
 with a sentence, and its counters. What has happened counts for five seconds.
+
+The number of a sample says which tick it belongs to. A single number that is more than 1000 ticks
+ahead or 64 back is left out and counted (`strays`); a second one like it is believed, and 0 is the
+start of another run. Time stamps only tell records and markers where they belong: one that does
+not follow from the numbers by half a second or more, or goes back, is counted (`stamp_jumps`) and
+replaced by what the number says; a clock that was set is believed from the second sample on. The
+excitation stamps its markers by the clock that the states show, whichever that is.
 """
 
 MODEL = """

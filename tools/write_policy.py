@@ -99,7 +99,8 @@ def _person(parent: Xml.Element, namespace: str, name: str, acts: bool) -> None:
     own = [f'{page.executable}/status' for page in NODES if '~/status' in page.publishes]
     heard = [*LOOKED_AT, *own, *COMMON_PUBLISHED, '/clock']
     _list(profile, 'topic', sorted(heard), subscribe='ALLOW')
-    _list(profile, 'topic', ['/parameter_events', '/rosout'], publish='ALLOW')
+    said = ('/diagnostics',) if name == 'dashboard' else ()
+    _list(profile, 'topic', [*said, '/parameter_events', '/rosout'], publish='ALLOW')
     if not acts:
         return
     services: list[str] = []

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
@@ -15,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from piezo_interfaces.msg import ActuatorState, VoltageCommand
+from piezo_ros_common.middleware import prepare
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
@@ -31,6 +33,7 @@ class Listener:
     def __init__(self, processes: NodeProcesses) -> None:
         self._processes = processes
         self._context = Context()
+        prepare()
         rclpy.init(context=self._context, domain_id=processes.domain)
         self.node = Node('listener', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -49,6 +52,37 @@ class Listener:
         book = self.heard.setdefault(topic, [])
         self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
         return book
+
+    def watch_health(self) -> dict[str, DiagnosticStatus]:
+        """Return what every node says of its health, by its whole name; kept up to date."""
+        newest: dict[str, DiagnosticStatus] = {}
+
+        def note(array: DiagnosticArray) -> None:
+            newest.update({status.name.strip('/'): status for status in array.status})
+
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', note, 100)
+        return newest
+
+    def says(
+        self, health: dict[str, DiagnosticStatus], node: str, level: bytes | None, word: str
+    ) -> dict[str, str]:
+        """Wait until `node` reports `level`, None for any, and `word`; return its values."""
+
+        def said() -> bool:
+            status = health.get(node)
+            return status is not None and level in (None, status.level) and word in status.message
+
+        self.until(said)
+        return {each.key: each.value for each in health[node].values}
+
+    def tells(self, health: dict[str, DiagnosticStatus], node: str, key: str, value: str) -> None:
+        """Wait until `node` gives `value` for `key` beside its health, however that is."""
+
+        def told() -> bool:
+            status = health.get(node)
+            return status is not None and value in [v.value for v in status.values if v.key == key]
+
+        self.until(told)
 
     def until(self, condition: Callable[[], Any], timeout: float = 90.0) -> None:
         """Serve until `condition` holds.

@@ -188,7 +188,7 @@ def test_doubled_reordered_and_stray_input_changes_nothing(chain: Chain) -> None
     assert chain.counts('strays') == [1, 1, 1]
     assert chain.counts('reordered') == [1, 1, 1]
     assert min(chain.counts('doubled')) >= 1
-    assert 'far ahead' in chain.loop.feedforward.health().message
+    assert 'far from the rest' in chain.loop.feedforward.health().message
     twin.close()
 
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from dashboard_browser import BROWSER, Browser
+from diagnostic_msgs.msg import DiagnosticStatus
 from listening import Listener
 
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
@@ -97,6 +98,7 @@ def test_the_page_over_live_processes(
     processes: NodeProcesses, listener: Listener, browser: Browser, tmp_path: Path
 ) -> None:
     dashboard = start_all(processes, listener, tmp_path)
+    listener.says(listener.watch_health(), 'dashboard', DiagnosticStatus.OK, 'serves http')
     browser.size(1400, 1000)
     address = address_of(dashboard, browser)
     # A loop in lock-step takes all the processor it can get: it starts once the page is there.

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from listening import Listener
 from rclpy.action import ActionClient
 
@@ -39,9 +40,13 @@ def test_a_discovery_over_ros(
     processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
     client = ActionClient(listener.node, Discover, 'discover')
     listener.until(client.server_is_ready)
+    health = listener.watch_health()
+    ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+    listener.says(health, 'discovery', ok, 'idle')
 
     outside = Discover.Goal(data=['../elsewhere'], baseline='classical', out='out')
     assert not send(listener, client, outside, []).accepted
+    listener.says(health, 'discovery', warn, 'refused')
 
     feedback: list[float] = []
     goal = Discover.Goal(data=['bag'], baseline='classical', out='out', seed=3, workers=2)
@@ -49,6 +54,7 @@ def test_a_discovery_over_ros(
     assert handle.accepted
     busy = send(listener, client, goal, [])
     assert not busy.accepted
+    listener.tells(health, 'discovery', 'busy', 'True')
     finished = handle.get_result_async()
     listener.until(finished.done, timeout=180.0)
     result = finished.result().result
@@ -59,6 +65,7 @@ def test_a_discovery_over_ros(
     assert (tmp_path / 'out' / 'report.html').exists()
     assert feedback
     assert feedback == sorted(feedback)
+    listener.tells(health, 'discovery', 'last_verdict', result.message)
 
     missing = Discover.Goal(data=['nowhere'], baseline='classical', out='out2')
     handle = send(listener, client, missing, [])
@@ -66,6 +73,7 @@ def test_a_discovery_over_ros(
     listener.until(finished.done, timeout=60.0)
     assert not finished.result().result.success
     assert 'nowhere' in finished.result().result.message
+    assert listener.says(health, 'discovery', error, 'nowhere')['failed'] == '1'
 
     given_up = Discover.Goal(data=['bag'], baseline='classical', out='out3')
     handle = send(listener, client, given_up, [])

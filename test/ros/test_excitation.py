@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from listening import Listener
 from rclpy.action import ActionClient
+from std_msgs.msg import Header
 
 from piezo_hysteresis.nodes.sweep_plan import Sweep
 from piezo_hysteresis.waveforms import from_spec
@@ -21,6 +23,7 @@ from piezo_ros_common.qos import LOOP
 pytestmark = pytest.mark.ros
 
 RATE = 1000.0
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 class Loop:
@@ -30,6 +33,7 @@ class Loop:
         self.listener = listener
         self.states = listener.listen(ActuatorState, 'actuator/state')
         self.markers = listener.listen(RecordMarker, 'record/marker')
+        self.health = listener.watch_health()
         self.feedback: list[RunSweep.Feedback] = []
         self.simulator = self.start_simulator(processes)
         self.excitation = processes.start(
@@ -43,6 +47,18 @@ class Loop:
     @staticmethod
     def start_simulator(processes: NodeProcesses) -> NodeProcess:
         return processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2})
+
+    def genuine(self) -> list[ActuatorState]:
+        """Return the states of the simulator."""
+        return [state for state in self.states if not state.header.frame_id]
+
+    def says(self, level: bytes | None, word: str) -> dict[str, str]:
+        """Wait until the excitation says of itself `word`; return its counters."""
+        return self.listener.says(self.health, 'excitation', level, word)
+
+    def tells(self, key: str, value: int) -> None:
+        """Wait until the excitation has counted so many."""
+        self.listener.tells(self.health, 'excitation', key, str(value))
 
     def send(self, **goal: Any) -> Any:
         """Send a goal; return the handle."""
@@ -59,12 +75,16 @@ class Loop:
         self.listener.until(future.done)
         return future.result()
 
-    def resting(self) -> None:
-        """Wait until the loop stands still, at rest."""
+    def still(self) -> None:
+        """Wait until the loop stands still."""
         count = -1
         while len(self.states) > count:
             count = len(self.states)
             self.listener.serve(0.1)
+
+    def resting(self) -> None:
+        """Wait until the loop stands still, at rest."""
+        self.still()
         assert self.states[-1].voltage == 0.0
 
 
@@ -113,7 +133,9 @@ def test_one_thing_at_a_time(loop: Loop) -> None:
     long = {**GOAL, 'seconds': 60.0}
     handle = loop.send(**long)
     assert handle.accepted
+    loop.says(OK, 'sweep: sine_10Hz_0.5V, ')
     assert not loop.send(**GOAL).accepted
+    assert 'another one is running' in loop.says(WARN, 'a sweep was refused')['last_sweep']
     assert 'sweep' in loop.listener.set_one('excitation', 'mode', 'voltage')
 
     count = len(loop.states)
@@ -187,6 +209,42 @@ def test_an_experiment_plays_any_waveform_and_changes_without_a_jump(loop: Loop)
     assert np.abs(np.diff(voltage)).max() < 1.5 * steepest
 
 
+def test_states_of_others_do_not_move_an_experiment(loop: Loop) -> None:
+    """One rogue state after the other, none of which may be taken for the actuator's."""
+    rogue = loop.listener.node.create_publisher(ActuatorState, 'actuator/state', LOOP)
+    loop.listener.until(lambda: rogue.get_subscription_count() >= 2)
+    before = loop.says(None, '')
+    spec = {'kind': 'triangle', 'frequency': 5.0, 'amplitude': 0.5, 'ramp': 0.1}
+    drive = {'waveform_options': '', 'waveform': 'triangle', 'frequency': 5.0, 'ramp': 0.1}
+    drive['voltage.amplitude'] = 0.5
+    results = loop.listener.set_parameters('excitation', drive)
+    assert all(result.successful for result in results), results
+    loop.still()
+    first = loop.genuine()[-1].sample + 1
+    assert loop.listener.set_one('excitation', 'mode', 'voltage') == ''
+    strays = 0
+    for k in range(1, 8):
+        count = len(loop.states)
+        loop.listener.until(lambda count=count: len(loop.states) > count + 100)
+        newest = loop.genuine()[-1].sample
+        for sample in (newest + k * 10**6, newest - 200 * k, *([0] if k == 4 else [])):
+            rogue.publish(ActuatorState(header=Header(frame_id='rogue'), sample=sample))
+            strays += 1
+    count = len(loop.states)
+    loop.listener.until(lambda: len(loop.states) > count + 200)
+    assert loop.listener.set_one('excitation', 'mode', 'idle') == ''
+    loop.still()
+    played = [state for state in loop.genuine() if state.sample >= first]
+    assert len(played) > 700
+    # By their numbers: on a busy machine this listener, not the loop, may lose some.
+    time = np.array([state.sample - first for state in played]) * (1.0 / RATE)
+    voltage = np.array([state.voltage for state in played])
+    np.testing.assert_allclose(voltage, from_spec(spec).sample(time).value, rtol=0, atol=1e-12)
+
+    loop.tells('strays', int(before['strays']) + strays)
+    loop.tells('restarts', int(before['restarts']))
+
+
 def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     loop: Loop, shared_processes: NodeProcesses
 ) -> None:
@@ -198,6 +256,8 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     result = loop.result(handle)
     assert result.status == GoalStatus.STATUS_ABORTED
     assert 'no actuator/state' in result.result.message
+    loop.says(ERROR, 'no actuator/state')
+    restarts = int(loop.says(ERROR, 'is not running')['restarts'])
     assert 'Traceback' not in loop.excitation.tail(100)
 
     # A new simulator counts from 0 again; the excitation follows without being restarted.
@@ -208,6 +268,7 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     result = loop.result(loop.send(**GOAL))
     assert result.result.success, result.result.message
     assert loop.states[count].sample == 0
+    loop.tells('restarts', restarts + 1)
 
 
 def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
@@ -221,6 +282,7 @@ def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
     assert not any(marker.record for marker in loop.markers[count:])
     assert listener.set_one('excitation', 'deadline', 30.0) == ''
     handle = loop.send(**GOAL)
+    loop.says(WARN, 'waits for 2 subscribers of record/marker, 1 are there')
     late: list[RecordMarker] = []
     listener.node.create_subscription(RecordMarker, 'record/marker', late.append, LOOP)
     assert loop.result(handle).result.success

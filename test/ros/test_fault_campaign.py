@@ -55,6 +55,16 @@ def granted(profile: Xml.Element, kind: str, rule: str) -> set[str]:
 
 def test_the_security_policy_allows_what_every_node_does(campaign: Campaign) -> None:
     graph = campaign.observer.node
+
+    def all_are_known() -> bool:
+        known = set(graph.get_node_names())
+        return set(NODES) <= known and all(
+            graph.get_service_names_and_types_by_node(name, '/')
+            and graph.get_publisher_names_and_types_by_node(name, '/')
+            for name in NODES
+        )
+
+    assert wait_until(all_are_known, 60.0)
     profiles = {p.attrib['node']: p for p in Xml.parse(POLICY).getroot().iter('profile')}
     between = {'/' + VOLTAGE_ATTENUATED}  # the campaign remaps, the policy does not
     for name in NODES:
@@ -67,7 +77,6 @@ def test_the_security_policy_allows_what_every_node_does(campaign: Campaign) -> 
         def own(names: set[str], actions: set[str] = actions) -> set[str]:
             return {n for n in names if n.partition('/_action/')[0] not in actions} - between
 
-        assert said
         assert own(said) <= granted(profile, 'topic', 'publish'), name
         assert own(heard) <= granted(profile, 'topic', 'subscribe'), name
         assert own(served) <= granted(profile, 'service', 'reply'), name

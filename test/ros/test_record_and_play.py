@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from listening import Listener
 from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
@@ -196,6 +197,30 @@ def test_an_estimate_is_saved_inside_the_folder_only(
         assert not answer.success
         assert answer.message
     assert sorted(folder.parent.rglob('*')) == before
+
+
+def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
+    online, folder: Path, processes: NodeProcesses, listener: Listener
+) -> None:
+    health = listener.watch_health()
+    ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+    settings = {'loop': True, 'wait': 300.0}
+    node = play(processes, folder / 'sweep', **settings)
+    listener.says(health, 'player', warn, 'waits for a listener')
+    hearer = processes.start('piezo_hysteresis', 'identification')
+    assert int(listener.says(health, 'player', ok, 'plays')['messages']) > 0
+    hearer.signal(signal.SIGSTOP)
+    listener.says(health, 'player', warn, 'identification has not confirmed')
+    hearer.signal(signal.SIGCONT)
+    listener.says(health, 'player', ok, 'plays')
+    assert listener.set_one('player', 'wait', 0.1) == ''
+    hearer.signal(signal.SIGSTOP)
+    listener.says(health, 'player', error, 'did not take')
+    hearer.signal(signal.SIGCONT)
+    assert node.wait(60.0) == 2
+    processes.forget(node)
+    play(processes, folder / 'sweep', lock_step=False, rate_factor=1e6, loop=True)
+    assert int(listener.says(health, 'player', warn, 'come too late')['late']) > 0
 
 
 def went_back(states: list[ActuatorState]) -> Any:

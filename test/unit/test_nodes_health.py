@@ -8,11 +8,14 @@ import pytest
 
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.nodes.actuator_clock import ActuatorClock
+from piezo_hysteresis.nodes.excitation_health import Doing, ExcitationHealth
 from piezo_hysteresis.nodes.link_health import SILENCE, LinkHealth
 from piezo_hysteresis.nodes.tick_book import TickBook
 from piezo_hysteresis.nodes.watchdog import Watchdog
 from piezo_ros_common.health import HOLD, CounterWatch, Level, judge
-from piezo_ros_common.order import AHEAD, REORDERED, Intake
+from piezo_ros_common.order import AHEAD, REORDERED, Intake, Stamps
+from piezo_ros_common.stamps import tick_nanoseconds
 
 
 class Clock:
@@ -42,13 +45,122 @@ def test_one_number_far_ahead_is_a_stray_and_the_next_one_a_jump() -> None:
     assert intake.counters()['strays'] == 3
 
 
-@pytest.mark.parametrize('first', [0, 1000])
-def test_a_source_that_was_started_anew_is_followed(first: int) -> None:
+def test_a_source_that_begins_at_0_was_started_anew() -> None:
     intake = Intake()
-    assert intake.take(first + REORDERED + 1)
-    assert intake.take(first)
-    assert intake.take(first + 1)
-    assert sum(intake.counters().values()) == 0
+    for k in (3, 0, 1, 900, 0):
+        assert intake.take(k), k
+    assert intake.counters() == {'missed': 898, 'doubled': 0, 'reordered': 0, 'strays': 0}
+    assert not intake.take(0)
+    assert intake.counters()['doubled'] == 1
+
+
+@pytest.mark.parametrize(('first', 'anew'), [(1000, True), (1000, False), (0, False)])
+def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first, anew) -> None:
+    intake = Intake(anew=anew)
+    newest = first + REORDERED + 5
+    assert intake.take(newest)
+    assert not intake.take(first)
+    assert intake.take(newest + 1)
+    assert not intake.take(first + 1)
+    assert intake.take(first + 2)
+    assert intake.newest == first + 2
+    assert intake.counters() == {'missed': 0, 'doubled': 0, 'reordered': 0, 'strays': 2}
+
+
+def test_a_0_that_is_a_number_like_all_others_is_out_of_order_near_the_newest() -> None:
+    intake = Intake(anew=False)
+    assert [k for k in range(5) if intake.take(k)] == list(range(5))
+    assert not intake.take(0)
+    assert intake.take(5)
+    assert intake.counters()['reordered'] == 1
+
+
+MS = 1_000_000
+HOUR = 3_600_000 * MS
+
+
+def timed(stamps: Stamps, samples: dict[int, int]) -> list[int]:
+    return [stamps.true_time(sample, said) for sample, said in samples.items()]
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'jumps'), [(0, 2), (1, 2), (3 * HOUR, 2), (7 * HOUR, 2), (5 * HOUR + 2 * MS, 1)]
+)
+def test_a_stamp_that_jumps_is_replaced_by_what_the_number_says(wrong: int, jumps: int) -> None:
+    stamps = Stamps(1e-3)
+    genuine = {k: 5 * HOUR + k * MS for k in (0, 1, 2, 5, 6, 7)}
+    assert timed(stamps, {**genuine, 5: wrong}) == list(genuine.values())
+    assert stamps.jumps == jumps  # away, and back where that is far
+    assert stamps.true_time(8, 5 * HOUR + 8 * MS + 3) == 5 * HOUR + 8 * MS + 3
+    assert stamps.jumps == jumps
+
+
+@pytest.mark.parametrize('set_to', [-2 * HOUR, 2 * HOUR])
+def test_a_clock_that_was_set_is_believed_from_the_second_sample_on(set_to: int) -> None:
+    stamps = Stamps(1e-3)
+    begin = 5 * HOUR
+    assert timed(stamps, {0: begin, 1: begin + MS}) == [begin, begin + MS]
+    assert stamps.true_time(2, begin + set_to + 2 * MS) == begin + 2 * MS
+    assert stamps.true_time(3, begin + set_to + 3 * MS) == begin + set_to + 3 * MS
+    assert stamps.jumps == 1
+
+
+def test_a_source_that_stamps_nothing_does_not_jump_and_one_that_stops_to_stamp_does() -> None:
+    stamps = Stamps(1e-3)
+    assert timed(stamps, {0: 0, 1: 0, 2: 0, 9: 0}) == [0, 0, 0, 0]
+    assert stamps.jumps == 0
+    assert timed(stamps, {10: HOUR, 11: HOUR + MS}) == [MS, HOUR + MS]
+    assert timed(stamps, {12: 0, 13: 0}) == [HOUR + 2 * MS, HOUR + 3 * MS]
+    assert stamps.jumps == 3
+
+
+def test_the_stamps_of_a_source_that_was_started_anew_begin_anew() -> None:
+    stamps = Stamps(1e-3)
+    assert timed(stamps, {7: 7 * MS, 8: 8 * MS}) == [7 * MS, 8 * MS]
+    assert timed(stamps, {0: HOUR, 1: HOUR + MS}) == [HOUR, HOUR + MS]
+    assert stamps.jumps == 0
+
+
+def test_edges_lie_at_the_ticks_of_a_simulator_and_between_those_of_a_driver() -> None:
+    rate = 3000.0
+    clock = ActuatorClock(rate)
+    for k in range(5):
+        clock.hear(k, tick_nanoseconds(k, rate))
+    assert [clock.time_of(k) for k in (5, 6)] == [tick_nanoseconds(k, rate) for k in (5, 6)]
+    assert clock.edge_at(5) == tick_nanoseconds(5, rate)
+
+    driver = ActuatorClock(rate)
+    stamps = [5 * HOUR + tick_nanoseconds(k, rate) + (-1) ** k * 50_000 for k in range(2000)]
+    for k, stamp in enumerate(stamps[:-1]):
+        driver.hear(k, stamp if k != 700 else 0)
+        if k:
+            assert stamps[k] < driver.edge_at(k + 1) < stamps[k + 1]
+    assert driver.jumps == 2
+
+
+def test_an_excitation_says_what_it_does_and_whom_it_waits_for() -> None:
+    clock = Clock()
+    health = ExcitationHealth(clock)
+
+    def level(counts: dict[str, int] | None = None, **doing) -> tuple[Level, str]:
+        known = {'what': '', 'waits': '', 'given_up': '', 'silent': 0.0, 'sample': 7, **doing}
+        found = health.judge(Doing(**known), counts or {}, '4 records')
+        assert found.values['last_sweep'] == '4 records'
+        return found.level, found.message
+
+    assert level(sample=-1) == (Level.OK, 'idle, no actuator is heard yet')
+    assert level(silent=9.0) == (Level.OK, 'idle')
+    assert level(what='reference: sine, 2 Hz') == (Level.OK, 'reference: sine, 2 Hz')
+    silent = (Level.WARN, 'no actuator/state for 9 s after tick 7')
+    assert level(what='a sweep', silent=9.0) == silent
+    assert level(what='a sweep', waits='the recorder', silent=9.0) == (
+        Level.WARN,
+        'waits for the recorder',
+    )
+    assert level(given_up='no answer') == (Level.ERROR, 'no answer')
+    assert level({'sweeps_refused': 1})[0] == Level.WARN
+    clock.now += HOLD
+    assert level({'sweeps_refused': 1}) == (Level.OK, 'idle')
 
 
 def new_watchdog(**values: float) -> Watchdog:

@@ -70,3 +70,9 @@ def stamp_of(head: bytes) -> tuple[int, int]:
     """Return seconds and nanoseconds of a head that `FlatCodec.decode` returned."""
     _, sec, nanosec, _ = _HEAD.unpack_from(head)
     return sec, nanosec
+
+
+def nanoseconds_of_head(head: bytes) -> int:
+    """Return the time since the epoch of a head that `FlatCodec.decode` returned [ns]."""
+    sec, nanosec = stamp_of(head)
+    return sec * 1_000_000_000 + nanosec

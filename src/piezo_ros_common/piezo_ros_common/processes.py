@@ -18,6 +18,8 @@ from typing import IO
 
 from ament_index_python.packages import get_package_prefix
 
+from piezo_ros_common.starting import OWNER
+
 PATIENCE = 5.0
 
 # Set by whoever handles Ctrl-C: an exception that a signal raises may be swallowed where it lands,
@@ -30,7 +32,7 @@ class ProcessError(Exception):
 
 
 class NodeProcess:
-    """One running node.
+    """One running node; it ends by itself where its owner is gone without having ended it.
 
     Attributes
     ----------
@@ -55,7 +57,7 @@ class NodeProcess:
             # A group of its own: a signal for one node never reaches its owner.
             self._process = subprocess.Popen(
                 [sys.executable, str(path), *arguments],
-                env=dict(env),
+                env={**env, OWNER: str(os.getpid())},
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,

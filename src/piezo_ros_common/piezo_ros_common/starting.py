@@ -5,7 +5,16 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable
+
+# Names the process that a node must not outlive; `processes.NodeProcess` sets it.
+OWNER = 'PIEZO_OWNER'
+
+# How often a node looks for its owner, and how long it may take to end without it [s].
+LOOK = 0.5
+PATIENCE = 15.0
 
 
 def quiet_start() -> None:
@@ -18,11 +27,31 @@ def quiet_start() -> None:
         signal.signal(number, lambda *_: os._exit(0))
 
 
+def end_with_owner() -> None:
+    """Let the process end as on SIGTERM once the one that is named in `OWNER` is gone.
+
+    However that ends: it may have been killed. Its own children do not inherit the wish.
+    """
+    owner = os.environ.pop(OWNER, '')
+    if owner:
+        watch = threading.Thread(target=_watch, args=(int(owner),), name='owner', daemon=True)
+        watch.start()
+
+
+def _watch(owner: int) -> None:
+    while os.getppid() == owner:
+        time.sleep(LOOK)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(PATIENCE)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def node_executable(module: str) -> Callable[[], None]:
     """Return an entry point that runs ``main`` of `module`."""
 
     def run() -> None:
         quiet_start()
+        end_with_owner()
         importlib.import_module(module).main()
 
     run.__doc__ = f'Run {module}.'

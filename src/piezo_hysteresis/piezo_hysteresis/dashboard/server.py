@@ -126,6 +126,11 @@ class DashboardServer:
         """Whether only this machine reaches it."""
         return all(s.getsockname()[0].startswith(('127.', '::1')) for s in self._sockets)
 
+    @property
+    def running(self) -> bool:
+        """Whether it serves."""
+        return self._thread.is_alive()
+
     def start(self) -> None:
         """Begin to serve."""
         self._thread.start()

@@ -23,11 +23,14 @@ from piezo_hysteresis.nodes.dashboard_jobs import Jobs
 from piezo_hysteresis.nodes.dashboard_nodes import Directory, shown
 from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.health import CounterWatch, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.running import run_node
 from piezo_ros_common.timers import wall_timer
 
 LISTEN_EVERY = 0.03
+LAG = 1.0  # without listening, which is counted [s]
 LOOK_EVERY = 1.0
 MOST_ACTUATORS = 100
 STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
@@ -68,6 +71,11 @@ class Dashboard(Node):
         self._common = CommonEar(self._ear_node, self._live_of, self._on_event)
         self._look()
         self._server = self._serve()
+        self._ticked, self._lags = self._now(), 0
+        self._watch = CounterWatch(
+            {'lags': (Level.WARN, 'the page lags: the machine is too slow')}
+        )
+        Diagnostics(self, self._health)
         wall_timer(self, LISTEN_EVERY, self._tick)
         wall_timer(self, LOOK_EVERY, self._look)
 
@@ -102,12 +110,26 @@ class Dashboard(Node):
         while not self._wishes.empty():
             self._wishes.get()()
         now = self._now()
+        self._lags += now - self._ticked > LAG
+        self._ticked = now
         for entry in [entry for entry in self._due if entry[0] <= now]:
             self._due.remove(entry)
             entry[1]()
         self._common.poll()
         for desk in self._desks.values():
             desk.ear.poll()
+
+    def _health(self) -> Health:
+        findings = self._watch.findings({'lags': self._lags})
+        if not self._server.running:
+            findings.append((Level.ERROR, 'the web server has ended: start the dashboard again'))
+        fine = f'serves {self._server.url}'
+        values = {
+            'actuators': ', '.join(self._found),
+            'looked_at': len(self._desks),
+            'lags': self._lags,
+        }
+        return judge(findings, fine, values)
 
     def _now(self) -> float:
         return time.monotonic()

@@ -16,8 +16,14 @@ from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.nodes.tables import DISCOVERY
 from piezo_interfaces.action import Discover
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.running import run_node
+
+SENTENCES: dict[str, Finding] = {
+    'refused': (Level.WARN, 'a discovery was refused: its log says why')
+}
 
 
 class Cancelled(PiezoError):
@@ -31,6 +37,12 @@ class DiscoveryNode(Node):
         super().__init__('discovery')
         self._params = NodeParameters(self, DISCOVERY, lambda _: None)
         self._busy = False
+        self._at = ''
+        self._problem = ''
+        self._verdict = ''
+        self._counts = {'runs': 0, 'failed': 0, 'refused': 0}
+        self._watch = CounterWatch(SENTENCES)
+        Diagnostics(self, self._health)
         self._server = ActionServer(
             self,
             Discover,
@@ -47,6 +59,7 @@ class DiscoveryNode(Node):
                 raise PiezoError('another discovery is running; wait for it')
         except PiezoError as error:
             self.get_logger().error(f'discovery refused: {error}')
+            self._counts['refused'] += 1
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
@@ -59,8 +72,18 @@ class DiscoveryNode(Node):
             return data, str(inside(folder, goal.baseline)), str(inside(folder, goal.out))
         return data, goal.baseline, str(inside(folder, goal.out))
 
+    def _health(self) -> Health:
+        findings = self._watch.findings(self._counts)
+        if self._problem:
+            findings.append((Level.ERROR, self._problem))
+        fine = f'busy: {self._at}' if self._busy else 'idle'
+        values = {'busy': self._busy, 'last_verdict': self._verdict, **self._counts}
+        return judge(findings, fine, values)
+
     async def _execute(self, goal: Any) -> Discover.Result:
         self._busy = True
+        self._at, self._problem = f'reads {", ".join(goal.request.data)}', ''
+        self._counts['runs'] += 1
         done = Future()
         result = Discover.Result()
         thread = threading.Thread(
@@ -71,10 +94,13 @@ class DiscoveryNode(Node):
         self._busy = False
         if result.success:
             goal.succeed()
+            self._verdict = result.message
         elif goal.is_cancel_requested:
             goal.canceled()
         else:
             goal.abort()
+            self._counts['failed'] += 1
+            self._problem = f'the last discovery failed: {result.message}'
         return result
 
     def _work(self, goal: Any, result: Discover.Result, done: Future) -> None:
@@ -85,6 +111,9 @@ class DiscoveryNode(Node):
         except PiezoError as error:
             result.message = str(error)
             self.get_logger().error(str(error))
+        except Exception as error:
+            result.message = f'{type(error).__name__}: {error}; report it with the log of the node'
+            raise
         finally:
             self.executor.create_task(done.set_result, True)
 
@@ -101,6 +130,7 @@ class DiscoveryNode(Node):
         def progress(fraction: float, words: str) -> None:
             if goal.is_cancel_requested:
                 raise Cancelled('cancelled; nothing was written')
+            self._at = f'{words}, {fraction:.0%}'
             goal.publish_feedback(
                 Discover.Feedback(stage='discover', detail=words, fraction=fraction)
             )

@@ -11,7 +11,9 @@ from rclpy.publisher import Publisher
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.actuator_clock import ActuatorClock
 from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
+from piezo_hysteresis.nodes.excitation_health import Doing, ExcitationHealth
 from piezo_hysteresis.nodes.excitation_plan import Experiment
 from piezo_hysteresis.nodes.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.nodes.sweep_server import SweepServer
@@ -19,12 +21,14 @@ from piezo_hysteresis.nodes.tables import EXCITATION
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 from piezo_ros_common import topics
-from piezo_ros_common.flat import head_of
-from piezo_ros_common.order import started_anew
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.flat import head_of, nanoseconds_of_head
+from piezo_ros_common.health import Health
+from piezo_ros_common.order import Intake
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
-from piezo_ros_common.stamps import NANOSECONDS, tick_nanoseconds
+from piezo_ros_common.stamps import NANOSECONDS
 from piezo_ros_common.table import Value
 from piezo_ros_common.timers import wall_timer
 
@@ -60,22 +64,29 @@ class Excitation(Node):
         self._experiment: Experiment | None = None
         self._emitted = -1
         self._newest_state = -1
+        self._restarts = 0
+        self._given_up = ''
         self._ready = False
         self._last: tuple[Publisher, bytes] | None = None
         self._heard = time.monotonic()
         self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
         self._rate = self._params.number('rate')
+        # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
+        self._intake = Intake(anew=False)
+        self._times = ActuatorClock(self._rate)
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
         self._voltage_publisher = self.create_publisher(
             VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
         )
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
-        self._sweeps = SweepServer(self, self._params, self._begin)
+        self._sweeps = SweepServer(self, self._params, self._begin, self._times.edge_at)
         reason = self._refuse({})
         if reason:
             self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
             raise SystemExit(2)
+        self._health = ExcitationHealth()
+        Diagnostics(self, self._judge)
         wall_timer(self, 0.5, self._watch)
         wall_timer(self, REPEAT_AFTER, self._repeat)
 
@@ -84,7 +95,8 @@ class Excitation(Node):
     def _on_status(self, message: LoopStatus) -> None:
         # Tells where an actuator waits that has no state to answer yet, or had it before.
         # It may be older than the states that have come, so only a fresh start tells of a restart.
-        if message.sample == 0:
+        if message.sample == 0 < self._newest_state:
+            self._intake.newest = -1
             self._follow_restart(-1)
         self._sweeps.note_refused(message.refused)
         if message.sample > self._newest_state + 1 or self._newest_state < 0:
@@ -93,8 +105,13 @@ class Excitation(Node):
             self._emit(message.sample)
 
     def _on_state(self, payload: bytes) -> None:
-        _, (sample, _, _) = STATE.decode(payload)
-        self._follow_restart(sample)
+        head, (sample, _, _) = STATE.decode(payload)
+        before = self._intake.newest
+        if not self._intake.take(sample):
+            return
+        if sample < before:
+            self._follow_restart(sample - 1)
+        self._times.hear(sample, nanoseconds_of_head(head))
         if sample <= self._newest_state:
             return
         self._newest_state = sample
@@ -103,10 +120,9 @@ class Excitation(Node):
         self._emit(sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
-        """Begin again where the actuator was started anew."""
-        if not started_anew(max(sample, 0), self._newest_state):
-            return
+        """Begin again: the actuator was started anew and has reached tick `sample`."""
         self.get_logger().warning('the actuator was started anew')
+        self._restarts += 1
         self._newest_state = self._emitted = sample
         self._experiment = None
         self._last = None
@@ -115,6 +131,7 @@ class Excitation(Node):
     def _begin(self) -> None:
         """Answer the newest state, in case the loop waits for it."""
         self._heard = time.monotonic()
+        self._given_up = ''
         if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
 
@@ -129,14 +146,16 @@ class Excitation(Node):
 
     def _listened_to(self) -> bool:
         """Tell whether everybody is there who must not miss the first tick."""
-        if self._emitted >= 0:
-            return True
-        publisher = (
-            self._voltage_publisher
-            if self._params.text('mode') == 'voltage'
-            else self._reference_publisher
-        )
-        return bool(publisher.get_subscription_count() >= self._params.integer('wait_for'))
+        return self._emitted >= 0 or not self._missing_listeners()
+
+    def _missing_listeners(self) -> str:
+        """Return who else must be there before the first tick; empty where all are."""
+        voltage = self._params.text('mode') == 'voltage'
+        publisher = self._voltage_publisher if voltage else self._reference_publisher
+        wanted, there = self._params.integer('wait_for'), publisher.get_subscription_count()
+        if there >= wanted:
+            return ''
+        return f'{wanted} subscribers of {publisher.topic_name}, {there} are there'
 
     def _repeat(self) -> None:
         """Say the last word again where the loop stands still: somebody may have missed it."""
@@ -182,7 +201,7 @@ class Excitation(Node):
         self._last = (self._voltage_publisher, payload)
 
     def _head(self, sample: int) -> bytes:
-        return head_of(*divmod(tick_nanoseconds(sample, self._rate), NANOSECONDS))
+        return head_of(*divmod(self._times.time_of(sample), NANOSECONDS))
 
     def _finish(self, sample: int) -> None:
         self.get_logger().info(f'experiment over at tick {sample}')
@@ -258,6 +277,26 @@ class Excitation(Node):
         if self._sweeps.active:
             self._sweeps.give_up(reason)
         self._end()
+        self._given_up = reason
+
+    def _judge(self) -> Health:
+        counts = {
+            **self._intake.counters(),
+            'stamp_jumps': self._times.jumps,
+            'restarts': self._restarts,
+            **self._sweeps.counters(),
+        }
+        return self._health.judge(self._doing(), counts, self._sweeps.last)
+
+    def _doing(self) -> Doing:
+        mode, sweeps = self._params.text('mode'), self._sweeps
+        what, waits = sweeps.doing, sweeps.waits_for
+        if not sweeps.active and mode != 'idle':
+            shape, frequency = self._params.text('waveform'), self._params.number('frequency')
+            what = f'{mode}: {shape}, {frequency:g} Hz'
+            waits = '' if self._listened_to() else self._missing_listeners()
+        silent = time.monotonic() - self._heard
+        return Doing(what, waits, self._given_up, silent, self._newest_state)
 
 
 def main() -> None:

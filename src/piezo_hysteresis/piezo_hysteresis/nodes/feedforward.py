@@ -20,6 +20,7 @@ from piezo_hysteresis.nodes.paths import requested_model
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
 from piezo_ros_common import topics
+from piezo_ros_common.flat import nanoseconds_of_head
 from piezo_ros_common.order import Intake
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
@@ -88,6 +89,7 @@ class Feedforward(LinkNode):
             if sample == newest:
                 self.pass_on_again(sample)
             return
+        self.stamps.true_time(sample, nanoseconds_of_head(head))
         if sample <= newest:
             self._inversion.forget()
             self.begin_anew()

@@ -19,16 +19,18 @@ from piezo_interfaces.srv import LoadModel
 from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_ros_common.order import Intake
+from piezo_ros_common.order import Intake, Stamps
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
+from piezo_ros_common.stamps import nanoseconds_of
 from piezo_ros_common.table import Value
 
 SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'the sensor answers what is not a number'),
     'missed': (Level.WARN, 'ticks are missing: the model has not seen their voltage'),
-    'strays': (Level.WARN, 'ticks are numbered far ahead: is there a second actuator?'),
+    'strays': (Level.WARN, 'ticks are numbered far from the rest: is there a second actuator?'),
+    'stamp_jumps': (Level.WARN, 'time stamps of ticks jump: the numbers of the samples hold'),
     'reordered': (Level.WARN, 'ticks come out of order: is there a second actuator?'),
 }
 
@@ -45,6 +47,7 @@ class GapMonitorNode(Node):
         self._monitor: GapMonitor | None = None
         self._loaded: ModelFile | None = None
         self._params = NodeParameters(self, GAP_MONITOR, self._apply)
+        self._stamps = Stamps(1.0 / self._params.number('rate'))
         self._model_parameters = ModelParameters(self._params)
         self._message = Gap()
         self._publisher = self.create_publisher(Gap, topics.GAP, LATCHED)
@@ -89,6 +92,7 @@ class GapMonitorNode(Node):
         newest = self._intake.newest
         if not self._intake.take(message.sample):
             return
+        self._stamps.true_time(message.sample, nanoseconds_of(message.header.stamp))
         if message.sample < newest and self._monitor is not None:
             self._monitor.reset()
         if not (math.isfinite(message.voltage) and math.isfinite(message.displacement)):
@@ -122,7 +126,11 @@ class GapMonitorNode(Node):
 
     def _judge(self) -> Health:
         report = self._report
-        counts = {'refused': self._refused, **self._intake.counters()}
+        counts = {
+            'refused': self._refused,
+            'stamp_jumps': self._stamps.jumps,
+            **self._intake.counters(),
+        }
         findings = self._watch.findings(counts)
         if self._monitor is None:
             return judge(findings, 'no model is loaded: call ~/load_model', counts)

@@ -21,7 +21,7 @@ from piezo_hysteresis.nodes.watchdog import Watchdog
 from piezo_interfaces.msg import LoopStatus, VoltageCommand
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.health import Health
-from piezo_ros_common.order import Intake
+from piezo_ros_common.order import Intake, Stamps
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.table import ParameterTable, Value
@@ -65,6 +65,7 @@ class LinkNode(LifecycleNode):
         self.parameters = NodeParameters(self, table, self.apply, self.refuse)
         value = self.parameters.number
         self.dt = 1.0 / value('rate')
+        self.stamps = Stamps(self.dt)
         self._limiter = Limiter(self.limits(), self.dt, energy=self.energy())
         self._watchdog = Watchdog(
             self._limiter, self._patience(), value('safe_voltage'), value('safe_ramp')
@@ -228,7 +229,12 @@ class LinkNode(LifecycleNode):
 
     def all_counters(self) -> dict[str, int]:
         """Return every counter of the node."""
-        own = {'refused': self._refused, 'late': self._late, 'stale': self._watchdog.episodes}
+        own = {
+            'refused': self._refused,
+            'late': self._late,
+            'stale': self._watchdog.episodes,
+            'stamp_jumps': self.stamps.jumps,
+        }
         limited = self._limiter.counters()
         law = {
             f'measured_{name}' if name in limited else name: count

@@ -35,12 +35,21 @@ class Listeners:
         Topic of the samples.
     patience : callable
         Returns the longest wait [s].
+
+    Attributes
+    ----------
+    awaited : str
+        Whose word is waited for at this moment; empty for nobody's.
+    since : float
+        Since when [s], on the monotonic clock.
     """
 
     def __init__(self, node: Node, topic: str, patience: Callable[[], float]) -> None:
         self._node = node
         self._topic = topic
         self._patience = patience
+        self.awaited = ''
+        self.since = 0.0
         self._condition = threading.Condition()
         self._progress: dict[str, Progress] = {}
 
@@ -101,12 +110,14 @@ class Listeners:
         def behind() -> list[str]:
             return [name for name, known in self._known().items() if not reached(name, known)]
 
-        end = time.monotonic() + self._patience()
+        begun = time.monotonic()
+        end = begun + self._patience()
         with self._condition:
             # In short steps, so that a node that is shut down meanwhile ends too.
-            while behind() and time.monotonic() < end and self._node.context.ok():
+            while (late := behind()) and time.monotonic() < end and self._node.context.ok():
+                self.awaited, self.since = ', '.join(late), begun
                 self._condition.wait(0.1)
-            late = behind()
+            self.awaited = ''
         if late and self._node.context.ok():
             raise PiezoError(
                 f'{", ".join(late)} did not take {what} within {self._patience():g} s: it died or '

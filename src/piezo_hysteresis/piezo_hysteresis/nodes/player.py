@@ -22,6 +22,8 @@ from piezo_hysteresis.records.player import Played, Player
 from piezo_hysteresis.records.storage import Topic
 from piezo_interfaces.msg import RecordMarker
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
@@ -29,6 +31,16 @@ from piezo_ros_common.stamps import stamp_into
 
 # Samples that may be under way in lock-step; listeners confirm more often than that.
 WINDOW = 256
+
+# Messages that come so much too late are counted [s].
+LATE = 0.05
+
+# Silence of a listener that is said [s].
+SILENCE = 2.0
+
+SENTENCES: dict[str, Finding] = {
+    'late': (Level.WARN, 'messages come too late: the machine or the disk is too slow')
+}
 
 
 class PlayerNode(Node):
@@ -54,6 +66,12 @@ class PlayerNode(Node):
         if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
         self._listeners: Listeners | None = None
+        self._stage = 'begins'
+        self._problem = ''
+        self._share = self._late = 0.0
+        self._counts = {'samples': 0, 'messages': 0, 'late': 0, 'laps': 0}
+        self._watch = CounterWatch(SENTENCES)
+        self._diagnostics = Diagnostics(self, self._judge)
         self._thread = threading.Thread(target=self._play, name='player', daemon=True)
         self._thread.start()
 
@@ -80,15 +98,20 @@ class PlayerNode(Node):
 
     def _play(self) -> None:
         try:
+            self._stage = 'waits for a listener'
             self._prepare()
+            self._stage = ''
             sent = 0
             for played in self._player:
+                self._note(played)
                 sent = self._send(played, sent)
+                self._counts['samples'] = sent
             if self._listeners is not None:
                 self._listeners.wait_taken(sent)
             self.get_logger().info(f'played {sent} samples')
         except PiezoError as error:
             self.get_logger().error(str(error))
+            self._problem = str(error)
             self.exit_code = 2
         except Exception:
             if self.context.ok():  # else the node is being stopped
@@ -139,10 +162,37 @@ class PlayerNode(Node):
             self._clock_publisher.publish(clock)
         return sent + is_state
 
+    def _note(self, played: Played) -> None:
+        first, last = self._player.first, self._player.last
+        self._share = (played.log_time - first) / max(1, last - first)
+        self._late = played.late
+        self._counts['messages'] += 1
+        self._counts['late'] += played.late > LATE
+        self._counts['laps'] = played.lap
+
+    # --- for others ----------------------------------------------------------------------------
+
+    def _judge(self) -> Health:
+        findings = self._watch.findings(self._counts)
+        if self._problem:
+            findings.append((Level.ERROR, self._problem))
+        elif self._stage == 'waits for a listener':
+            findings.append((Level.WARN, self._stage))
+        listeners = self._listeners
+        awaited = '' if listeners is None else listeners.awaited
+        silent = time.monotonic() - listeners.since if listeners is not None and awaited else 0.0
+        if silent > SILENCE:
+            words = f'{awaited} has not confirmed for {silent:.0f} s what was played'
+            findings.append((Level.WARN, words))
+        fine = self._stage or f'plays {self._player.path}: {self._share:.0%}'
+        values = {'share': self._share, 'late_s': self._late, **self._counts}
+        return judge(findings, fine, values)
+
     def close(self) -> None:
         """Stop playing."""
         self._player.stop()
         self._thread.join(2.0)
+        self._diagnostics.look()
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -16,7 +16,7 @@ from piezo_interfaces.msg import RecordMarker
 from piezo_ros_common import topics
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LOOP
-from piezo_ros_common.stamps import stamp_into, tick_nanoseconds
+from piezo_ros_common.stamps import stamp_into
 
 # Ticks between two feedback messages.
 FEEDBACK_EVERY = 200
@@ -33,10 +33,26 @@ class SweepServer:
         Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``.
     begin : callable
         Called when a sweep is accepted, so that the node starts to emit.
+    edge_at : callable
+        Returns the time at which a tick begins for whoever reads the states of the actuator [ns].
+
+    Attributes
+    ----------
+    last : str
+        What became of the last sweep that was asked for.
     """
 
-    def __init__(self, node: Node, parameters: NodeParameters, begin: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        begin: Callable[[], None],
+        edge_at: Callable[[int], int],
+    ) -> None:
         self._node = node
+        self._edge_at = edge_at
+        self.last = ''
+        self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
         self._parameters = parameters
         self._rate = parameters.number('rate')
         self._begin = begin
@@ -73,12 +89,35 @@ class SweepServer:
         Somebody is missing who shall hear markers, or the refusals that ended the sweep before
         have not all been counted yet and would be taken for refusals of this one.
         """
+        return bool(self.waits_for)
+
+    @property
+    def waits_for(self) -> str:
+        """Whom it waits for; empty where it does not wait."""
         if not self.active or self._first >= 0:
-            return False
+            return ''
         if self._recount:
-            return True
+            return 'loop/status: what was refused of the sweep before is not known yet'
         wanted = self._parameters.integer('marker_listeners')
-        return bool(self._markers.get_subscription_count() < wanted)
+        there = self._markers.get_subscription_count()
+        return (
+            '' if there >= wanted else f'{wanted} subscribers of record/marker, {there} are there'
+        )
+
+    @property
+    def doing(self) -> str:
+        """The record that runs and how long the sweep still takes; empty without a sweep."""
+        sweep = self._sweep
+        if sweep is None:
+            return ''
+        if self._newest < 0:
+            return 'begins a sweep'
+        record, left = sweep.running(self._newest), sweep.seconds_left(self._newest)
+        return f'sweep: {record.name}, {left:.0f} s left'
+
+    def counters(self) -> dict[str, int]:
+        """Return how many sweeps were begun, refused, and did not come to their end."""
+        return dict(self._counts)
 
     @property
     def busy(self) -> bool:
@@ -146,6 +185,8 @@ class SweepServer:
                 reason = str(error)
         if reason:
             self._node.get_logger().error(f'sweep refused: {reason}')
+            self._counts['sweeps_refused'] += 1
+            self.last = f'refused: {reason}'
             return GoalResponse.REJECT
         self._busy = True
         return GoalResponse.ACCEPT
@@ -169,6 +210,7 @@ class SweepServer:
         self._refused_before = self._refused
         self._done = Future()
         self._sweep = self._planned(goal.request)
+        self._counts['sweeps'] += 1
         self._begin()
         await self._done
         result = RunSweep.Result()
@@ -184,6 +226,8 @@ class SweepServer:
             goal.succeed()
             result.success = True
             result.message = f'{result.records} records'
+        self._counts['sweeps_failed'] += bool(self._reason)
+        self.last = result.message
         return result
 
     def _finish(self, sample: int) -> None:
@@ -205,12 +249,12 @@ class SweepServer:
         marker.amplitude = record.info.amplitude
         marker.warm_up = record.info.warm_up
         marker.input_unit = record.info.input_unit
-        stamp_into(marker.header.stamp, tick_nanoseconds(sample, self._rate))
+        stamp_into(marker.header.stamp, self._edge_at(sample))
         self._markers.publish(marker)
 
     def _end_record(self, sample: int) -> None:
         marker = RecordMarker(rate=self._rate)
-        stamp_into(marker.header.stamp, tick_nanoseconds(sample, self._rate))
+        stamp_into(marker.header.stamp, self._edge_at(sample))
         self._markers.publish(marker)
 
     def _report(self, sweep: Sweep, sample: int) -> None:

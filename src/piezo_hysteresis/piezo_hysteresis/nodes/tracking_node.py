@@ -15,6 +15,7 @@ from piezo_hysteresis.nodes.link_node import Fade, LinkNode
 from piezo_hysteresis.nodes.tick_book import Tick, TickBook
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common import topics
+from piezo_ros_common.flat import nanoseconds_of_head
 from piezo_ros_common.order import Intake
 from piezo_ros_common.qos import LOOP
 from piezo_ros_common.table import ParameterTable, Value
@@ -161,6 +162,7 @@ class TrackingNode(LinkNode):
     def take_state(self, head: bytes, measured: Measured) -> None:
         """Take the measurement of one tick."""
         if self._states.take(measured.sample):
+            self.stamps.true_time(measured.sample, nanoseconds_of_head(head))
             self._book.add_measured(measured)
             self._advance()
             self.watch(head, measured.sample)

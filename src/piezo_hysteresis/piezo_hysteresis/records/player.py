@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
@@ -30,12 +31,15 @@ class Played:
         When it was recorded, which is what ``/clock`` should say [ns].
     lap : int
         Rounds played before, with ``loop``.
+    late : float
+        Time by which it comes too late; 0 where the taker sets the pace [s].
     """
 
     topic: Topic
     payload: bytes
     log_time: int
     lap: int
+    late: float
 
 
 class Player:
@@ -129,7 +133,8 @@ class Player:
                     self._wait(left)
                 if self._stop.is_set():
                     return
-                yield Played(topic, payload, log_time, lap)
+                late = 0.0 if math.isinf(self._rate) else self._clock() - due
+                yield Played(topic, payload, log_time, lap, late)
             if not self._loop:
                 return
             lap += 1

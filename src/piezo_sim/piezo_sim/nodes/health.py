@@ -13,6 +13,7 @@ _SENTENCES: dict[str, Finding] = {
     'late': (Level.WARN, 'commands come after their tick: the machine or a link is too slow'),
     'missed': (Level.WARN, 'ticks had no command: the voltage before was held'),
     'overruns': (Level.WARN, 'ticks were late themselves: the machine is too slow'),
+    'stamp_jumps': (Level.WARN, 'time stamps of commands jump: only their numbers count'),
     'slew_limited': (Level.WARN, 'commands jump: they are slowed down to command_slew'),
 }
 

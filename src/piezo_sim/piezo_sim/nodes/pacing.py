@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-COUNTS = ('late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns', 'slew_limited')
+COUNTS = (
+    'late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns', 'slew_limited', 'stamp_jumps',
+)  # fmt: skip
 
 # A command this many ticks ahead of the next one is meant for another run of the loop.
 AHEAD = 1000
@@ -71,17 +73,23 @@ class CommandBook:
         """Be at 0 V at once."""
         self.wanted = self.voltage = 0.0
 
-    def arrive(self, sample: int, voltage: float, tick: int) -> None:
-        """Take a command for tick `sample`, while `tick` is the next to be simulated."""
+    def arrive(self, sample: int, voltage: float, tick: int) -> bool:
+        """Take a command for tick `sample`, while `tick` is the next to be simulated.
+
+        Its value may be refused; False is returned where its number already tells that it is none
+        of the loop.
+        """
         if sample <= self._newest:
             self.counts['doubled'] += 1
-        elif sample > tick + AHEAD:
+            return False
+        if sample > tick + AHEAD:
             self.counts['refused'] += 1
-        else:
-            self._newest = sample
-            self.counts['late'] += sample < tick
-            if tick - sample <= self.patience and self.accept(voltage):
-                self._heard = tick
+            return False
+        self._newest = sample
+        self.counts['late'] += sample < tick
+        if tick - sample <= self.patience and self.accept(voltage):
+            self._heard = tick
+        return True
 
     def hold(self, tick: int, dt: float, timeout: float) -> None:
         """Hold the command for `tick`, or after `timeout` seconds of silence ramp it to safety.

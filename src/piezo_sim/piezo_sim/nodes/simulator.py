@@ -15,8 +15,9 @@ from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
 from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.flat import FlatCodec, head_of
+from piezo_ros_common.flat import FlatCodec, head_of, nanoseconds_of_head
 from piezo_ros_common.health import Health
+from piezo_ros_common.order import Stamps
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
@@ -53,6 +54,7 @@ class Simulator(Node):
         self._params = NodeParameters(self, self._table, self._apply, self._refuse)
         value = self._params
         self._rate = value.number('rate')
+        self._stamps = Stamps(1.0 / self._rate)
         self._preset = value.text('preset')
         self._plant = _plant(value.values)
         self._params.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
@@ -105,13 +107,19 @@ class Simulator(Node):
     # --- ticks ---------------------------------------------------------------------------------
 
     def _on_command(self, payload: bytes) -> None:
-        _, (sample, voltage) = COMMAND.decode(payload)
+        head, (sample, voltage) = COMMAND.decode(payload)
         if not self._lock_step:
-            self._book.arrive(sample, voltage, self._tick)
+            if self._book.arrive(sample, voltage, self._tick):
+                self._check_stamp(head, sample)
         elif sample <= self._newest_command:
             self._say_where()
         else:
-            self._step_with(sample, voltage)
+            self._step_with(head, sample, voltage)
+
+    def _check_stamp(self, head: bytes, sample: int) -> None:
+        """Count stamps that do not follow the numbers; nothing is computed from them."""
+        self._stamps.true_time(sample, nanoseconds_of_head(head))
+        self._book.counts['stamp_jumps'] = self._stamps.jumps
 
     def _say_where(self) -> None:
         """Tell somebody who repeats a command, and so missed its state, which tick is next.
@@ -121,7 +129,7 @@ class Simulator(Node):
         self._book.counts['doubled'] += 1
         self._publish_status()
 
-    def _step_with(self, sample: int, voltage: float) -> None:
+    def _step_with(self, head: bytes, sample: int, voltage: float) -> None:
         if sample != self._tick:
             self._book.counts['doubled' if sample < self._tick else 'missed'] += 1
             if sample > self._tick:
@@ -134,6 +142,7 @@ class Simulator(Node):
         if sample == 0 and not self._listened_to():
             return  # the excitation says it again
         self._newest_command = sample
+        self._check_stamp(head, sample)
         self._waiting_since, self._warned = time.monotonic(), False
         self._book.accept(voltage)
         self._book.follow(1.0 / self._rate)
