@@ -94,6 +94,37 @@ class Relay(Node):
                 self._ring.publish(self._message)
 
 
+class Pacer(Node):
+    """Sends a tick around the ring at every period, and notes how long each was under way."""
+
+    def __init__(self, hops: int, ticks: int, rate: float) -> None:
+        super().__init__('relay_0')
+        self.stop = Future()
+        self._message = VoltageCommand()
+        self._sent: list[float] = []
+        self._trips = np.full(ticks, np.nan)
+        self._end = time.monotonic() + 60.0 + 2 * ticks / rate
+        self._ring = self.create_publisher(VoltageCommand, f'ring_{1 % hops}', LOOP)
+        self.create_subscription(VoltageCommand, 'ring_0', self._on_message, LOOP)
+        self.create_timer(1.0 / rate, self._tick)
+
+    def _tick(self) -> None:
+        # The first tick goes around until it comes back: by then all relays are there.
+        if self._sent and np.isnan(self._trips[0]):
+            self._sent.clear()
+        self._message.sample = len(self._sent)
+        self._sent.append(time.monotonic())
+        self._ring.publish(self._message)
+        if len(self._sent) == self._trips.size or time.monotonic() > self._end:
+            np.savetxt(sys.stdout, self._trips)
+            sys.stdout.flush()
+            self.stop.set_result(True)
+
+    def _on_message(self, message: VoltageCommand) -> None:
+        if message.sample < len(self._sent) and np.isnan(self._trips[message.sample]):
+            self._trips[message.sample] = time.monotonic() - self._sent[message.sample]
+
+
 class ClockedExcitation(Excitation):
     """The excitation of the loop, which notes when each state arrives."""
 
@@ -163,6 +194,18 @@ def ring(hops: int, rounds: int) -> Any:
             return clock(['--relay', '0', str(hops), str(rounds)], environment, others)
 
 
+def paced_ring(hops: int, ticks: int, rate: float) -> Any:
+    """Return how long each of `ticks` was on its way around bare relays [s]; NaN: never back."""
+    with NodeProcesses() as group:
+        environment = dict(group.environment)
+        with relays(hops, ticks, environment):
+            command = [sys.executable, __file__, '--pacer', str(hops), str(ticks), str(rate)]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f'the ring failed: {done.stderr}')
+    return np.array([float(line) for line in done.stdout.split()])
+
+
 def loop(links: dict[str, dict[str, Any]], rounds: int, model: Path) -> Any:
     """Return the times of the states of the real loop and its CPU per sample [s]."""
     with NodeProcesses() as group:
@@ -200,6 +243,9 @@ def main() -> int:
     if '--relay' in sys.argv:
         place, hops, rounds = (int(word) for word in sys.argv[-3:])
         return run_node(lambda: Relay(place, hops, rounds), [])
+    if '--pacer' in sys.argv:
+        hops, ticks = (int(word) for word in sys.argv[-3:-1])
+        return run_node(lambda: Pacer(hops, ticks, float(sys.argv[-1])), [])
     if '--excitation' in sys.argv:
         rounds = int(sys.argv[2])
         return run_node(lambda: ClockedExcitation(rounds), sys.argv[3:])

@@ -3,11 +3,15 @@
     python bench/real_time.py [--minutes 10] [--rate 1000] [--together] [--out out/real_time.json]
 
 Simulator, excitation, feedforward and attenuation run as processes; with `--together` the last
-three run in one, `control_loop`. A tick is late where its command was not there when the actuator
+two run in one, `control_loop`. A tick is late where its command was not there when the actuator
 took the tick: after the time of the next tick, in terms of the state that it answers. A sample is
 lost where no command for it ever came, or an observer that is connected for all of the run did not
 receive it. Latency is the time from the state to the command that answers it, by the time stamps
 of the middleware at the two writers, on one machine. CPU time is that of the processes.
+
+What the machine allows is measured in the same run: how often a bare loop that only sleeps until
+the next tick wakes more than a period late, and how often a tick that bare relays pass around, as
+many as the loop has processes, is not back within a period.
 """
 
 from __future__ import annotations
@@ -15,12 +19,13 @@ from __future__ import annotations
 import argparse
 import functools
 import json
+import math
 import os
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 if not __package__:
@@ -31,6 +36,7 @@ import rclpy
 from rclpy.node import Node
 
 from bench.live_loop import end_on_terminate
+from bench.loop import paced_ring
 from piezo_hysteresis.models import ModelFile, named
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_ros_common import topics
@@ -39,9 +45,10 @@ from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
 SETTLE = 3.0
+YARDSTICK = 30.0
 TICKS_PER_SECOND = os.sysconf('SC_CLK_TCK')
 SEPARATE = ('excitation', 'feedforward', 'attenuation')
-TOGETHER = ('control_loop',)
+TOGETHER = ('excitation', 'control_loop')
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,10 @@ class Figures:
         CPU time of all processes per sample [us].
     load : float
         Load of the machine during the run, without this loop where it was idle before.
+    sleeper_percent : float
+        Ticks that a bare sleeping loop woke for more than a period late, of all.
+    ring_percent : float
+        Ticks that bare relays did not bring around within a period, of all.
     """
 
     seconds: float
@@ -79,6 +90,8 @@ class Figures:
     p999: float
     cpu: float
     load: float
+    sleeper_percent: float = math.nan
+    ring_percent: float = math.nan
 
 
 class Stopwatch(Node):
@@ -141,7 +154,8 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
         'feedforward': {'model_file': str(file)},
         'attenuation': {'method': 'afc', 'orders': [0, 1, 3]},
     }
-    own['control_loop'] = {**own['excitation'], **own['feedforward'], **own['attenuation']}
+    links = {f'attenuation:{name}': value for name, value in own['attenuation'].items()}
+    own['control_loop'] = {**own['feedforward'], **links}
     with NodeProcesses() as processes:
         os.environ['ROS_DOMAIN_ID'] = str(processes.domain)
         prepare()
@@ -181,6 +195,22 @@ def _serve(
         processes.check()
 
 
+def bare_sleeper(seconds: float, rate: float) -> float:
+    """Return how many wake-ups of a loop that does nothing are a period late [%]."""
+    late, ticks = 0, round(seconds * rate)
+    begun = time.monotonic()
+    for k in range(ticks):
+        time.sleep(max(0.0, begun + k / rate - time.monotonic()))
+        late += time.monotonic() > begun + (k + 1) / rate
+    return 100.0 * late / ticks
+
+
+def bare_ring(seconds: float, rate: float, hops: int) -> float:
+    """Return how many ticks bare relays do not bring around within a period [%]."""
+    trips = paced_ring(hops, round(seconds * rate), rate)
+    return 100.0 * float(np.mean(~(trips <= 1.0 / rate)))
+
+
 def figures(
     watch: Stopwatch, ticks: range, grown: dict[str, int], cpu: float, took: float
 ) -> Figures:
@@ -209,11 +239,21 @@ def main() -> int:
     before = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         found = run(60.0 * words.minutes, words.rate, words.together, Path(folder))
+    found = replace(
+        found,
+        sleeper_percent=bare_sleeper(YARDSTICK, words.rate),
+        ring_percent=bare_ring(
+            YARDSTICK, words.rate, 1 + len(TOGETHER if words.together else SEPARATE)
+        ),
+    )
     print(
         f'{found.samples} samples in {found.seconds:.1f} s at {words.rate:g} Hz: {found.lost} '
         f'lost, {found.late} late ({found.late_percent:.3f} %), {found.overruns} overruns\n'
         f'latency p50 {found.p50:.0f}  p99 {found.p99:.0f}  p99.9 {found.p999:.0f} us; '
-        f'CPU {found.cpu:.0f} us per sample; load {before:.1f} before, {found.load:.1f} at the end'
+        f'CPU {found.cpu:.0f} us per sample; load {before:.1f} before, {found.load:.1f} at '
+        'the end\n'
+        f'on this machine a bare sleeping loop is a period late {found.sleeper_percent:.3f} % of '
+        f'the time, a ring of bare relays {found.ring_percent:.3f} %'
     )
     words.out.parent.mkdir(parents=True, exist_ok=True)
     words.out.write_text(json.dumps(asdict(found), indent=2) + '\n')

@@ -45,7 +45,7 @@ NODES: dict[str, tuple[str, dict[str, Any], type, str]] = {
     'identification': ('piezo_hysteresis', {'publish_every': 1}, ModelEstimate, 'model/estimate'),
     'gap_monitor': ('piezo_hysteresis', {'window': 0.05}, Gap, 'gap'),
     'recorder': ('piezo_hysteresis', {}, DiagnosticArray, '/diagnostics'),
-    'player': ('piezo_hysteresis', {'lock_step': False}, ActuatorState, '/actuator/state'),
+    'player': ('piezo_hysteresis', {'lock_step': False}, ActuatorState, '/piezo/actuator/state'),
 }
 WITH_MODEL = ('feedforward', 'control_loop', 'gap_monitor')
 
