@@ -175,6 +175,8 @@ TABLE: dict[str, Translation] = {
     'bouc_wen_exact': _bouc_wen,
     'bouc_wen_power': _bouc_wen_power,
     'mode': _mode,
+    # how the voltage goes from tick to tick there is a matter of the amplifier
+    'eased_mode': _mode,
     'resonance': _resonance,
     'series_mode': _series_mode,
     'mode_pair': _mode_pair,

@@ -1,0 +1,101 @@
+"""What is screened: starts for every way an effect can show, and chirps up to their end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.discovery.dataset import split, thinned, view_of
+from piezo_hysteresis.discovery.screen import Promise, Screen
+from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.models import Model, add_effect, described, named
+from piezo_hysteresis.records import Record, RecordInfo
+from piezo_sim.sweep import simulate
+
+DT = 1e-3
+MODE = {'natural_frequency': 83.0, 'damping_ratio': 0.016}
+
+
+def answer(model: Model, values: dict[str, float], u: FloatArray) -> FloatArray:
+    return model.respond(u, model.pack(values), DT, state=model.initial_state(DT))
+
+
+def promised(name: str, variant: str, hidden: dict[str, float]) -> Promise:
+    """Screen one effect on drives of an actuator that has it."""
+    base = named('bouc_wen_mode')
+    own = base.defaults() | MODE
+    effect = next(e for e in described(name) if e.variant == variant)
+    candidate = add_effect(base, effect)
+    truth = candidate.values(own, dict(candidate.neutral) | hidden)
+    views = []
+    for frequency in (3.0, 11.0, 31.0):
+        u = np.sin(2 * np.pi * frequency * DT * np.arange(2000))
+        info = RecordInfo(excitation='sine', frequency=frequency)
+        y = answer(candidate.model, truth, u)
+        views.append(view_of(Record(f'{frequency}', DT, u, y, info=info), 0))
+    before = on_views(Trial(base, own, (), 0), views)
+    return Screen(before, views).promise(candidate)
+
+
+def test_a_second_mode_is_found_whatever_the_drives_are() -> None:
+    hidden = {'resonance_frequency': 150.0, 'resonance_damping': 0.02, 'resonance_share': 0.16}
+    promise = promised('resonance', 'mode_pair', hidden)
+    assert promise.explained > 0.3
+    first, second = (start['resonance_frequency'] for start in promise.starts[:2])
+    assert first == pytest.approx(150.0, rel=0.13)
+    # the next start is another place to look at and not the same one again
+    assert abs(first - second) > 0.15 * first
+
+
+@pytest.mark.parametrize('cubic', [4e6, -4e6])
+def test_a_sensor_that_is_bent_both_ways_is_seen(cubic: float) -> None:
+    hidden = {'sensor_quadratic': 0.0, 'sensor_cubic': cubic}
+    promise = promised('sensor_nonlinearity', 'sensor_nonlinearity', hidden)
+    assert promise.explained > 0.1
+    assert promise.starts[0]['sensor_quadratic'] == 0.0
+    assert promise.starts[0]['sensor_cubic'] != 0.0
+
+
+def test_what_the_end_of_a_chirp_shows_is_not_cut_off() -> None:
+    t = DT * np.arange(6000)
+    sine, chirp = np.sin(2 * np.pi * 2.0 * t), np.sin(2 * np.pi * (1.0 + 16.0 * t) * t)
+    records = [
+        Record('sine', DT, sine, sine, info=RecordInfo(excitation='sine', frequency=2.0)),
+        Record('chirp', DT, chirp, chirp, info=RecordInfo(excitation='chirp')),
+    ]
+    views = [view_of(record, period) for record, period in zip(records, (500, 0), strict=True)]
+    kept = {v.name: v.voltage.size for v in thinned(views, 4000, split(records).periods)}
+    assert kept['chirp'] > 5800
+    assert kept['sine'] < 3000
+
+
+def test_a_lag_before_a_fast_mode_is_right_between_the_samples() -> None:
+    lag, mode = 4e-4, {'natural_frequency': 180.0, 'damping_ratio': 0.07}
+    loop = {'A1': 1.1e-4, 'A': 6e-5, 'beta': 0.9, 'gamma': 0.4}
+    hidden = {
+        'effects.noise': False,
+        'effects.resonance': True,
+        'effects.amplifier_lag': True,
+        'amplifier.lag_time_constant': lag,
+        'actuator.gain': loop['A1'],
+        'bouc_wen.alpha': loop['A'] / loop['A1'],
+        'bouc_wen.beta': loop['beta'],
+        'bouc_wen.gamma': loop['gamma'],
+        **{f'structure.{name}': value for name, value in mode.items()},
+    }
+    plan = [{'kind': 'sine', 'frequency': 37.0, 'amplitude': 1.0, 'duration': 1.0}]
+    (record,) = simulate('generic_bouc_wen', plan, hidden, 1)
+    left = {}
+    for names in (
+        ('amplifier_lag', 'bouc_wen_exact', 'mode'),
+        ('amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode'),
+    ):
+        model = Model('chain', tuple(named_block(name) for name in names))
+        known = {**loop, **mode, 'lag_time': lag, 'sampled_lag_time': lag, 'ease_time': lag}
+        values = {k: v for k, v in known.items() if k in model.parameter_names}
+        error = record.displacement - answer(model, values, record.voltage)
+        left[names[0]] = float(np.std(error[300:]))
+    assert left['amplifier_lag_sampled'] < 0.5 * left['amplifier_lag']
+    assert left['amplifier_lag_sampled'] < 5e-3 * float(np.std(record.displacement))
