@@ -11,13 +11,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 from listening import Listener
+from rclpy.action import ActionClient
 
-from piezo_interfaces.msg import ActuatorState
+from piezo_interfaces.action import RunSweep
+from piezo_interfaces.msg import ActuatorState, RecordMarker
 from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.stamps import nanoseconds_of
 
 pytestmark = pytest.mark.ros
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'hardware.md'
+
+
+def run_a_sweep(listener: Listener) -> list[RecordMarker]:
+    """Run one record of 500 ticks; return its markers."""
+    markers = listener.listen(RecordMarker, 'record/marker')
+    listener.matched('record/marker')
+    assert listener.set_one('excitation', 'mode', 'idle') == ''
+    client = ActionClient(listener.node, RunSweep, 'run_sweep')
+    listener.until(client.server_is_ready)
+    assert listener.set_one('excitation', 'marker_listeners', 1) == ''
+    goal = RunSweep.Goal(frequencies=[5.0], amplitudes=[0.5], seconds=0.5)
+    accepted = client.send_goal_async(goal)
+    listener.until(accepted.done)
+    finished = accepted.result().get_result_async()
+    listener.until(finished.done)
+    assert finished.result().result.success, finished.result().result.message
+    listener.until(lambda: len(markers) == 2)
+    client.destroy()
+    return markers
 
 
 def test_the_driver_of_the_page_serves_an_excitation(
@@ -39,9 +61,16 @@ def test_the_driver_of_the_page_serves_an_excitation(
         listener.until(lambda: any(abs(s.voltage) == 1.2 for s in states), 60.0)
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)
+        markers = run_a_sweep(listener)
     finally:
         driver.send_signal(signal.SIGINT)
         driver.wait(10)
+    # Markers are told in the time of the driver, whatever clock it stamps with.
+    start, end = (nanoseconds_of(marker.header.stamp) for marker in markers)
+    marked = [s for s in states if start <= nanoseconds_of(s.header.stamp) < end]
+    assert markers[0].frequency == 5.0
+    assert abs(len(marked) - 500) <= 5  # edges lie between ticks, which a busy machine moves
+    assert max(abs(state.voltage) for state in marked[5:-5]) == pytest.approx(0.5, rel=1e-3)
     voltage = np.array([state.voltage for state in states])
     assert np.max(np.abs(voltage)) == 1.2  # the driver's own limit
     samples = np.array([state.sample for state in states])

@@ -124,6 +124,47 @@ def test_the_first_marker_of_a_bag_played_again_is_not_late() -> None:
     assert did == ['rest', 0.0, 1.0, 2.0, 'rest', 'rest', 0.0, 1.0, 2.0, 'rest']
 
 
+HOUR = 3_600_000 * MS
+
+
+@pytest.mark.parametrize('wrong', [0, 2 * MS, 2 * HOUR, 9 * HOUR])
+@pytest.mark.parametrize('place', [1, 3, 4, 5])
+def test_a_stamp_that_jumps_cuts_nothing(wrong: int, place: int) -> None:
+    """Whatever one sample says of its time, it belongs to the record that its number is in."""
+    course, did = spied()
+    times = {k: 5 * HOUR + k * MS for k in range(8)}
+    for k, name in ((2, 'a'), (4, ''), (6, 'b')):
+        course.mark(Edge(times[k], name))
+    for k, time in {**times, place: wrong}.items():
+        course.take(k, time, float(k), 0.0)
+    assert did == [0.0, 1.0, 'rest', 2.0, 3.0, 'rest', 'rest', 6.0, 7.0]
+    assert course.stamps.jumps > 0
+
+
+def test_a_number_of_another_actuator_cuts_nothing() -> None:
+    course, did = spied()
+    for k, name in ((2, 'a'), (4, '')):
+        course.mark(Edge(k * MS, name))
+    for k in range(6):
+        course.take(k, k * MS, float(k), 0.0)
+        assert not course.take(k + 10**6, k * MS, -1.0, 0.0)
+    assert did == [0.0, 1.0, 'rest', 2.0, 3.0, 'rest']
+    assert course.intake.counters()['strays'] == 6
+
+
+def test_a_record_may_begin_at_any_number() -> None:
+    course, did = spied()
+    course.mark(Edge(5 * MS, 'a'))
+    feed(course, [5, 6])
+    course.mark(Edge(7 * MS, 'b'))
+    for number, k in ((90_000, 7), (90_001, 8)):
+        course.take(number, k * MS, float(k), 0.0)
+    course.mark(Edge(5 * MS, 'a'))
+    feed(course, [5, 6])
+    assert did == ['rest', 5.0, 6.0, 'rest', 7.0, 8.0, 'rest', 5.0, 6.0]
+    assert course.stamps.jumps == 0
+
+
 def test_samples_between_records_count_where_wanted() -> None:
     course, did = spied(only_records=False)
     course.mark(Edge(1 * MS, 'a'))

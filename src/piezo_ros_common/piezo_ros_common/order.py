@@ -90,6 +90,10 @@ class Stamps:
         self._said = 0  # what the newest sample said
         self._time = 0  # what it is taken for
 
+    def begin(self) -> None:
+        """Believe the stamp of the next sample, whatever its number."""
+        self._sample = -1
+
     def true_time(self, sample: int, nanoseconds: int) -> int:
         """Return the time of `sample`, where it says `nanoseconds` [ns].
 

@@ -39,7 +39,8 @@ SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'samples that are not numbers are left out'),
     'missed': (Level.WARN, 'samples are missing, the estimate is a little off'),
     'late': (Level.WARN, 'markers of records came long after the samples that they mark'),
-    'strays': (Level.WARN, 'samples are numbered far ahead: is there a second actuator?'),
+    'stamp_jumps': (Level.WARN, 'time stamps jump: the numbers of the samples hold'),
+    'strays': (Level.WARN, 'samples are numbered far from the rest: is there a second actuator?'),
     'reordered': (Level.WARN, 'samples come out of order: is there a second actuator?'),
 }
 
@@ -102,7 +103,12 @@ class Identification(Node):
 
     def _judge(self) -> Health:
         course = self._course
-        counts = {'refused': course.refused, 'late': course.late, **course.intake.counters()}
+        counts = {
+            'refused': course.refused,
+            'late': course.late,
+            'stamp_jumps': course.stamps.jumps,
+            **course.intake.counters(),
+        }
         newest = self._course.intake.newest
         fine = (
             'waits for the first sample'

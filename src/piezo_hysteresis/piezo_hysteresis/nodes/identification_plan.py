@@ -18,7 +18,7 @@ from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.nodes.hindsight import Hindsight, Sample
-from piezo_ros_common.order import Intake
+from piezo_ros_common.order import AHEAD, Intake, Stamps
 
 # Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
 LONGEST_RUN = 60.0
@@ -90,7 +90,6 @@ class State(NamedTuple):
     """What samples act on; the run is shared, and only its beginning belongs to the state."""
 
     method: OnlineMethod
-    intake: Intake
     refused: int
     taken: int
     open: bool
@@ -105,7 +104,8 @@ class Course:
     Without any marker everything is one record. Samples between the end of a record and the
     start of the next are left out, as they are when the bag is read. Markers travel on a topic
     of their own and may come after the samples that they mark: what was made of those is then
-    taken back and made anew.
+    taken back and made anew. They cut by time, and the time of a sample is what its number says
+    where its stamp does not follow from those before.
 
     Attributes
     ----------
@@ -123,6 +123,8 @@ class Course:
         Markers that came too late to take back what was made of their samples.
     intake : Intake
         Judges the numbers of the samples.
+    stamps : Stamps
+        Judges their times.
     """
 
     method: OnlineMethod
@@ -139,6 +141,7 @@ class Course:
     _before: Estimate | None = None
 
     def __post_init__(self) -> None:
+        self.stamps = Stamps(1.0 / self.rate)
         self._hindsight: Hindsight[State] = Hindsight(self._remember)
 
     def mark(self, edge: Edge) -> None:
@@ -152,23 +155,29 @@ class Course:
 
     def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
         """Take one sample in; return False where it is left out."""
-        came = Sample(sample, nanoseconds, voltage, displacement)
-        if nanoseconds < self._hindsight.newest:
+        known = self.intake.newest
+        if not known < sample <= known + AHEAD and self._edge_due(nanoseconds):
+            self.intake.newest = known = -1  # a record may begin at any number
+            self.stamps.begin()
+        if not self.intake.take(sample):
+            return False
+        came = Sample(sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement)
+        if sample < known or came.nanoseconds < self._hindsight.newest:
             self._forget_samples()
         self._hindsight.note(came)
-        return self._feed(came)
+        return self._feed(came, anew=sample < known)
 
-    def _feed(self, sample: Sample) -> bool:
-        number, nanoseconds, voltage, displacement = sample
+    def _edge_due(self, nanoseconds: int) -> bool:
+        return bool(self._edges) and self._edges[0].nanoseconds <= nanoseconds
+
+    def _feed(self, sample: Sample, anew: bool = False) -> bool:
+        _, nanoseconds, voltage, displacement = sample
+        if anew and not self._edge_due(nanoseconds):
+            self._rest()
         while self._edges and self._edges[0].nanoseconds <= nanoseconds:
             edge = self._edges.popleft()
             self._passed.append(edge)
             self._open = bool(edge.record)
-            self._rest()
-        newest = self.intake.newest
-        if not self.intake.take(number):
-            return False
-        if number < newest:
             self._rest()
         if self.only_records and not self._open:
             return False
@@ -191,7 +200,7 @@ class Course:
             return
         memory, samples = found
         state = memory.state
-        self.method, self.intake = state.method, state.intake
+        self.method = state.method
         self.refused, self.taken, self._open = state.refused, state.taken, state.open
         self._run = state.run.cut(state.length)
         again = [each for each in self._passed if each.nanoseconds > memory.nanoseconds]
@@ -206,7 +215,6 @@ class Course:
         run = self._run
         return State(
             copy.deepcopy(self.method),
-            copy.deepcopy(self.intake),
             self.refused,
             self.taken,
             self._open,
@@ -286,5 +294,4 @@ class Course:
 
     def _rest(self) -> None:
         self.method.rest()
-        self.intake.newest = -1
         self._run = Run([], [])
