@@ -6,8 +6,9 @@ Simulator, excitation, feedforward and attenuation run as processes; with `--tog
 two run in one, `control_loop`. A tick is late where its command was not there when the actuator
 took the tick: after the time of the next tick, in terms of the state that it answers. A sample is
 lost where no command for it ever came, or an observer that is connected for all of the run did not
-receive it. Latency is the time from the state to the command that answers it, by the time stamps
-of the middleware at the two writers, on one machine. CPU time is that of the processes.
+receive it; commands that a link gave up because its watchdog had stepped in are counted apart.
+Latency is the time from the state to the command that answers it, by the time stamps of the
+middleware at the two writers, on one machine. CPU time is that of the processes.
 
 What the machine allows is measured in the same run: how often a bare loop that only sleeps until
 the next tick wakes more than a period late, and how often a tick that bare relays pass around, as
@@ -61,6 +62,8 @@ class Figures:
         Length of the run, and ticks of the actuator in it.
     lost : int
         Samples without a command, or that the observer did not receive.
+    given_up : int
+        Commands that came so late that the watchdog of a link had answered for them.
     late : int
         Samples whose command came too late.
     late_percent : float
@@ -82,6 +85,7 @@ class Figures:
     seconds: float
     samples: int
     lost: int
+    given_up: int
     late: int
     late_percent: float
     overruns: int
@@ -102,12 +106,17 @@ class Stopwatch(Node):
         self.states: dict[int, int] = {}
         self.commands: dict[int, int] = {}
         self.counts: dict[str, int] = {}
+        self.given_up = dict.fromkeys(('feedforward', 'attenuation'), 0)
         self._inlets = [
             (self.create_subscription(kind, topic, _unused, qos), note)
             for kind, topic, qos, note in (
                 (ActuatorState, topics.STATE, LOOP, self._on_state),
                 (VoltageCommand, topics.VOLTAGE_COMMAND, LOOP, self._on_command),
                 (LoopStatus, topics.LOOP_STATUS, LATCHED, self._on_status),
+                *(
+                    (LoopStatus, f'{name}/status', LATCHED, functools.partial(self._on_link, name))
+                    for name in self.given_up
+                ),
             )
         ]
 
@@ -128,6 +137,9 @@ class Stopwatch(Node):
     def _on_status(self, message: LoopStatus, _: int) -> None:
         more = dict(zip(message.names.split(','), message.counts, strict=True))
         self.counts = {'late': message.late, 'missed': message.missed, **more}
+
+    def _on_link(self, name: str, message: LoopStatus, _: int) -> None:
+        self.given_up[name] = message.late
 
 
 def _unused(_: object) -> None:
@@ -167,14 +179,15 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
         serve = functools.partial(_serve, watch, processes)
         serve(60.0, lambda: bool(watch.commands))
         serve(SETTLE)
-        first, before = max(watch.states) + 1, dict(watch.counts)
+        first = max(watch.states) + 1
+        before = {**watch.counts, 'given_up': sum(watch.given_up.values())}
         pids = [node.pid for node in processes.nodes]
         cpu, begun = cpu_seconds(pids), time.monotonic()
         serve(seconds)
         cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - begun
         last = max(watch.states)
         serve(1.5)  # the counters, and what is under way
-        after = watch.counts
+        after = {**watch.counts, 'given_up': sum(watch.given_up.values())}
         watch.destroy_node()
         rclpy.shutdown()
     grown = {name: after[name] - before.get(name, 0) for name in after}
@@ -221,8 +234,9 @@ def figures(
     latency = np.array([commands[k] - states[k - 1] for k in answered]) / 1e3
     p50, p99, p999 = (float(p) for p in np.percentile(latency, [50, 99, 99.9]))
     n = len(ticks)
+    late, given_up = grown['late'], grown['given_up']
     return Figures(
-        took, n, unseen, grown['late'], 100.0 * grown['late'] / n, grown['overruns'],
+        took, n, max(0, unseen - given_up), given_up, late, 100.0 * late / n, grown['overruns'],
         p50, p99, p999, 1e6 * cpu / n, os.getloadavg()[1],
     )  # fmt: skip
 
@@ -248,7 +262,8 @@ def main() -> int:
     )
     print(
         f'{found.samples} samples in {found.seconds:.1f} s at {words.rate:g} Hz: {found.lost} '
-        f'lost, {found.late} late ({found.late_percent:.3f} %), {found.overruns} overruns\n'
+        f'lost, {found.given_up} given up, {found.late} late ({found.late_percent:.3f} %), '
+        f'{found.overruns} overruns\n'
         f'latency p50 {found.p50:.0f}  p99 {found.p99:.0f}  p99.9 {found.p999:.0f} us; '
         f'CPU {found.cpu:.0f} us per sample; load {before:.1f} before, {found.load:.1f} at '
         'the end\n'
