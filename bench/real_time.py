@@ -28,6 +28,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -35,6 +36,7 @@ if not __package__:
 import numpy as np
 import rclpy
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from bench.live_loop import end_on_terminate
 from bench.loop import paced_ring
@@ -107,7 +109,7 @@ class Stopwatch(Node):
         self.commands: dict[int, int] = {}
         self.counts: dict[str, int] = {}
         self.given_up = dict.fromkeys(('feedforward', 'attenuation'), 0)
-        self._inlets = [
+        self._inlets: list[tuple[Subscription, Callable[[Any, int], None]]] = [
             (self.create_subscription(kind, topic, _unused, qos), note)
             for kind, topic, qos, note in (
                 (ActuatorState, topics.STATE, LOOP, self._on_state),
