@@ -36,6 +36,7 @@ if not __package__:
 import numpy as np
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from bench.live_loop import end_on_terminate
@@ -109,18 +110,18 @@ class Stopwatch(Node):
         self.commands: dict[int, int] = {}
         self.counts: dict[str, int] = {}
         self.given_up = dict.fromkeys(('feedforward', 'attenuation'), 0)
-        self._inlets: list[tuple[Subscription, Callable[[Any, int], None]]] = [
-            (self.create_subscription(kind, topic, _unused, qos), note)
-            for kind, topic, qos, note in (
-                (ActuatorState, topics.STATE, LOOP, self._on_state),
-                (VoltageCommand, topics.VOLTAGE_COMMAND, LOOP, self._on_command),
-                (LoopStatus, topics.LOOP_STATUS, LATCHED, self._on_status),
-                *(
-                    (LoopStatus, f'{name}/status', LATCHED, functools.partial(self._on_link, name))
-                    for name in self.given_up
-                ),
-            )
-        ]
+        self._inlets: list[tuple[Subscription, Callable[[Any, int], None]]] = []
+        self._listen(ActuatorState, topics.STATE, LOOP, self._on_state)
+        self._listen(VoltageCommand, topics.VOLTAGE_COMMAND, LOOP, self._on_command)
+        self._listen(LoopStatus, topics.LOOP_STATUS, LATCHED, self._on_status)
+        for name in self.given_up:
+            note = functools.partial(self._on_link, name)
+            self._listen(LoopStatus, f'{name}/status', LATCHED, note)
+
+    def _listen(
+        self, kind: type, topic: str, qos: QoSProfile, note: Callable[[Any, int], None]
+    ) -> None:
+        self._inlets.append((self.create_subscription(kind, topic, _unused, qos), note))
 
     def drain(self) -> None:
         """Take in what has come."""
