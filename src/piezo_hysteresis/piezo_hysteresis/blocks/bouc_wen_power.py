@@ -9,7 +9,11 @@ from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
-_STRIDE = 0.05  # longest step in units of the memory 1/(beta + |gamma|)
+# Longest stride in units of the memory 1/(n (beta + |gamma|)), and that of the fourth order.
+_STRIDE, _LONG_STRIDE = 0.05, 0.2
+_MOST_STRIDES = 1000
+# Exponent from which on the decay is smooth enough where h passes zero for strides of that order.
+_SMOOTH = 1.2
 
 
 @jit
@@ -29,13 +33,42 @@ def full_height(a: float, a0: float, beta: float, gamma: float) -> float:
 
 
 @jit
+def slope(
+    h: float, way: float, p: tuple[float, float, float, float], height: float, exponent: float
+) -> float:
+    """Return dh/d|u| while u moves up (`way` 1) or down (-1); `p` is (A, A0, beta, gamma)."""
+    decay = bend(h, height, exponent) * (p[3] * abs(h) * way + p[2] * h)
+    return p[0] * way + p[1] - decay
+
+
+@jit
+def long_strides(
+    h: float, du: float, p: tuple[float, float, float, float], height: float, exponent: float,
+    strides: int,
+) -> float:  # fmt: skip
+    """Return h after `du` in strides of a Runge-Kutta method of fourth order."""
+    way = 1.0 if du > 0.0 else -1.0
+    d = abs(du) / strides
+    for done in range(strides):
+        k1 = slope(h, way, p, height, exponent)
+        if abs(k1) * (strides - done) * d < 1e-12 * height:  # saturated: h stays where it is
+            break
+        k2 = slope(h + 0.5 * d * k1, way, p, height, exponent)
+        k3 = slope(h + 0.5 * d * k2, way, p, height, exponent)
+        k4 = slope(h + d * k3, way, p, height, exponent)
+        h += d / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return h
+
+
+@jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
     """Answer ``A1 u - h``; state is (last voltage [V], h [m]).
 
-    The decay is frozen at the middle of short strides and each stride made exactly: second order,
-    stable however fast h decays, and the exact step itself for exponent 1.
+    Well above exponent 1 the decay is smooth and strides are of fourth order. Elsewhere, and where h
+    decays so fast that strides would be many, the decay is frozen at the middle of short strides
+    and each made exactly: second order, stable always, and the exact step itself for exponent 1.
     """
     a1, a, a0, beta, gamma, exponent = p[0], p[1], p[2], p[3], p[4], p[5]
     height = full_height(a, a0, beta, gamma)
@@ -44,9 +77,14 @@ def kernel(
     for k in range(x.size):
         du = x[k] - last
         last = x[k]
+        strides = max(1, ceil(min(abs(du) * rate * _STRIDE / _LONG_STRIDE, _MOST_STRIDES)))
+        if exponent > _SMOOTH and strides < _MOST_STRIDES:
+            h = long_strides(h, du, (a, a0, beta, gamma), height, exponent, strides)
+            y[k] = a1 * last - h
+            continue
         strides = 1
         if exponent != 1.0:
-            strides = max(1, ceil(min(abs(du) * rate, 1000.0)))
+            strides = max(1, ceil(min(abs(du) * rate, _MOST_STRIDES)))
         d = du / strides
         for _ in range(strides):
             now = bend(h, height, exponent)
@@ -58,7 +96,10 @@ def kernel(
             elif exponent > 1.0:
                 middle = exact_step(h, 0.5 * d, a, a0, beta * now, gamma * now)
                 now = bend(middle, height, exponent)
+            before = h
             h = exact_step(h, d, a, a0, beta * now, gamma * now)
+            if abs(h - before) * strides < 1e-12 * height:
+                break
         y[k] = a1 * last - h
     state[0] = last
     state[1] = h
