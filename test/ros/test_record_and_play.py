@@ -204,21 +204,20 @@ def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
 ) -> None:
     health = listener.watch_health()
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-    settings = {'loop': True, 'wait': 300.0}
-    node = play(processes, folder / 'sweep', **settings)
-    listener.says(health, 'player', warn, 'waits for a listener')
-    hearer = processes.start('piezo_hysteresis', 'identification')
-    assert int(listener.says(health, 'player', ok, 'plays')['messages']) > 0
-    hearer.signal(signal.SIGSTOP)
-    listener.says(health, 'player', warn, 'identification has not confirmed')
-    hearer.signal(signal.SIGCONT)
-    listener.says(health, 'player', ok, 'plays')
-    assert listener.set_one('player', 'wait', 0.1) == ''
-    hearer.signal(signal.SIGSTOP)
-    listener.says(health, 'player', error, 'did not take')
-    hearer.signal(signal.SIGCONT)
-    assert node.wait(60.0) == 2
-    processes.forget(node)
+    with NodeProcesses(processes.domain) as others:  # that this one dies fails nobody
+        node = play(others, folder / 'sweep', loop=True, wait=300.0)
+        listener.says(health, 'player', warn, 'waits for a listener')
+        hearer = processes.start('piezo_hysteresis', 'identification')
+        assert int(listener.says(health, 'player', ok, 'plays')['messages']) > 0
+        hearer.signal(signal.SIGSTOP)
+        listener.says(health, 'player', warn, 'identification has not confirmed')
+        hearer.signal(signal.SIGCONT)
+        listener.says(health, 'player', ok, 'plays')
+        hearer.signal(signal.SIGSTOP)
+        assert listener.set_one('player', 'wait', 0.1) == ''
+        listener.says(health, 'player', error, 'did not take')
+        hearer.signal(signal.SIGCONT)
+        assert node.wait(60.0) == 2
     play(processes, folder / 'sweep', lock_step=False, rate_factor=1e6, loop=True)
     assert int(listener.says(health, 'player', warn, 'come too late')['late']) > 0
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 from piezo_ros_common.health import Health, Level
@@ -16,6 +17,9 @@ TOPIC = '/diagnostics'
 # How often a change of level is looked for, and the longest time between two messages [s].
 LOOK = 0.2
 PERIOD = 1.0
+
+# How long the last word of a node that ends may take to be heard.
+LAST_WORD = Duration(seconds=1)
 
 
 class Diagnostics:
@@ -55,6 +59,12 @@ class Diagnostics:
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
+
+    def last_word(self) -> None:
+        """Say how the node is for the last time, and wait until that was heard."""
+        self._level = None
+        self.look()
+        self._publisher.wait_for_all_acked(LAST_WORD)
 
 
 def _text(value: object) -> str:

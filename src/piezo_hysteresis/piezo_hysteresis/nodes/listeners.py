@@ -111,10 +111,13 @@ class Listeners:
             return [name for name, known in self._known().items() if not reached(name, known)]
 
         begun = time.monotonic()
-        end = begun + self._patience()
+
+        def patient() -> bool:
+            return time.monotonic() - begun < self._patience() and self._node.context.ok()
+
         with self._condition:
             # In short steps, so that a node that is shut down meanwhile ends too.
-            while (late := behind()) and time.monotonic() < end and self._node.context.ok():
+            while (late := behind()) and patient():
                 self.awaited, self.since = ', '.join(late), begun
                 self._condition.wait(0.1)
             self.awaited = ''

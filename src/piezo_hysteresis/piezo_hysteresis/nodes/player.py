@@ -192,7 +192,7 @@ class PlayerNode(Node):
         """Stop playing."""
         self._player.stop()
         self._thread.join(2.0)
-        self._diagnostics.look()
+        self._diagnostics.last_word()
 
 
 def run(arguments: Sequence[str]) -> int:
