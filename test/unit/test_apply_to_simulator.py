@@ -52,6 +52,15 @@ CASES = {
         {'widening': 0.05, 'widening_corner': 4.0, 'widening_memory': 0.005},
         5e-3,
     ),
+    'bouc_wen_power_widening': (
+        {
+            'power_widening': 0.1,
+            'power_reference': 100.0,
+            'widening_power': 0.3,
+            'power_memory': 0.005,
+        },
+        5e-3,
+    ),
     'slew_limit': ({'slew_rate': 20.0}, 3e-3),
     # The block answers the mean over each sample, half a sample ahead of the value at its end.
     'slew_limit_mean': ({'mean_slew_rate': 20.0}, 1.5e-2),

@@ -66,9 +66,9 @@ def kernel(
 ) -> None:
     """Answer ``A1 u - h``; state is (last voltage [V], h [m]).
 
-    Well above exponent 1 the decay is smooth and strides are of fourth order. Elsewhere, and where h
-    decays so fast that strides would be many, the decay is frozen at the middle of short strides
-    and each made exactly: second order, stable always, and the exact step itself for exponent 1.
+    Well above exponent 1 the decay is smooth and strides are of fourth order. Elsewhere, and where
+    h decays so fast that strides would be many, the decay is frozen at the middle of short strides
+    and each made exactly: second order, stable always, the exact step itself for exponent 1.
     """
     a1, a, a0, beta, gamma, exponent = p[0], p[1], p[2], p[3], p[4], p[5]
     height = full_height(a, a0, beta, gamma)

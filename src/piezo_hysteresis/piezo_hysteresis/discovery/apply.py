@@ -70,6 +70,17 @@ def _bouc_wen_widening(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
+def _bouc_wen_power_widening(v: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **_bouc_wen(v),
+        'effects.rate_dependence': True,
+        'rate_dependence.widening': v['power_widening'],
+        'rate_dependence.exponent': v['widening_power'],
+        'rate_dependence.reference': v['power_reference'],
+        'rate_dependence.memory': v['power_memory'],
+    }
+
+
 def _sensor_lag(name: str) -> Translation:
     def translate(v: Mapping[str, float]) -> SimulatorValues:
         if v[name] <= 0.0:
@@ -192,6 +203,7 @@ TABLE: dict[str, Translation] = {
     'sensor_lag': _sensor_lag('sensor_lag_time'),
     'sensor_lag_sampled': _sensor_lag('sampled_sensor_lag_time'),
     'bouc_wen_widening': _bouc_wen_widening,
+    'bouc_wen_power_widening': _bouc_wen_power_widening,
     'slew_limit': _switched('slew_limit', slew_rate='amplifier__slew_rate'),
     'slew_limit_mean': _switched('slew_limit', mean_slew_rate='amplifier__slew_rate'),
     'electrostriction': _electrostriction,

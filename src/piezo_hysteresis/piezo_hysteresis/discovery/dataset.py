@@ -177,7 +177,7 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
 
 
 def _fastest(view: Target) -> int:
-    """Return the number of samples up to which the input has once moved as fast as it ever does."""
+    """Return the number of samples until the input has once moved as fast as it ever does."""
     speed = np.abs(np.diff(view.voltage, prepend=view.voltage[0]))
     return int(np.argmax(speed >= ALMOST * speed.max())) + 1
 
