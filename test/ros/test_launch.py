@@ -9,11 +9,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from listening import Listener
+from std_msgs.msg import Header
 
-from piezo_interfaces.msg import ActuatorState
+from piezo_hysteresis.records import read_bag
+from piezo_interfaces.msg import ActuatorState, LoopStatus
 from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.qos import LOOP
 
 pytestmark = [
     pytest.mark.ros,
@@ -63,6 +68,29 @@ def test_stages_run_side_by_side_and_end_on_ctrl_c(
         assert listener.get_parameter('y/simulator', 'preset') == 'zhou_tef'
     finally:
         end(launched, log)
+
+
+def test_the_recorder_of_one_actuator_is_launched_and_finishes_its_bag(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    log = tmp_path / 'launch.log'
+    publisher = listener.node.create_publisher(ActuatorState, 'stage_x/actuator/state', LOOP)
+    status = listener.listen(LoopStatus, 'stage_x/recorder/status', latched=True)
+    words = [f'out:={tmp_path / "my_bag"}', 'namespace:=stage_x']
+    launched = launch(processes, log, 'record.launch.py', *words)
+    try:
+        listener.until(lambda: publisher.get_subscription_count() > 0, 120.0)
+        for k in range(100):
+            publisher.publish(ActuatorState(sample=k, voltage=0.01 * k, header=stamped(k)))
+        listener.until(lambda: any(message.sample >= 100 for message in status))
+    finally:
+        end(launched, log)
+    (record,) = read_bag(tmp_path / 'my_bag')
+    np.testing.assert_array_equal(record.voltage, 0.01 * np.arange(100))
+
+
+def stamped(sample: int) -> Header:
+    return Header(stamp=Time(nanosec=sample * 1_000_000))
 
 
 def test_a_scenario_that_is_not_there_is_named(processes: NodeProcesses, tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LOOP
 from piezo_ros_common.stamps import stamp_into
 
-# Ticks between two feedback messages.
-FEEDBACK_EVERY = 200
+# Time between two feedback messages [s].
+FEEDBACK_EVERY = 0.2
 
 
 class SweepServer:
@@ -141,7 +141,7 @@ class SweepServer:
             self._mark(record, sample)
         elif sweep.ending(sample):
             self._end_record(sample)
-        if sample % FEEDBACK_EVERY == 0:
+        if sample % max(1, round(FEEDBACK_EVERY * self._rate)) == 0:
             self._report(sweep, sample)
         self._newest = sample
         return sweep.voltage(sample)

@@ -1,0 +1,154 @@
+"""Nodes that the fault campaign does not kill: they die while the others run, and come back."""
+
+from __future__ import annotations
+
+import signal
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from listening import Listener
+from rclpy.action import ActionClient
+
+from piezo_hysteresis.records import Record, write_bag
+from piezo_interfaces.action import Discover
+from piezo_interfaces.msg import ActuatorState
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+SLEW = 20.0
+RATE = 200.0
+
+
+class Loop:
+    """A loop in real time with its controllers in one process, and what else there is."""
+
+    def __init__(self, processes: NodeProcesses, listener: Listener, folder: Path) -> None:
+        self.processes, self.listener, self.folder = processes, listener, folder
+        self.health = listener.watch_health()
+        self.states = listener.listen(ActuatorState, 'actuator/state')
+        rate = {'rate': RATE}
+        slew = {'command_slew': SLEW, 'ramp': 5.0}
+        drive = {'mode': 'reference', 'frequency': 1.0, 'reference.amplitude': 5e-5}
+        processes.start('piezo_sim', 'simulator', {**rate, **slew, 'command_timeout': 0.5})
+        processes.start('piezo_hysteresis', 'excitation', {**rate, **drive, 'deadline': 3600.0})
+        self.links = self.start_links()
+        self.moves()
+
+    def start_links(self) -> NodeProcess:
+        """Start the controllers; each of the nodes inside gets the same settings."""
+        own = {'rate': RATE, 'limits.slew': SLEW, 'watchdog': 0.5}
+        return self.processes.start('piezo_hysteresis', 'control_loop', own)
+
+    def kill(self, node: NodeProcess) -> None:
+        node.signal(signal.SIGKILL)
+        self.processes.forget(node)
+
+    def moves(self) -> None:
+        """Wait until the voltage follows the reference again, up and down."""
+        count = len(self.states)
+
+        def tracks() -> bool:
+            voltages = [state.voltage for state in self.states[count:]]
+            return bool(voltages) and max(voltages) > 0.3 and min(voltages) < -0.3
+
+        self.listener.until(tracks)
+
+    def safe(self) -> None:
+        """Check every change of the applied voltage so far."""
+        samples = np.array([state.sample for state in self.states])
+        voltage = np.array([state.voltage for state in self.states])
+        steps = np.abs(np.diff(voltage)) / np.diff(samples)
+        assert steps.max() <= SLEW / RATE * (1 + 1e-9)
+        assert np.all(np.diff(samples) > 0)
+
+
+@pytest.fixture(scope='module')
+def loop(
+    shared_processes: NodeProcesses,
+    shared_listener: Listener,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Loop:
+    folder = tmp_path_factory.mktemp('restarts')
+    time = np.arange(20_000) * 1e-3
+    write_bag(folder / 'bag', [Record('r', 1e-3, np.sin(9 * time), 1e-4 * np.sin(9 * time))])
+    return Loop(shared_processes, shared_listener, folder)
+
+
+def test_controllers_in_one_process_die_and_come_back(loop: Loop) -> None:
+    loop.kill(loop.links)
+    loop.listener.says(loop.health, 'simulator', DiagnosticStatus.ERROR, 'no commands')
+    loop.listener.until(lambda: loop.states[-1].voltage == 0.0)
+    loop.links = loop.start_links()
+    loop.moves()
+    loop.safe()
+
+
+def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
+    here = {'namespace': 'apart', 'remap': {'/piezo/actuator/state': 'actuator/state',
+                                            '/piezo/record/marker': 'record/marker'}}  # fmt: skip
+    settings = {'bag': str(loop.folder / 'bag'), 'lock_step': True, 'wait': 60.0}
+    hearer = loop.processes.start('piezo_hysteresis', 'identification', namespace='apart')
+    first = loop.processes.start('piezo_hysteresis', 'player', settings, **here)
+    loop.listener.says(loop.health, 'apart/player', DiagnosticStatus.OK, 'plays')
+    loop.kill(first)
+    second = loop.processes.start('piezo_hysteresis', 'player', settings, **here)
+    assert loop.processes.wait_for(second, 120.0) == 0
+    assert 'played 20000 samples' in second.tail()
+    assert hearer.returncode is None
+    loop.processes.forget(second)
+    loop.processes.forget(hearer)
+
+
+def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
+    def start() -> NodeProcess:
+        return loop.processes.start('piezo_hysteresis', 'discovery', {'folder': str(loop.folder)})
+
+    def send(**goal: Any) -> Any:
+        asked = client.send_goal_async(Discover.Goal(baseline='classical', **goal))
+        loop.listener.until(asked.done)
+        return asked.result()
+
+    client = ActionClient(loop.listener.node, Discover, 'discover')
+    first = start()
+    loop.listener.until(client.server_is_ready)
+    assert send(data=['bag'], out='out', workers=1).accepted
+    loop.listener.tells(loop.health, 'discovery', 'busy', 'True')
+    loop.kill(first)
+    assert not (loop.folder / 'out').exists()
+    second = start()
+    loop.listener.tells(loop.health, 'discovery', 'runs', '0')
+    handle = send(data=['nowhere'], out='out')
+    finished = handle.get_result_async()
+    loop.listener.until(finished.done)
+    assert 'nowhere' in finished.result().result.message
+    client.destroy()
+    loop.processes.forget(second)
+
+
+def test_a_dashboard_dies_and_serves_again_at_the_same_place(loop: Loop) -> None:
+    def start(port: int) -> tuple[NodeProcess, str]:
+        settings = {'port': port, 'folder': str(loop.folder)}
+        node = loop.processes.start('piezo_hysteresis', 'dashboard', settings)
+        loop.listener.until(lambda: 'http://' in node.log.read_text())
+        return node, node.log.read_text().partition('open ')[2].split()[0]
+
+    def answers(url: str) -> None:
+        with urllib.request.urlopen(url, timeout=60) as page:
+            assert page.status == 200
+
+    first, url = start(0)
+    loop.kill(first)
+    second, again = start(int(url.rstrip('/').rpartition(':')[2]))
+    assert again == url
+    answers(url)
+    loop.processes.forget(second)
+
+
+def test_nothing_of_all_this_moved_the_actuator(loop: Loop) -> None:
+    loop.moves()
+    loop.safe()
