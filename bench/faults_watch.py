@@ -55,7 +55,7 @@ class Watch:
         """Return excess over the limits [V] and jumps of voltage and command since `first`.
 
         Jumps are in multiples of what the slew allows from tick to tick. An actuator that is
-        started anew is at 0 V; its first voltage counts from there.
+        started anew is at 0 V before its tick 0, whichever tick of it is heard first.
         """
         s = self._setting
         states = self._seen.states[max(0, first - 1) :]
@@ -71,7 +71,7 @@ class Watch:
     def _jump(self, before: State, after: State, voltage: float) -> float:
         s = self._setting
         anew = after.life != before.life
-        ticks = 1 if anew else after.sample - before.sample
+        ticks = after.sample + 1 if anew else after.sample - before.sample
         change = abs(voltage - (0.0 if anew else before.voltage))
         return change / (ticks * s.slew / s.rate)
 
