@@ -177,6 +177,8 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
 
     Not counted is what came before the recorder was connected: before its first sample of the
     run it began in, and of every later run of the actuator, which ticks from its first moment on.
+    Nor is the last tick of a run that ended: an actuator that is killed while it publishes has
+    told one listener of it and not the next.
 
     Parameters
     ----------
@@ -194,13 +196,14 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
     tail = next(k for k, held_too in enumerate(reversed(there)) if held_too) if killed else 0
     end = len(seen) - tail
     lost, connected = 0, {seen[there.index(True)].life: False}
-    for state, held_too in zip(seen[:end], there[:end], strict=True):
+    lasts = {k for k, (a, b) in enumerate(pairwise(seen)) if a.life != b.life}
+    for k, (state, held_too) in enumerate(zip(seen[:end], there[:end], strict=True)):
         # At 0 V all runs of the actuator begin alike: such a sample may be that of another run.
         if held_too and state.voltage != 0.0:
             connected[state.life] = True
         elif held_too:
             continue
-        elif connected.get(state.life, False):
+        elif connected.get(state.life, False) and k not in lasts:
             lost += 1
     unheard = {s.life for s in seen[:end]} - connected.keys()
     lost += sum(s.life in unheard and s.life > min(connected) for s in seen[:end])

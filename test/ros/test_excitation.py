@@ -274,6 +274,7 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
 def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
     listener = loop.listener
     count = len(loop.markers)
+    listener.until(lambda: listener.node.count_subscribers('record/marker') == 1)
     assert listener.set_one('excitation', 'marker_listeners', 2) == ''
     assert listener.set_one('excitation', 'deadline', 0.5) == ''
     given_up = loop.result(loop.send(**GOAL)).result
@@ -284,8 +285,13 @@ def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
     handle = loop.send(**GOAL)
     loop.says(WARN, 'waits for 2 subscribers of record/marker, 1 are there')
     late: list[RecordMarker] = []
-    listener.node.create_subscription(RecordMarker, 'record/marker', late.append, LOOP)
-    assert loop.result(handle).result.success
-    listener.until(lambda: sum(bool(marker.record) for marker in late) == 4)
+    subscription = listener.node.create_subscription(
+        RecordMarker, 'record/marker', late.append, LOOP
+    )
+    try:
+        assert loop.result(handle).result.success
+        listener.until(lambda: sum(bool(marker.record) for marker in late) == 4)
+    finally:
+        listener.node.destroy_subscription(subscription)
     assert listener.set_one('excitation', 'marker_listeners', 0) == ''
     assert listener.set_one('excitation', 'deadline', 2.0) == ''

@@ -162,3 +162,6 @@ def test_lost_samples_are_counted_and_those_a_kill_takes_told_apart() -> None:
     assert missing([*keys, *later[4:]], [*seen, *again], killed=False) == (0, 0.0)
     assert missing([*keys, later[4], *later[7:]], [*seen, *again], killed=False) == (2, 0.0)
     assert missing(keys, [*seen, *again], killed=False) == (10, 0.0)
+    # the actuator may have been killed while it told one of its last tick, and not the other
+    assert missing([*keys[:-1], *later], [*seen, *again], killed=False) == (0, 0.0)
+    assert missing([*keys[:-2], *later], [*seen, *again], killed=False) == (1, 0.0)
