@@ -25,7 +25,7 @@ def kernel(
     omega = 2.0 * pi * p[0]
     a11, a12, a21, a22 = hold(omega, p[1], dt)
     rate, kept, gain, whole = 0.0, 0.0, 0.0, 1.0
-    if p[2] > 0.0:
+    if p[2] > 1e-6 * dt:  # faster than that it is there at once, as far as numbers tell
         rate, kept, whole = -1.0 / p[2], exp(-dt / p[2]), -expm1(-dt / p[2])
         size = rate * rate + 2.0 * p[1] * omega * rate + omega * omega
         if abs(size) < 1e-9 * omega * omega:  # a real pole of the mode on that of the ease
