@@ -50,7 +50,7 @@ def test_real_time(processes: NodeProcesses, listener: Listener) -> None:
     status = listener.listen(LoopStatus, 'loop/status', latched=True)
     publisher = listener.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
     processes.start('piezo_sim', 'simulator', SETTINGS)
-    listener.until(lambda: states and publisher.get_subscription_count())
+    listener.until(lambda: states and status and publisher.get_subscription_count())
 
     # Answer every state, as an excitation does; what comes too late is counted, not lost.
     last = answer(listener, states, publisher, 300)
