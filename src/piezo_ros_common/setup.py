@@ -6,7 +6,7 @@ setup(
     name=package,
     version='0.1.0',
     packages=find_packages(),
-    package_data={package: ['py.typed', 'fastdds.xml']},
+    package_data={package: ['py.typed', 'fastdds.xml', 'fastdds_udp.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),

@@ -44,6 +44,7 @@ def _says(file: str) -> str:
 
 def test_the_middleware_understands_every_word_of_it(tmp_path) -> None:
     assert 'XML' not in _says(profiles())
+    assert 'XML' not in _says(profiles('fastdds_udp.xml'))
     wrong = tmp_path / 'wrong.xml'
     text = ElementTree.tostring(ElementTree.parse(profiles()).getroot(), encoding='unicode')
     wrong.write_text(text.replace('heartbeatPeriod', 'heartbeatPeriods'))

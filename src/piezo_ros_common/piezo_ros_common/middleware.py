@@ -9,9 +9,9 @@ from importlib.resources import files
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
-def profiles() -> str:
-    """Return the path of the profiles that come with this package."""
-    return str(files('piezo_ros_common') / 'fastdds.xml')
+def profiles(name: str = 'fastdds.xml') -> str:
+    """Return the path of profiles that come with this package."""
+    return str(files('piezo_ros_common') / name)
 
 
 def prepare() -> None:
