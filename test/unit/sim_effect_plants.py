@@ -4,13 +4,9 @@ from sim_signals import sine
 
 from piezo_sim import Plant
 
-# Effects of which a test has looked for the signature.
-TESTED = set()
-
 
 def plant(effect, *others, rate=1000.0, seed=0, **values):
     """Return a straight line with some effects on; keywords have __ for the dot."""
-    TESTED.add(effect)
     on = {f'effects.{name}': True for name in (effect, *others)}
     numbers = {key.replace('__', '.'): value for key, value in values.items()}
     return Plant({**on, **numbers}, rate=rate, seed=seed)
