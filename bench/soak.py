@@ -84,6 +84,8 @@ def slope_of(time: np.ndarray, values: np.ndarray, blocks: int = 12) -> tuple[fl
     x = np.array([time[part].mean() for part in parts])
     y = np.array([values[part].mean() for part in parts])
     fit = linregress(x, y)
+    if np.ptp(y) == 0.0:  # no page more or less: there is nothing to be unsure of
+        return 0.0, 0.0, 0.0
     half = float(t.ppf(0.975, len(parts) - 2) * fit.stderr)
     return float(fit.slope), float(fit.slope) - half, float(fit.slope) + half
 
