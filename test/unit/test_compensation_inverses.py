@@ -78,6 +78,10 @@ CASES = {
     'eased_mode': (('amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode'),
                    {**BOUC_WEN, **MODE, 'sampled_lag_time': 4e-4, 'ease_time': 4e-4},
                    ChainInverse, 1e-7),
+    # an ease that is over before a sample is: no number on the way may overflow
+    'fast_ease': (('amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode'),
+                  {**BOUC_WEN, **MODE, 'sampled_lag_time': 1e-7, 'ease_time': 1e-7},
+                  ChainInverse, 1e-7),
     'mode_pair': (('bouc_wen_exact', 'mode_pair'),
                   {**BOUC_WEN, **MODE, 'resonance_frequency': 400.0, 'resonance_share': 0.2},
                   ChainInverse, 3e-8),

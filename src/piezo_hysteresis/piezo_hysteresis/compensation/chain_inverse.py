@@ -90,7 +90,9 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
             stages.k2 += share * k2
             stages.lead += share * 0.5 * dt
             if block.name == 'eased_mode' and own[2] > 0.0:
-                stages.lead += float(own[2]) - dt / math.expm1(dt / float(own[2]))
+                # dt / expm1(dt / ease) in a form that does not overflow for a fast ease
+                steps = dt / float(own[2])
+                stages.lead += float(own[2]) + dt * math.exp(-steps) / math.expm1(-steps)
             if block.name == 'nonlinear_mode':
                 stages.spring = (float(own[2]), float(own[3]), float(own[4]))
         else:
