@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import rclpy
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -22,7 +21,7 @@ from piezo_interfaces.msg import (
     VoltageCommand,
 )
 from piezo_ros_common import topics
-from piezo_ros_common.middleware import prepare
+from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
@@ -123,9 +122,7 @@ class Observer:
     """
 
     def __init__(self, processes: NodeProcesses) -> None:
-        self._context = Context()
-        prepare()
-        rclpy.init(context=self._context, domain_id=processes.domain)
+        self._context = joined(processes.domain)
         self.node = Node('observer', context=self._context)
         self._caller = Node('caller', context=self._context)
         self.seen = Observed()

@@ -123,6 +123,10 @@ class Stopwatch(Node):
     ) -> None:
         self._inlets.append((self.create_subscription(kind, topic, _unused, qos), note))
 
+    def tally(self) -> dict[str, int]:
+        """Return what actuator and links have counted so far."""
+        return {**self.counts, 'given_up': sum(self.given_up.values())}
+
     def drain(self) -> None:
         """Take in what has come."""
         for subscription, note in self._inlets:
@@ -183,14 +187,14 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
         serve(60.0, lambda: bool(watch.commands))
         serve(SETTLE)
         first = max(watch.states) + 1
-        before = {**watch.counts, 'given_up': sum(watch.given_up.values())}
+        before = watch.tally()
         pids = [node.pid for node in processes.nodes]
         cpu, begun = cpu_seconds(pids), time.monotonic()
         serve(seconds)
         cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - begun
         last = max(watch.states)
         serve(1.5)  # the counters, and what is under way
-        after = {**watch.counts, 'given_up': sum(watch.given_up.values())}
+        after = watch.tally()
         watch.destroy_node()
         rclpy.shutdown()
     grown = {name: after[name] - before.get(name, 0) for name in after}

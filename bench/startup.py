@@ -23,14 +23,13 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
 from piezo_interfaces.msg import ActuatorState, Gap, ModelEstimate, Reference, VoltageCommand
-from piezo_ros_common.middleware import prepare
+from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
@@ -54,9 +53,7 @@ class Speaker:
     """Says one tick after the other to whoever listens, until an answer comes."""
 
     def __init__(self, processes: NodeProcesses, kind: type, topic: str, name: str) -> None:
-        self._context = Context()
-        prepare()
-        rclpy.init(context=self._context, domain_id=processes.domain)
+        self._context = joined(processes.domain)
         self._node = Node('speaker', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -10,13 +10,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from piezo_interfaces.msg import ActuatorState, VoltageCommand
-from piezo_ros_common.middleware import prepare
+from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
 
@@ -32,9 +31,7 @@ class Listener:
 
     def __init__(self, processes: NodeProcesses) -> None:
         self._processes = processes
-        self._context = Context()
-        prepare()
-        rclpy.init(context=self._context, domain_id=processes.domain)
+        self._context = joined(processes.domain)
         self.node = Node('listener', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections import Counter
 from xml.etree import ElementTree
 
 from piezo_ros_common.middleware import PROFILES, prepare, profiles
+
+SPACE = 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'
 
 NODE = """
 from piezo_ros_common.middleware import prepare
@@ -49,3 +52,11 @@ def test_the_middleware_understands_every_word_of_it(tmp_path) -> None:
     text = ElementTree.tostring(ElementTree.parse(profiles()).getroot(), encoding='unicode')
     wrong.write_text(text.replace('heartbeatPeriod', 'heartbeatPeriods'))
     assert 'XML' in _says(str(wrong))
+
+
+def test_the_profiles_over_udp_say_the_same_but_for_the_transport() -> None:
+    trees = [ElementTree.parse(profiles(name)) for name in ('fastdds.xml', 'fastdds_udp.xml')]
+    words = [Counter(ElementTree.tostring(e).strip() for e in t.iter(f'{{{SPACE}}}{name}'))
+             for t in trees for name in ('builtin', 'times')]  # fmt: skip
+    assert words[:2] == words[2:]
+    assert all(words)

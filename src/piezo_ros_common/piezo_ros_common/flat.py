@@ -12,6 +12,8 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
+from piezo_ros_common.stamps import NANOSECONDS
+
 # CDR, little endian: what every middleware on every common machine sends.
 _LITTLE = b'\x00\x01'
 
@@ -75,4 +77,4 @@ def stamp_of(head: bytes) -> tuple[int, int]:
 def nanoseconds_of_head(head: bytes) -> int:
     """Return the time since the epoch of a head that `FlatCodec.decode` returned [ns]."""
     sec, nanosec = stamp_of(head)
-    return sec * 1_000_000_000 + nanosec
+    return sec * NANOSECONDS + nanosec

@@ -1,5 +1,7 @@
 """What the number of a sample says about the one who counts them; knows no ROS."""
 
+from piezo_ros_common.stamps import NANOSECONDS
+
 # Messages of one writer come in order; further back than this it was started anew.
 REORDERED = 64
 
@@ -11,10 +13,8 @@ COUNTS = ('missed', 'doubled', 'reordered', 'strays')
 # No number follows this one.
 _NONE = -REORDERED - 1
 
-_SECOND = 1_000_000_000
-
 # Stamps may differ from what the numbers say by this: a clock that is set right, or jitter [ns].
-TOLERANCE = _SECOND // 2
+TOLERANCE = NANOSECONDS // 2
 
 
 class Intake:
@@ -85,7 +85,7 @@ class Stamps:
 
     def __init__(self, dt: float) -> None:
         self.jumps = 0
-        self._step = dt * _SECOND
+        self._step = dt * NANOSECONDS
         self._sample = -1
         self._said = 0  # what the newest sample said
         self._time = 0  # what it is taken for

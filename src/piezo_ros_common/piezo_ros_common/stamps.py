@@ -1,6 +1,11 @@
 """Time stamps from sample numbers: control never looks at the wall clock."""
 
-from builtin_interfaces.msg import Time
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
 
 NANOSECONDS = 1_000_000_000
 

@@ -12,39 +12,42 @@ from piezo_hysteresis.jit import jit
 
 
 @jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Answer ``A1 u - w h``; state is (last voltage [V], h [m], felt rate [V/s])."""
+def widen(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
+    power: float,
+) -> None:  # fmt: skip
+    """Answer ``A1 u - w h``, w by a power of the rate, or where that is 0 by its logarithm.
+
+    State is (last voltage [V], h [m], felt rate [V/s]).
+    """
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
     for k in range(x.size):
         du = x[k] - last
         last = x[k]
-        rate = felt(rate, du, dt, p[7])
+        rate = felt(rate, du, dt, memory)
         h = exact_step(h, du, a, a0, beta, gamma)
-        y[k] = a1 * last - (1.0 + p[5] * log1p(rate / p[6])) * h
+        growth = (rate / p[6]) ** power if power > 0.0 else log1p(rate / p[6])
+        y[k] = a1 * last - (1.0 + p[5] * growth) * h
     state[0] = last
     state[1] = h
     state[2] = rate
 
 
 @jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Widen with the logarithm of the rate."""
+    widen(x, y, state, p, dt, p[7], 0.0)
+
+
+@jit
 def power_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - w h`` with w by a power of the rate; state as in the other kernel."""
-    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h, rate = state[0], state[1], state[2]
-    for k in range(x.size):
-        du = x[k] - last
-        last = x[k]
-        rate = felt(rate, du, dt, p[8])
-        h = exact_step(h, du, a, a0, beta, gamma)
-        y[k] = a1 * last - (1.0 + p[5] * (rate / p[6]) ** p[7]) * h
-    state[0] = last
-    state[1] = h
-    state[2] = rate
+    """Widen with a power of the rate."""
+    widen(x, y, state, p, dt, p[8], p[7])
 
 
 _LOGARITHM = Block(

@@ -16,7 +16,7 @@ from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation_health import Doing, ExcitationHealth
 from piezo_hysteresis.nodes.excitation_plan import Experiment
 from piezo_hysteresis.nodes.sweep_plan import parse_options, waveform_of
-from piezo_hysteresis.nodes.sweep_server import SweepServer
+from piezo_hysteresis.nodes.sweep_server import SweepServer, missing_subscribers
 from piezo_hysteresis.nodes.tables import EXCITATION
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
@@ -152,10 +152,8 @@ class Excitation(Node):
         """Return who else must be there before the first tick; empty where all are."""
         voltage = self._params.text('mode') == 'voltage'
         publisher = self._voltage_publisher if voltage else self._reference_publisher
-        wanted, there = self._params.integer('wait_for'), publisher.get_subscription_count()
-        if there >= wanted:
-            return ''
-        return f'{wanted} subscribers of {publisher.topic_name}, {there} are there'
+        wanted = self._params.integer('wait_for')
+        return missing_subscribers(publisher, publisher.topic_name, wanted)
 
     def _repeat(self) -> None:
         """Say the last word again where the loop stands still: somebody may have missed it."""

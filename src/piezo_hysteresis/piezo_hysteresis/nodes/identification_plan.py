@@ -146,7 +146,7 @@ class Course:
 
     def mark(self, edge: Edge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
-        known = [*self._passed, *self._edges]
+        known = self._edges or self._passed
         # Edges come in order; one that lies further back belongs to an actuator that starts anew.
         follows = not known or (edge.nanoseconds >= known[-1].nanoseconds and edge != known[-1])
         self._edges.append(edge)

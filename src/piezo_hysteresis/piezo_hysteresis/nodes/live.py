@@ -11,7 +11,6 @@ from typing import Any
 
 import rclpy
 from rclpy.action import ActionClient
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -20,7 +19,7 @@ from piezo_hysteresis.records import Record, read_bag
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common import topics
-from piezo_ros_common.middleware import prepare
+from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcess, NodeProcesses, ProcessError
 from piezo_ros_common.qos import LATCHED
 
@@ -72,9 +71,7 @@ class Observer:
 
     def __init__(self, processes: NodeProcesses) -> None:
         self._processes = processes
-        self._context = Context()
-        prepare()
-        rclpy.init(context=self._context, domain_id=processes.domain)
+        self._context = joined(processes.domain)
         self.node = Node('observer', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)

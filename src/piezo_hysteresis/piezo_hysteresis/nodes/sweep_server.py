@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
@@ -20,6 +21,12 @@ from piezo_ros_common.stamps import stamp_into
 
 # Time between two feedback messages [s].
 FEEDBACK_EVERY = 0.2
+
+
+def missing_subscribers(publisher: Publisher, topic: str, wanted: int) -> str:
+    """Return how many subscribers a topic wants and has; empty where they are all there."""
+    there = publisher.get_subscription_count()
+    return '' if there >= wanted else f'{wanted} subscribers of {topic}, {there} are there'
 
 
 class SweepServer:
@@ -55,6 +62,7 @@ class SweepServer:
         self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
         self._parameters = parameters
         self._rate = parameters.number('rate')
+        self._ticks_to_report = max(1, round(FEEDBACK_EVERY * self._rate))
         self._begin = begin
         self._busy = False
         self._sweep: Sweep | None = None
@@ -99,10 +107,7 @@ class SweepServer:
         if self._recount:
             return 'loop/status: what was refused of the sweep before is not known yet'
         wanted = self._parameters.integer('marker_listeners')
-        there = self._markers.get_subscription_count()
-        return (
-            '' if there >= wanted else f'{wanted} subscribers of record/marker, {there} are there'
-        )
+        return missing_subscribers(self._markers, topics.MARKER, wanted)
 
     @property
     def doing(self) -> str:
@@ -141,7 +146,7 @@ class SweepServer:
             self._mark(record, sample)
         elif sweep.ending(sample):
             self._end_record(sample)
-        if sample % max(1, round(FEEDBACK_EVERY * self._rate)) == 0:
+        if sample % self._ticks_to_report == 0:
             self._report(sweep, sample)
         self._newest = sample
         return sweep.voltage(sample)
