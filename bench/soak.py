@@ -6,7 +6,7 @@ Samples resident memory and open file handles of every process once a second, fi
 comes after the first quarter (caches fill, allocators settle) and says that a node is flat where
 growth at the upper end of the slope's 95 % interval stays below 5 % of its memory in a day, or
 below 1 MiB an hour, whichever is more, and where no file handle is gained. The interval takes
-into account that neighbouring values are alike.
+into account that neighbouring values are alike. All samples go beside the verdicts, as .npz.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import time
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -33,6 +34,7 @@ from piezo_ros_common.processes import NodeProcesses
 MIB = 1 << 20
 SHARE_PER_DAY = 0.05
 FLOOR_PER_HOUR = 1.0 * MIB
+_SIZES = ('VmRSS', 'RssAnon', 'RssShmem')
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,9 @@ class Verdict:
         Mean resident memory after the first quarter [byte].
     slope, low, high : float
         Growth and its 95 % interval [byte/h].
+    private, shared : float
+        Growth of the heap and of what is shared with other processes [byte/h]: a leak is private,
+        the buffers of the middleware are shared and touched one by one until all have been used.
     handles_first, handles_last : int
         Handles open in the second quarter and in the last one, the median: a recorder has its
         metadata open for a moment every second.
@@ -56,20 +61,28 @@ class Verdict:
     slope: float
     low: float
     high: float
+    private: float
+    shared: float
     handles_first: int
     handles_last: int
     flat: bool
 
 
-def resident(pid: int) -> int:
-    """Return the resident memory of a process [byte]."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE')
+class Sample(NamedTuple):
+    """What a process holds: resident memory, its private and shared part [byte], file handles."""
+
+    rss: int
+    private: int
+    shared: int
+    handles: int
 
 
-def handles(pid: int) -> int:
-    """Return the number of open file handles of a process."""
-    return sum(1 for _ in Path(f'/proc/{pid}/fd').iterdir())
+def sample_of(pid: int) -> Sample:
+    """Look at a process."""
+    lines = Path(f'/proc/{pid}/status').read_text().splitlines()
+    sizes = {k: v for k, v in (line.split(':', 1) for line in lines) if k in _SIZES}
+    rss, private, shared = (1024 * int(sizes[name].split()[0]) for name in _SIZES)
+    return Sample(rss, private, shared, sum(1 for _ in Path(f'/proc/{pid}/fd').iterdir()))
 
 
 def slope_of(time: np.ndarray, values: np.ndarray, blocks: int = 12) -> tuple[float, float, float]:
@@ -90,26 +103,40 @@ def slope_of(time: np.ndarray, values: np.ndarray, blocks: int = 12) -> tuple[fl
     return float(fit.slope), float(fit.slope) - half, float(fit.slope) + half
 
 
-def judge(seconds: np.ndarray, rss: np.ndarray, open_handles: np.ndarray) -> Verdict:
-    """Say what one node did, from its samples.
+def judge(seconds: np.ndarray, samples: np.ndarray) -> Verdict:
+    """Say what one node did.
 
     Parameters
     ----------
-    seconds, rss, open_handles : ndarray of shape (n,)
-        Time [s], memory [byte], number of handles.
+    seconds : ndarray, shape (n,)
+        Time [s].
+    samples : ndarray, shape (n, 4)
+        What it held then, as in `Sample`.
     """
     late = seconds >= seconds[0] + 0.25 * (seconds[-1] - seconds[0])
-    slope, low, high = (3600.0 * each for each in slope_of(seconds[late], rss[late]))
-    mean = float(rss[late].mean())
-    after = open_handles[late]
+    rss, private, shared, after = samples[late].T
+    slope, low, high = (3600.0 * each for each in slope_of(seconds[late], rss))
+    private, shared = (3600.0 * slope_of(seconds[late], each)[0] for each in (private, shared))
+    mean = float(rss.mean())
     third = max(1, len(after) // 3)
     first, last = int(np.median(after[:third])), int(np.median(after[-third:]))
     bound = max(FLOOR_PER_HOUR, SHARE_PER_DAY * mean / 24.0)
-    return Verdict(mean, slope, low, high, first, last, high <= bound and last <= first)
+    flat = high <= bound and last <= first
+    return Verdict(mean, slope, low, high, private, shared, first, last, flat)
 
 
-def soak(seconds: float, setting: Setting, folder: Path, every: float = 1.0) -> dict[str, Verdict]:
-    """Run the loop for so long and return the verdict on every node."""
+def soak(
+    seconds: float, setting: Setting, folder: Path, every: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run the loop for so long.
+
+    Returns
+    -------
+    seconds : ndarray, shape (n,)
+        When the nodes were looked at [s].
+    samples : ndarray, shape (n, nodes, 4)
+        What each of `NODES` held then, as in `Sample`.
+    """
     with NodeProcesses() as processes, closing(Observer(processes)) as observer:
         loop = Loop(processes, folder, setting)
         for name in NODES:
@@ -120,33 +147,30 @@ def soak(seconds: float, setting: Setting, folder: Path, every: float = 1.0) -> 
             raise SystemExit(f'the loop does not run: nothing is heard of {", ".join(silent)}')
         begun = time.monotonic()
         times: list[float] = []
-        rows: list[list[tuple[int, int]]] = []
+        rows: list[list[Sample]] = []
         while times[-1] < seconds if times else True:
             processes.check()
             times.append(time.monotonic() - begun)
-            rows.append(
-                [
-                    (resident(loop.running[name].pid), handles(loop.running[name].pid))
-                    for name in NODES
-                ]
-            )
+            rows.append([sample_of(loop.running[name].pid) for name in NODES])
             observer.seen.forget()
             time.sleep(every)
         ticks = observer.seen.states[-1].sample
         loop.stop()
     print(f'{ticks} ticks in {times[-1]:.0f} s')
-    table = np.array(rows, dtype=float)
-    t = np.array(times)
-    return {name: judge(t, table[:, k, 0], table[:, k, 1]) for k, name in enumerate(NODES)}
+    return np.array(times), np.array(rows, dtype=float)
 
 
 def show(verdicts: dict[str, Verdict]) -> None:
     """Print the table."""
-    print(f'{"node":16}{"RSS MiB":>9}{"MiB/h":>9}{"95 % interval":>20}{"handles":>10}')
+    print(
+        f'{"node":16}{"RSS MiB":>9}{"MiB/h":>9}{"95 % interval":>20}{"private":>9}{"shared":>9}'
+        f'{"handles":>10}'
+    )
     for name, v in verdicts.items():
         span = f'{v.low / MIB:.2f} .. {v.high / MIB:.2f}'
         print(
             f'{name:16}{v.rss / MIB:9.1f}{v.slope / MIB:9.2f}{span:>20}'
+            f'{v.private / MIB:9.2f}{v.shared / MIB:9.2f}'
             f'{v.handles_first:>5} {v.handles_last:>4}  {"flat" if v.flat else "GROWS"}'
         )
 
@@ -161,11 +185,13 @@ def main() -> int:
     end_on_terminate()
     load = os.getloadavg()
     with tempfile.TemporaryDirectory() as folder:
-        verdicts = soak(60.0 * words.minutes, Setting(rate=words.rate), Path(folder))
+        seconds, samples = soak(60.0 * words.minutes, Setting(rate=words.rate), Path(folder))
+    verdicts = {name: judge(seconds, samples[:, k]) for k, name in enumerate(NODES)}
     print(f'load of the machine {load[0]:.1f} before, {os.getloadavg()[0]:.1f} after')
     show(verdicts)
     words.out.parent.mkdir(parents=True, exist_ok=True)
     words.out.write_text(json.dumps({k: asdict(v) for k, v in verdicts.items()}, indent=2) + '\n')
+    np.savez(words.out.with_suffix('.npz'), nodes=NODES, seconds=seconds, samples=samples)
     return 0 if all(v.flat for v in verdicts.values()) else 1
 
 
