@@ -41,6 +41,15 @@ CASES = {
     'mains_hum': ({'hum_frequency': 50.0, 'hum_sine': 2e-6, 'hum_cosine': 1e-6}, 4e-3),
     'saturation': ({'saturation_high': 0.8, 'saturation_low': 0.7}, 1e-3),
     'creep': ({'creep_share': 0.04, 'creep_time': 0.5}, 2e-3),
+    'creep_pair': (
+        {
+            'creep_share': 0.04,
+            'creep_time': 0.1,
+            'slow_creep_share': 0.03,
+            'slow_creep_ratio': 20.0,
+        },
+        3e-3,
+    ),
     'offset': ({'offset': 4e-6}, 1e-3),
     'transport_delay': ({'delay': 0.004}, 1e-3),
     # The block answers the mean over each sample, half a sample ahead of the value at its end.

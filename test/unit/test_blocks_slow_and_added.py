@@ -22,6 +22,16 @@ def test_creep_after_a_step_is_exponential():
     np.testing.assert_allclose(y, 1.0 + 0.1 * (1 - np.exp(-t / 2.0)), atol=1e-12)
 
 
+def test_the_elements_of_a_pair_creep_side_by_side():
+    t = np.arange(1000) * DT
+    values = {
+        'creep_share': 0.1, 'creep_time': 0.2, 'slow_creep_share': 0.05, 'slow_creep_ratio': 20.0,
+    }  # fmt: skip
+    y = respond('creep_pair', np.ones(1000), values)
+    expected = 1.0 + 0.1 * (1 - np.exp(-t / 0.2)) + 0.05 * (1 - np.exp(-t / 4.0))
+    np.testing.assert_allclose(y, expected, atol=1e-12)
+
+
 def test_logarithmic_creep_is_a_line_over_log_time():
     y = respond(
         'logarithmic_creep', np.ones(200_000), {'creep_per_decade': 0.02, 'creep_onset': 0.1}

@@ -26,6 +26,23 @@ def kernel(
 
 
 @jit
+def pair_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v + c1 + c2``, each as in the kernel of one; state is c1, c2 [m]."""
+    share, rest = p[0], -expm1(-dt / p[1])
+    slow_share, slow_rest = p[2], -expm1(-dt / (p[1] * p[3]))
+    crept, slow = state[0], state[1]
+    for k in range(x.size):
+        v = x[k]
+        y[k] = v + crept + slow
+        crept += rest * (share * v - crept)
+        slow += slow_rest * (slow_share * v - slow)
+    state[0] = crept
+    state[1] = slow
+
+
+@jit
 def logarithmic_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
@@ -43,25 +60,50 @@ def logarithmic_kernel(
         tau *= spacing
 
 
+_ELEMENT = (
+    Parameter(
+        'creep_share',
+        '1',
+        0.0,
+        -0.9,
+        5.0,
+        'Creep after a very long time over the displacement.',
+        0.05,
+    ),
+    Parameter('creep_time', 's', 3.0, 1e-4, 1e6, 'Time constant of the creep.', 3.0),
+)
+
 BLOCKS = (
     Block(
         name='creep',
         slot=Slot.SLOW,
+        parameters=_ELEMENT,
+        kernel=kernel,
+        state_size=1,
+        description='One Kelvin-Voigt element in series.',
+        source='Kelvin-Voigt creep',
+    ),
+    Block(
+        name='creep_pair',
+        slot=Slot.SLOW,
         parameters=(
+            *_ELEMENT,
             Parameter(
-                'creep_share',
+                'slow_creep_share',
                 '1',
                 0.0,
                 -0.9,
                 5.0,
-                'Creep after a very long time over the displacement.',
+                'Creep of the second element after a very long time over the displacement.',
                 0.05,
             ),
-            Parameter('creep_time', 's', 3.0, 1e-4, 1e6, 'Time constant of the creep.', 3.0),
+            Parameter(
+                'slow_creep_ratio', '1', 10.0, 1.0, 1e6, 'Its time constant over creep_time.', 10.0
+            ),
         ),
-        kernel=kernel,
-        state_size=1,
-        description='One Kelvin-Voigt element in series.',
+        kernel=pair_kernel,
+        state_size=2,
+        description='Two Kelvin-Voigt elements in series, each of which sees the displacement.',
         source='Kelvin-Voigt creep',
     ),
     Block(
@@ -95,9 +137,9 @@ EFFECTS = tuple(
         variant=block.name,
         repeatable=True,
         block=block,
-        neutral={neutral: 0.0},
-        start={neutral: 0.02},
-        alternatives=tuple({time: each} for each in others),
+        neutral=dict.fromkeys(shares, 0.0),
+        start=dict.fromkeys(shares, 0.02),
+        alternatives=alternatives,
         physics=(
             'Domains go on turning under a constant field, so the displacement keeps growing '
             'after the voltage has stopped, fast at first and ever slower.'
@@ -105,8 +147,16 @@ EFFECTS = tuple(
         experiment='Step and hold for a minute: creep is a line over the logarithm of time.',
         mistaken_for=('drift', 'amplifier_lag', 'transport_delay', 'rate_dependence'),
     )
-    for block, neutral, time, others in (
-        (BLOCKS[0], 'creep_share', 'creep_time', (0.3, 30.0)),
-        (BLOCKS[1], 'creep_per_decade', 'creep_onset', (0.01, 1.0)),
+    for block, shares, alternatives in (
+        (BLOCKS[0], ('creep_share',), ({'creep_time': 0.3}, {'creep_time': 30.0})),
+        (
+            BLOCKS[1],
+            ('creep_share', 'slow_creep_share'),
+            (
+                {'creep_time': 0.1, 'slow_creep_ratio': 20.0},
+                {'creep_time': 1.0, 'slow_creep_ratio': 10.0},
+            ),
+        ),
+        (BLOCKS[2], ('creep_per_decade',), ({'creep_onset': 0.01}, {'creep_onset': 1.0})),
     )
 )

@@ -170,6 +170,14 @@ def _creep(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
+def _creep_pair(v: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **_creep(v),
+        'creep.gain_2': v['slow_creep_share'],
+        'creep.time_2': v['creep_time'] * v['slow_creep_ratio'],
+    }
+
+
 def _electrostriction(v: Mapping[str, float]) -> SimulatorValues:
     return {
         'effects.electrostriction': True,
@@ -194,6 +202,7 @@ TABLE: dict[str, Translation] = {
     'mains_hum': _hum,
     'saturation': _saturation,
     'creep': _creep,
+    'creep_pair': _creep_pair,
     'offset': _offset,
     'transport_delay': _switched('transport_delay', delay='amplifier__delay'),
     'amplifier_lag': _switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),

@@ -128,7 +128,7 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
 
 
 def _semifinalists(fitted: Sequence[Trial]) -> list[Trial]:
-    """Return the best fits of different effects, and another way of the best one.
+    """Return the best fits of different effects, and the other ways of the best one.
 
     An effect that may take the place of different blocks is as different as two effects: what a
     model has in that place already can hide it.
@@ -138,8 +138,8 @@ def _semifinalists(fitted: Sequence[Trial]) -> list[Trial]:
         if all(_place(trial) != _place(other) for other in leading):
             leading.append(trial)
     others = [t for t in fitted if all(t is not other for other in leading)]
-    rest = [t for t in others if t.effect == fitted[0].effect][:1]
-    return [*leading[: LAST_FITS - len(rest)], *rest]
+    rest = [t for t in others if t.effect == fitted[0].effect]
+    return [*leading[: LAST_FITS - min(1, len(rest))], *rest]
 
 
 def _place(trial: Trial) -> tuple[str, tuple[str, ...]]:
