@@ -27,6 +27,10 @@ CASES = {
     'series_mode': ({'resonance_frequency': 120.0, 'resonance_damping': 0.05}, 1e-3),
     # without an amplifier that lags, its drive does not approach its values either
     'eased_mode': ({'natural_frequency': 150.0, 'damping_ratio': 0.05, 'ease_time': 0.0}, 1e-3),
+    'delayed_mode': (
+        {'natural_frequency': 150.0, 'damping_ratio': 0.05, 'mode_delay': 0.0023},
+        1e-3,
+    ),
     'mode_pair': (
         {
             'natural_frequency': 90.0,

@@ -41,6 +41,16 @@ def test_mode_is_the_exact_hold(frequency, zeta):
     np.testing.assert_allclose(y, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize('late', [0, 3, 10, 37, 990])
+def test_a_delayed_mode_is_the_mode_on_a_finer_grid(late):
+    structure = {'natural_frequency': 168.0, 'damping_ratio': 0.02}
+    x = pulse(300)
+    y = respond('delayed_mode', x, {**structure, 'mode_delay': late * 0.1 * DT})
+    fine = np.concatenate([np.zeros(late), np.repeat(x, 10)])[: 10 * x.size]
+    expected = respond('mode', fine, structure, dt=0.1 * DT)[::10]
+    np.testing.assert_allclose(y, expected, atol=1e-9 * np.abs(expected).max())
+
+
 def test_mass_spring_and_full_share_are_the_same_mode():
     x = pulse()
     mode = respond('mode', x, {'natural_frequency': 68.0, 'damping_ratio': 0.02})

@@ -85,6 +85,8 @@ CASES = {
     'fast_ease': (('amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode'),
                   {**BOUC_WEN, **MODE, 'sampled_lag_time': 1e-7, 'ease_time': 1e-7},
                   ChainInverse, 1e-7),
+    'delayed_mode': (('bouc_wen_exact', 'delayed_mode'),
+                     {**BOUC_WEN, **MODE, 'mode_delay': 2.3e-3}, ChainInverse, 1e-7),
     'mode_pair': (('bouc_wen_exact', 'mode_pair'),
                   {**BOUC_WEN, **MODE, 'resonance_frequency': 400.0, 'resonance_share': 0.2},
                   ChainInverse, 3e-8),

@@ -25,7 +25,15 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
 # Blocks that move the structure: inverted on the derivatives of the reference.
-_DYNAMIC = ('mode', 'mass_spring', 'resonance', 'nonlinear_mode', 'mode_pair', 'eased_mode')
+_DYNAMIC = (
+    'mode',
+    'mass_spring',
+    'resonance',
+    'nonlinear_mode',
+    'mode_pair',
+    'eased_mode',
+    'delayed_mode',
+)
 _DELAY = 'transport_delay'
 
 
@@ -93,6 +101,8 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
                 # dt / expm1(dt / ease) in a form that does not overflow for a fast ease
                 steps = dt / float(own[2])
                 stages.lead += float(own[2]) + dt * math.exp(-steps) / math.expm1(-steps)
+            if block.name == 'delayed_mode':
+                stages.lead += float(own[2])
             if block.name == 'nonlinear_mode':
                 stages.spring = (float(own[2]), float(own[3]), float(own[4]))
         else:
@@ -125,7 +135,7 @@ def _structure(block: Block, own: FloatArray) -> tuple[float, float, float]:
         ]
         k1, k2 = ((1.0 - share) * a + share * b for a, b in zip(*both, strict=True))
         return 1.0, k1, k2
-    if block.name in ('resonance', 'nonlinear_mode', 'eased_mode'):
+    if block.name in ('resonance', 'nonlinear_mode', 'eased_mode', 'delayed_mode'):
         k1, k2 = structure_coefficients(
             {'natural_frequency': values[0], 'damping_ratio': values[1]}
         )

@@ -120,6 +120,14 @@ def _resonance(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
+def _delayed_mode(v: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **_mode(v),
+        'effects.transport_delay': True,
+        'amplifier.delay': v['mode_delay'],
+    }
+
+
 def _mode_pair(v: Mapping[str, float]) -> SimulatorValues:
     return {
         **_mode(v),
@@ -196,6 +204,7 @@ TABLE: dict[str, Translation] = {
     'mode': _mode,
     # how the voltage goes from tick to tick there is a matter of the amplifier
     'eased_mode': _mode,
+    'delayed_mode': _delayed_mode,
     'resonance': _resonance,
     'series_mode': _series_mode,
     'mode_pair': _mode_pair,
