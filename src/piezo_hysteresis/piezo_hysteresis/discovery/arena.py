@@ -18,6 +18,7 @@ from piezo_hysteresis.discovery.trial import (
     errors_of,
     fit_trial,
     offset_bounds,
+    on_views,
 )
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, candidates
@@ -39,6 +40,8 @@ COARSE_EFFECTS = ('nonlocal_memory', 'rate_dependence', 'hysteresis')
 COARSE_VARIANTS = ('in_mode', 'in_nonlinear_mode')
 # Standard errors from which an improvement counts.
 SURE = 5.0
+# An effect without which the sum of squares grows by less than this share does nothing.
+IDLE = 1e-3
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
@@ -175,16 +178,34 @@ class Arena:
 
     def without(self, final: Trial, start: Trial, word: str) -> Trial | None:
         """Return the model without the effect `word`, fitted from the values of `final`."""
+        kept = [added for added in final.added if added.effect != word]
+        bare = self._with_only(final, start, kept)
+        return None if bare is None else self.fit(bare, start)
+
+    def pruned(self, final: Trial, start: Trial) -> Trial:
+        """Return `final` without additions that change nothing, itself where all of them do.
+
+        The fit of a new effect may bring the ones before it to where they had to be, and leave
+        the new one without a purpose. Only then every addition is put to the test.
+        """
+        idle = self._with_only(final, start, final.added[:-1])
+        if idle is None or on_views(idle, self.views).square > (1.0 + IDLE) * final.square:
+            return final
+        for place in reversed(range(len(final.added))):
+            kept = [*final.added[:place], *final.added[place + 1 :]]
+            bare = self._with_only(final, start, kept) if kept else None
+            fitted = None if bare is None else self.fit(bare, start)
+            if fitted is not None and self.is_as_good(fitted, final):
+                final = fitted
+        return final
+
+    def _with_only(self, final: Trial, start: Trial, kept: Sequence[Added]) -> Trial | None:
+        """Return `start` with some of the additions of `final`, all with the values there."""
         values = start.values | {k: v for k, v in final.values.items() if k in start.values}
-        bare = Trial(start.model, values, (), 0)
-        for added in final.added:
-            if added.effect == word:
-                continue
-            again = self._again(bare, added, final)
-            if again is None:
-                return None
-            bare = again
-        return self.fit(bare, start)
+        bare: Trial | None = Trial(start.model, values, (), 0)
+        for added in kept:
+            bare = None if bare is None else self._again(bare, added, final)
+        return bare
 
     def _again(self, bare: Trial, added: Added, final: Trial) -> Trial | None:
         """Give `bare` an effect that `final` has, with the values it has there."""

@@ -120,8 +120,13 @@ def _compete(
         if contest is None or not accepted(arena, contest, start):
             return arena, steps, contest
         # A fit that stopped short would leave crumbs for which the next round finds a name.
-        current = arena.refit(contest.best, THOROUGH)
-        steps.append(Step(contest, current))
+        found = arena.refit(contest.best, THOROUGH)
+        current = arena.pruned(found, start)
+        steps.append(Step(contest, found))
+        if current is not found:
+            words = {added.effect for added in current.added}
+            steps = [step for step in steps if step.trial.effect in words]
+            steps[-1] = replace(steps[-1], trial=current)
     return arena, steps, contest
 
 
