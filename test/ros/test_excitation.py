@@ -80,7 +80,7 @@ class Loop:
         count = -1
         while len(self.states) > count:
             count = len(self.states)
-            self.listener.serve(0.1)
+            self.listener.serve(0.3)  # a busy machine pauses for longer than a tick takes
 
     def resting(self) -> None:
         """Wait until the loop stands still, at rest."""
