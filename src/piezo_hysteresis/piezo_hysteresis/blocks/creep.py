@@ -9,6 +9,8 @@ from piezo_hysteresis.jit import jit
 
 _ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
 _PER_DECADE = 2
+# Nearer than this two elements are as good as one, and a fit that has them meet stays there.
+_APART = 3.0
 _FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onset)
 
 
@@ -98,7 +100,13 @@ BLOCKS = (
                 0.05,
             ),
             Parameter(
-                'slow_creep_ratio', '1', 10.0, 1.0, 1e6, 'Its time constant over creep_time.', 10.0
+                'slow_creep_ratio',
+                '1',
+                10.0,
+                _APART,
+                1e6,
+                'Its time constant over creep_time.',
+                10.0,
             ),
         ),
         kernel=pair_kernel,
