@@ -109,6 +109,11 @@ _OWN = {
     'stiffness': {'mode_cubic': 1e6},
     'friction': {'mode_friction': 1e-6, 'presliding': 2e-6},
 }
+_ALTERNATIVES = {
+    'stiffness': ({'mode_cubic': -1e6},),
+    # from further than the true distance a fit falls to a force that reverses at once
+    'friction': ({'presliding': 5e-7},),
+}
 _NEUTRAL = {'stiffness': {'mode_cubic': 0.0}, 'friction': {'mode_friction': 0.0}}
 _HOLDS = {
     'stiffness': {'mode_friction': 0.0, 'presliding': 1e-6},
@@ -125,7 +130,7 @@ EFFECTS = (
             holds=_HOLDS[name],
             neutral=_NEUTRAL[name],
             start=_OWN[name],
-            alternatives=({'mode_cubic': -1e6},) if name == 'stiffness' else (),
+            alternatives=_ALTERNATIVES[name],
             physics=_PHYSICS[name],
             experiment=_EXPERIMENTS[name],
             mistaken_for=_MISTAKEN[name],
@@ -141,7 +146,7 @@ EFFECTS = (
             requires=('nonlinear_mode',),
             neutral=_NEUTRAL[name],
             start=_OWN[name],
-            alternatives=({'mode_cubic': -1e6},) if name == 'stiffness' else (),
+            alternatives=_ALTERNATIVES[name],
             physics=_PHYSICS[name],
             experiment=_EXPERIMENTS[name],
             mistaken_for=_MISTAKEN[name],
