@@ -120,6 +120,32 @@ def test_friction_in_the_mode_damps_small_motion_most():
     assert decay(1e-4) < 0.3 * decay(1e-2)
 
 
+def test_breaking_away_against_an_ode_solver():
+    w, zeta, friction, presliding, more, slow = 2 * np.pi * 40.0, 0.05, 2e-6, 1e-6, 0.8, 2e-3
+    dt, n = 2e-4, 1000
+    drive = 1e-5 * np.sin(2 * np.pi * 11.0 * dt * np.arange(n))
+    structure = {
+        'natural_frequency': 40.0, 'damping_ratio': zeta, 'mode_friction': friction,
+        'presliding': presliding, 'stribeck_speed': slow,
+    }  # fmt: skip
+    y = respond('nonlinear_mode', drive, {**structure, 'breakaway': 1.0 + more}, dt)
+    dahl = respond('nonlinear_mode', drive, structure, dt)
+
+    def rates(t, s):
+        held = drive[min(int(t / dt + 1e-9), n - 1)]
+        level = 1.0 + more * np.exp(-((s[1] / slow) ** 2))
+        bristle = (s[1] - abs(s[1]) * s[2] / level) / presliding
+        force = s[0] + friction * s[2]
+        return [s[1], w**2 * (held - force) - 2 * zeta * w * s[1], bristle]
+
+    fine = solve_ivp(
+        rates, (0, dt * n), [0.0] * 3, t_eval=np.arange(n) * dt, rtol=1e-7, atol=1e-11,
+        max_step=0.5 * dt,
+    )  # fmt: skip
+    assert np.abs(y - fine.y[0]).max() < 1e-2 * np.abs(y).max()
+    assert np.abs(dahl - fine.y[0]).max() > 5e-2 * np.abs(y).max()
+
+
 OSCILLATOR = {
     'mass': 2.0,
     'damping': 10.0,

@@ -16,10 +16,16 @@ _MOST_PARTS = 400
 
 
 @jit
-def rubbed(bristle: float, move: float, presliding: float) -> float:
-    """Return the deflection of the bristles, -1 to 1, after a move (Dahl's law, exact)."""
-    limit = 1.0 if move > 0.0 else -1.0
-    return limit + (bristle - limit) * exp(-abs(move) / presliding)
+def rubbed(bristle: float, move: float, presliding: float, level: float) -> float:
+    """Return the deflection of the bristles, `-level` to `level`, after a move (exact)."""
+    limit = level if move > 0.0 else -level
+    return limit + (bristle - limit) * exp(-abs(move) / (presliding * level))
+
+
+@jit
+def sliding_level(speed: float, breakaway: float, stribeck: float) -> float:
+    """Return the friction at a speed [m/s] over that of fast sliding (Stribeck's law)."""
+    return 1.0 + (breakaway - 1.0) * exp(-((speed / stribeck) ** 2))
 
 
 @jit
@@ -48,7 +54,9 @@ def kernel(
             moved = a11 * position + a12 * velocity + b1 * held
             velocity = a21 * position + a22 * velocity + b2 * held
             if p[3] > 0.0:
-                bristle = rubbed(bristle, moved - position, p[4])
+                move = moved - position
+                level = sliding_level(move * parts / dt, p[5], p[6]) if p[5] > 1.0 else 1.0
+                bristle = rubbed(bristle, move, p[4], level)
             position = moved
     state[0] = position
     state[1] = velocity
@@ -74,11 +82,18 @@ BLOCK = Block(
         Parameter(
             'presliding', 'm', 1e-6, 1e-10, 1.0, 'Move after which friction is fully up.', 1e-6
         ),
+        Parameter('breakaway', '1', 1.0, 1.0, 5.0, 'Friction at rest over that when fast.', 0.1),
+        Parameter(
+            'stribeck_speed', 'm/s', 1e-3, 1e-9, 10.0, 'Speed from which friction is less.', 1e-3
+        ),
     ),
     kernel=kernel,
     state_size=4,
-    description="x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl.",
-    source='002 (3) with a Duffing spring and Dahl friction',
+    description=(
+        "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "
+        'with a breakaway above 1 after LuGre.'
+    ),
+    source='002 (3) with a Duffing spring and Dahl or LuGre friction',
 )
 
 _EXPERIMENTS = {
@@ -115,9 +130,10 @@ _ALTERNATIVES = {
     'friction': ({'presliding': 5e-7},),
 }
 _NEUTRAL = {'stiffness': {'mode_cubic': 0.0}, 'friction': {'mode_friction': 0.0}}
+_DAHL = {'breakaway': 1.0, 'stribeck_speed': 1e-3}
 _HOLDS = {
-    'stiffness': {'mode_friction': 0.0, 'presliding': 1e-6},
-    'friction': {'mode_cubic': 0.0},
+    'stiffness': {'mode_friction': 0.0, 'presliding': 1e-6, **_DAHL},
+    'friction': {'mode_cubic': 0.0, **_DAHL},
 }
 
 EFFECTS = (
@@ -136,6 +152,19 @@ EFFECTS = (
             mistaken_for=_MISTAKEN[name],
         )
         for name in ('stiffness', 'friction')
+    ),
+    Effect(
+        name='friction',
+        variant='breaking_away',
+        block=BLOCK,
+        replaces=('mode',),
+        holds={'mode_cubic': 0.0},
+        neutral=_NEUTRAL['friction'],
+        start={**_OWN['friction'], 'breakaway': 1.2, 'stribeck_speed': 1e-3},
+        alternatives=_ALTERNATIVES['friction'],
+        physics=_PHYSICS['friction'],
+        experiment=_EXPERIMENTS['friction'],
+        mistaken_for=_MISTAKEN['friction'],
     ),
     *(
         Effect(

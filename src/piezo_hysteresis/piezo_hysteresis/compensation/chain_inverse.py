@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Slot
-from piezo_hysteresis.blocks.nonlinear_mode import rubbed
+from piezo_hysteresis.blocks.nonlinear_mode import rubbed, sliding_level
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.block_inverse import BlockInverse
 from piezo_hysteresis.compensation.inverse import InverseLink
@@ -37,42 +38,57 @@ _DYNAMIC = (
 _DELAY = 'transport_delay'
 
 
+class _Spring(NamedTuple):
+    """What a nonlinear mode has beyond a linear one, as `nonlinear_mode` names it."""
+
+    cubic: float = 0.0
+    friction: float = 0.0
+    presliding: float = 1e-6
+    breakaway: float = 1.0
+    stribeck: float = 1e-3
+
+
 @dataclass
 class _Stages:
     """A chain taken apart for its inverse, from the voltage to the reading.
 
     Attributes
     ----------
+    dt : float
+        Sampling interval [s].
     front, back : list of BlockInverse
         Blocks before and behind the dynamic structure.
     k1, k2, lead : float
         Structure [s], [s^2] and lead [s].
     rest : float
         Reading at rest [m].
-    spring : tuple of float
-        Cubic stiffness [1/m^2], friction [m] and presliding distance [m] of a nonlinear mode.
+    spring : _Spring
+        Cubic stiffness and friction of a nonlinear mode.
     bristle, moved : float
         Memory of its friction, and the displacement it belongs to [m].
     """
 
+    dt: float
     front: list[BlockInverse] = field(default_factory=list)
     back: list[BlockInverse] = field(default_factory=list)
     k1: float = 0.0
     k2: float = 0.0
     lead: float = 0.0
     rest: float = 0.0
-    spring: tuple[float, float, float] = (0.0, 0.0, 1e-6)
+    spring: _Spring = field(default_factory=_Spring)
     bristle: float = 0.0
     moved: float = 0.0
 
     def restoring_force(self, x: float) -> float:
         """Answer what a nonlinear spring and friction add to the target at `x` [m]."""
-        cubic, friction, presliding = self.spring
+        cubic, friction, presliding, breakaway, stribeck = self.spring
         stretch = cubic * x * x
         if stretch < 0.0:
             stretch = 0.8 * stretch / (0.8 - stretch)
         if friction > 0.0 and x != self.moved:
-            self.bristle = rubbed(self.bristle, x - self.moved, presliding)
+            move = x - self.moved
+            level = sliding_level(move / self.dt, breakaway, stribeck)
+            self.bristle = rubbed(self.bristle, move, presliding, level)
         self.moved = x
         return stretch * x + friction * self.bristle
 
@@ -83,7 +99,7 @@ class _Stages:
 
 
 def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _Stages:
-    stages = _Stages()
+    stages = _Stages(dt)
     first = 0
     for block in model.blocks:
         own = packed[first : first + len(block.parameters)].copy()
@@ -104,7 +120,7 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
             if block.name == 'delayed_mode':
                 stages.lead += float(own[2])
             if block.name == 'nonlinear_mode':
-                stages.spring = (float(own[2]), float(own[3]), float(own[4]))
+                stages.spring = _Spring(*own[2:].tolist())
         else:
             solver = BlockInverse(block, own, dt, 1e-4 * scale)
             if not (math.isfinite(solver.first_slope) and solver.first_slope > 0.0):
@@ -186,7 +202,7 @@ class ChainInverse(InverseLink):
     ) -> None:
         self._model = model
         self._scale = scale
-        self._stages = self._fresh = _Stages()
+        self._stages = self._fresh = _Stages(dt)
         super().__init__(values, dt, limits=limits, start=start, transition=transition)
 
     def reset(self) -> None:
