@@ -33,9 +33,8 @@ _DYNAMIC = (
     'nonlinear_mode',
     'mode_pair',
     'eased_mode',
-    'delayed_mode',
 )
-_DELAY = 'transport_delay'
+_DELAYS = ('transport_delay', 'delayed_motion')
 
 
 class _Spring(NamedTuple):
@@ -106,7 +105,7 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
         first += len(block.parameters)
         if block.slot is Slot.ADDED:
             continue
-        if block.name == _DELAY:
+        if block.name in _DELAYS:
             stages.lead += float(own[0])
         elif block.name in _DYNAMIC:
             share, k1, k2 = _structure(block, own)
@@ -117,8 +116,6 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
                 # dt / expm1(dt / ease) in a form that does not overflow for a fast ease
                 steps = dt / float(own[2])
                 stages.lead += float(own[2]) + dt * math.exp(-steps) / math.expm1(-steps)
-            if block.name == 'delayed_mode':
-                stages.lead += float(own[2])
             if block.name == 'nonlinear_mode':
                 stages.spring = _Spring(*own[2:].tolist())
         else:
@@ -151,7 +148,7 @@ def _structure(block: Block, own: FloatArray) -> tuple[float, float, float]:
         ]
         k1, k2 = ((1.0 - share) * a + share * b for a, b in zip(*both, strict=True))
         return 1.0, k1, k2
-    if block.name in ('resonance', 'nonlinear_mode', 'eased_mode', 'delayed_mode'):
+    if block.name in ('resonance', 'nonlinear_mode', 'eased_mode'):
         k1, k2 = structure_coefficients(
             {'natural_frequency': values[0], 'damping_ratio': values[1]}
         )

@@ -120,14 +120,6 @@ def _resonance(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
-def _delayed_mode(v: Mapping[str, float]) -> SimulatorValues:
-    return {
-        **_mode(v),
-        'effects.transport_delay': True,
-        'amplifier.delay': v['mode_delay'],
-    }
-
-
 def _mode_pair(v: Mapping[str, float]) -> SimulatorValues:
     return {
         **_mode(v),
@@ -204,7 +196,6 @@ TABLE: dict[str, Translation] = {
     'mode': _mode,
     # how the voltage goes from tick to tick there is a matter of the amplifier
     'eased_mode': _mode,
-    'delayed_mode': _delayed_mode,
     'resonance': _resonance,
     'series_mode': _series_mode,
     'mode_pair': _mode_pair,
@@ -214,6 +205,7 @@ TABLE: dict[str, Translation] = {
     'creep_pair': _creep_pair,
     'offset': _offset,
     'transport_delay': _switched('transport_delay', delay='amplifier__delay'),
+    'delayed_motion': _switched('transport_delay', motion_delay='amplifier__delay'),
     'amplifier_lag': _switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),
     'amplifier_lag_sampled': _switched(
         'amplifier_lag', sampled_lag_time='amplifier__lag_time_constant'

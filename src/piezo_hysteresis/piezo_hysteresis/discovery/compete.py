@@ -15,7 +15,8 @@ __all__ = ['Arena', 'Contest', 'compete']
 
 Progress = Callable[[float, str], None]
 
-# Candidates that get a first fit, and of those the ones that get a last one.
+# Candidates that get a first fit, and of those the effects that get a last one; every other way of
+# the effect that wins gets one, too.
 FIRST_FITS = 10
 LAST_FITS = 4
 # Starts per candidate in the first round.
@@ -71,9 +72,11 @@ def compete(arena: Arena, before: Trial, progress: Progress) -> Contest | None:
     first = arena.map(lambda p: _first_fit(arena, before, p), _chosen(promises))
     fitted = _ordered(arena, [trial for trial in first if trial is not None])
     progress(0.6, f'{len(fitted)} first fits')
-    last = arena.map(lambda t: arena.fit(t, before), _semifinalists(fitted))
-    finalists = _ordered(arena, [t for t in last if t is not None and arena.stays_finite(t)])
-    progress(1.0, f'{len(finalists)} finalists')
+    finalists = _last_fits(arena, before, _semifinalists(fitted))
+    progress(0.9, f'{len(finalists)} finalists')
+    if finalists:
+        others = _other_ways(finalists, fitted)
+        finalists = _ordered(arena, [*finalists, *_last_fits(arena, before, others)])
     if not finalists:
         return None
     penalties = [arena.penalty(trial) for trial in finalists]
@@ -127,8 +130,14 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
     return min(found, key=lambda t: t.square, default=None)
 
 
+def _last_fits(arena: Arena, before: Trial, trials: Sequence[Trial]) -> list[Trial]:
+    """Fit on all of the training records; return what survives, best first."""
+    last = arena.map(lambda t: arena.fit(t, before), trials)
+    return _ordered(arena, [t for t in last if t is not None and arena.stays_finite(t)])
+
+
 def _semifinalists(fitted: Sequence[Trial]) -> list[Trial]:
-    """Return the best fits of different effects, and the other ways of the best one.
+    """Return the best fits of different effects.
 
     An effect that may take the place of different blocks is as different as two effects: what a
     model has in that place already can hide it.
@@ -137,9 +146,15 @@ def _semifinalists(fitted: Sequence[Trial]) -> list[Trial]:
     for trial in fitted:
         if all(_place(trial) != _place(other) for other in leading):
             leading.append(trial)
-    others = [t for t in fitted if all(t is not other for other in leading)]
-    rest = [t for t in others if t.effect == fitted[0].effect]
-    return [*leading[: LAST_FITS - min(1, len(rest))], *rest]
+    return leading[:LAST_FITS]
+
+
+def _other_ways(finalists: Sequence[Trial], fitted: Sequence[Trial]) -> list[Trial]:
+    """Return first fits of the winning effect in the ways that had no last fit yet."""
+    had = {(trial.effect, trial.variant) for trial in finalists}
+    return [
+        t for t in fitted if t.effect == finalists[0].effect and (t.effect, t.variant) not in had
+    ]
 
 
 def _place(trial: Trial) -> tuple[str, tuple[str, ...]]:

@@ -108,7 +108,7 @@ def _compete(
     current = steps[-1].trial if steps else start
     contest: Contest | None = None
     for place in range(len(steps), MOST_EFFECTS):
-        if not arena.lacks_something(current):
+        if _done(arena, current, start):
             return arena, steps, None
         begin, share = 0.12 + 0.7 * place / MOST_EFFECTS, 0.7 / MOST_EFFECTS
 
@@ -128,6 +128,12 @@ def _compete(
             steps = [step for step in steps if step.trial.effect in words]
             steps[-1] = replace(steps[-1], trial=current)
     return arena, steps, contest
+
+
+def _done(arena: Arena, current: Trial, start: Trial) -> bool:
+    """Tell whether nothing is left to name: at most a crumb in one record of a gap closed."""
+    crumb = arena.is_crumb(current, start) and arena.excess(current) < arena.negligible
+    return crumb or not arena.lacks_something(current)
 
 
 def accepted(arena: Arena, contest: Contest, start: Trial) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.models.chain import Model
 
-# Blocks of the structure that answer at once because they have no inertia.
-_MASSLESS = ('backlash', 'stiction', 'stiffness')
+# Blocks of the structure that have no inertia, or are a delay, which is an effect.
+_MASSLESS = ('backlash', 'stiction', 'stiffness', 'delayed_motion')
 
 
 def answers_at_once(model: Model, values: Mapping[str, float], dt: float) -> bool:
