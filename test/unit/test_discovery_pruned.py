@@ -58,3 +58,13 @@ def test_what_is_needed_stays_untouched(scene: Scene) -> None:
     lag = given(arena, start, 'amplifier_lag', 'sensor_lag', {'sensor_lag_time': 0.0})
     both = arena.refit(given(arena, lag, 'resonance', 'resonance', RESONANCE))
     assert arena.pruned(both, start) is both
+
+
+def test_an_effect_that_freed_a_parameter_can_be_taken_out(scene: Scene) -> None:
+    arena, start = scene
+    once = arena.refit(given(arena, start, 'resonance', 'resonance', RESONANCE))
+    (variant,) = {e.variant for e in described('asymmetry') if 'A0' in e.frees}
+    twice = given(arena, once, 'asymmetry', variant, {'A0': 1e-12})
+    pruned = arena.pruned(twice, start)
+    assert [added.effect for added in pruned.added] == ['resonance']
+    assert pruned.values['A0'] == start.values['A0'] == 0.0

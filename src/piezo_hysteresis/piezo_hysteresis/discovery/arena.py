@@ -37,7 +37,8 @@ DOUBTS = 3.0
 EXACT = 0.02
 COARSE = 0.07
 COARSE_EFFECTS = ('nonlocal_memory', 'rate_dependence', 'hysteresis')
-COARSE_VARIANTS = ('in_mode', 'in_nonlinear_mode')
+# a slew limit hands a mode the ends or the means of its ramps, not the ramps
+COARSE_VARIANTS = ('in_mode', 'in_nonlinear_mode', 'slew_limit', 'slew_limit_mean')
 # Standard errors from which an improvement counts.
 SURE = 5.0
 # An effect without which the sum of squares grows by less than this share does nothing.
@@ -201,7 +202,9 @@ class Arena:
 
     def _with_only(self, final: Trial, start: Trial, kept: Sequence[Added]) -> Trial | None:
         """Return `start` with some of the additions of `final`, all with the values there."""
-        values = start.values | {k: v for k, v in final.values.items() if k in start.values}
+        held = start.model.held  # an effect may have freed them
+        found = {k: v for k, v in final.values.items() if k in start.values and k not in held}
+        values = start.values | found
         bare: Trial | None = Trial(start.model, values, (), 0)
         for added in kept:
             bare = None if bare is None else self._again(bare, added, final)
