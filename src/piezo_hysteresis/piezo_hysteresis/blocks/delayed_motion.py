@@ -1,5 +1,7 @@
 """Motion that comes late by any fraction of a sample: a delayed command before a moving mass."""
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
@@ -26,17 +28,18 @@ def kernel(
     shift = p[0] / dt
     whole = int(shift)
     first = whole - min(whole, _NEWER)
+    weights = np.ones(_POINTS)
+    for i in range(_POINTS):
+        for j in range(_POINTS):
+            if j != i:
+                weights[i] *= (shift - first - j) / (i - j)
     place = int(state[0])
     for k in range(x.size):
         state[1 + place] = x[k]
         total = 0.0
         for i in range(_POINTS):
-            weight = 1.0
-            for j in range(_POINTS):
-                if j != i:
-                    weight *= (shift - first - j) / (i - j)
             at = place - first - i
-            total += weight * state[1 + (at if at >= 0 else at + length)]
+            total += weights[i] * state[1 + (at if at >= 0 else at + length)]
         y[k] = total
         place = place + 1 if place + 1 < length else 0
     state[0] = place
