@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from mmap import MAP_ANONYMOUS, MAP_PRIVATE, MAP_SHARED, mmap
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,14 @@ def test_a_handle_gained_is_not_flat() -> None:
 
 
 def test_a_process_is_looked_at() -> None:
+    size = 32 * MIB  # mapped anew: what the heap still has from before would not count
     before = sample_of(os.getpid())
-    held = np.ones(8 * MIB // 8)
-    with Path(os.devnull).open():
-        after = sample_of(os.getpid())
-    assert after.private - before.private >= 0.9 * held.nbytes
+    with Path(os.devnull).open(), mmap(-1, size, flags=MAP_PRIVATE | MAP_ANONYMOUS) as own:
+        own.write(bytes(size))
+        with mmap(-1, size, flags=MAP_SHARED | MAP_ANONYMOUS) as common:
+            common.write(bytes(size))
+            after = sample_of(os.getpid())
+    assert after.private - before.private >= 0.9 * size
+    assert after.shared - before.shared >= 0.9 * size
     assert after.handles == before.handles + 1
     assert after.rss >= after.private + after.shared
