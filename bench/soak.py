@@ -116,13 +116,13 @@ def judge(seconds: np.ndarray, samples: np.ndarray) -> Verdict:
     late = seconds >= seconds[0] + 0.25 * (seconds[-1] - seconds[0])
     rss, private, shared, after = samples[late].T
     slope, low, high = (3600.0 * each for each in slope_of(seconds[late], rss))
-    private, shared = (3600.0 * slope_of(seconds[late], each)[0] for each in (private, shared))
+    heap, common = (3600.0 * slope_of(seconds[late], each)[0] for each in (private, shared))
     mean = float(rss.mean())
     third = max(1, len(after) // 3)
     first, last = int(np.median(after[:third])), int(np.median(after[-third:]))
     bound = max(FLOOR_PER_HOUR, SHARE_PER_DAY * mean / 24.0)
     flat = high <= bound and last <= first
-    return Verdict(mean, slope, low, high, private, shared, first, last, flat)
+    return Verdict(mean, slope, low, high, heap, common, first, last, flat)
 
 
 def soak(

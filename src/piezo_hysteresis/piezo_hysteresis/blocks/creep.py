@@ -15,33 +15,39 @@ _FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onse
 
 
 @jit
+def element(
+    x: FloatArray,
+    y: FloatArray,
+    state: FloatArray,
+    place: int,
+    share: float,
+    tau: float,
+    dt: float,
+) -> None:
+    """Add c of ``tau c' = share v - c`` to `y`, which the first element begins with v."""
+    rest = -expm1(-dt / tau)
+    crept = state[place]
+    for k in range(x.size):
+        y[k] = (x[k] if place == 0 else y[k]) + crept
+        crept += rest * (share * x[k] - crept)
+    state[place] = crept
+
+
+@jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + c``, ``tau c' = share v - c``; state is c [m] at the next sample."""
-    share, rest = p[0], -expm1(-dt / p[1])
-    crept = state[0]
-    for k in range(x.size):
-        y[k] = x[k] + crept
-        crept += rest * (share * x[k] - crept)
-    state[0] = crept
+    """Answer ``v + c``; state is c [m] at the next sample."""
+    element(x, y, state, 0, p[0], p[1], dt)
 
 
 @jit
 def pair_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + c1 + c2``, each as in the kernel of one; state is c1, c2 [m]."""
-    share, rest = p[0], -expm1(-dt / p[1])
-    slow_share, slow_rest = p[2], -expm1(-dt / (p[1] * p[3]))
-    crept, slow = state[0], state[1]
-    for k in range(x.size):
-        v = x[k]
-        y[k] = v + crept + slow
-        crept += rest * (share * v - crept)
-        slow += slow_rest * (slow_share * v - slow)
-    state[0] = crept
-    state[1] = slow
+    """Answer ``v + c1 + c2``; state is c1, c2 [m] at the next sample."""
+    element(x, y, state, 0, p[0], p[1], dt)
+    element(x, y, state, 1, p[2], p[1] * p[3], dt)
 
 
 @jit
@@ -53,12 +59,7 @@ def logarithmic_kernel(
     spacing = 10.0 ** (1.0 / _PER_DECADE)
     tau = p[1] * _FIRST * sqrt(spacing)
     for i in range(_ELEMENTS):
-        rest = -expm1(-dt / tau)
-        crept = state[i]
-        for k in range(x.size):
-            y[k] = (x[k] if i == 0 else y[k]) + crept
-            crept += rest * (share * x[k] - crept)
-        state[i] = crept
+        element(x, y, state, i, share, tau, dt)
         tau *= spacing
 
 

@@ -1,10 +1,11 @@
 """Motion that comes late by any fraction of a sample: a delayed command before a moving mass."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.transport_delay import EFFECTS as DELAYS
 from piezo_hysteresis.blocks.transport_delay import LONGEST, state_size
 from piezo_hysteresis.jit import jit
@@ -62,19 +63,14 @@ BLOCK = Block(
     source='bus, converter and driver latency',
 )
 
-_LIKE = DELAYS[0]
-
 EFFECTS = (
-    Effect(
-        name='transport_delay',
+    replace(
+        DELAYS[0],
         variant='delayed_motion',
         block=BLOCK,
         requires=_MOVING,
         neutral={'motion_delay': 0.0},
         start={'motion_delay': 5e-4},
         alternatives=({'motion_delay': 4e-3},),
-        physics=_LIKE.physics,
-        experiment=_LIKE.experiment,
-        mistaken_for=_LIKE.mistaken_for,
     ),
 )

@@ -1,13 +1,12 @@
 """A mode whose drive does not jump at the ticks: what a lagging amplifier makes of one."""
 
+from dataclasses import replace
 from math import exp, expm1, pi
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.amplifier_lag import BLOCKS as LAGS
 from piezo_hysteresis.blocks.amplifier_lag import EFFECTS as LAG_EFFECTS
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.jit import jit
 
@@ -66,20 +65,15 @@ BLOCK = Block(
     source='002 (3) behind the output resistance into the capacitance of the actuator',
 )
 
-_SAMPLED = next(block for block in LAGS if block.name == 'amplifier_lag_sampled')
-_LIKE = next(effect for effect in LAG_EFFECTS if effect.block is _SAMPLED)
+_SAMPLED = next(e for e in LAG_EFFECTS if e.variant == 'amplifier_lag_sampled')
 
 EFFECTS = (
-    Effect(
-        name='amplifier_lag',
+    replace(
+        _SAMPLED,
         variant='before_mode',
-        block=_SAMPLED,
         also=('mode', BLOCK),
         neutral={'sampled_lag_time': 0.0, 'ease_time': 0.0},
         start={'sampled_lag_time': 5e-4, 'ease_time': 5e-4},
         alternatives=({'sampled_lag_time': 5e-3, 'ease_time': 5e-3},),
-        physics=_LIKE.physics,
-        experiment=_LIKE.experiment,
-        mistaken_for=_LIKE.mistaken_for,
     ),
 )

@@ -1,5 +1,6 @@
 """A mode whose spring is not linear and whose guidance rubs."""
 
+from dataclasses import replace
 from math import exp, pi
 
 from piezo_hysteresis.arrays import FloatArray
@@ -16,16 +17,17 @@ _MOST_PARTS = 400
 
 
 @jit
-def rubbed(bristle: float, move: float, presliding: float, level: float) -> float:
-    """Return the deflection of the bristles, `-level` to `level`, after a move (exact)."""
-    limit = level if move > 0.0 else -level
-    return limit + (bristle - limit) * exp(-abs(move) / (presliding * level))
+def rubbed(
+    bristle: float, move: float, dt: float, presliding: float, breakaway: float, stribeck: float
+) -> float:
+    """Return the deflection of the bristles after a move within `dt` [s] (exact).
 
-
-@jit
-def sliding_level(speed: float, breakaway: float, stribeck: float) -> float:
-    """Return the friction at a speed [m/s] over that of fast sliding (Stribeck's law)."""
-    return 1.0 + (breakaway - 1.0) * exp(-((speed / stribeck) ** 2))
+    It is -1 to 1 when fast (Dahl's law), `breakaway` times as much at rest (Stribeck's law).
+    """
+    limit = 1.0 if move > 0.0 else -1.0
+    if breakaway > 1.0:
+        limit *= 1.0 + (breakaway - 1.0) * exp(-((move / dt / stribeck) ** 2))
+    return limit + (bristle - limit) * exp(-abs(move) / (presliding * abs(limit)))
 
 
 @jit
@@ -54,9 +56,7 @@ def kernel(
             moved = a11 * position + a12 * velocity + b1 * held
             velocity = a21 * position + a22 * velocity + b2 * held
             if p[3] > 0.0:
-                move = moved - position
-                level = sliding_level(move * parts / dt, p[5], p[6]) if p[5] > 1.0 else 1.0
-                bristle = rubbed(bristle, move, p[4], level)
+                bristle = rubbed(bristle, moved - position, dt / parts, p[4], p[5], p[6])
             position = moved
     state[0] = position
     state[1] = velocity
@@ -136,50 +136,41 @@ _HOLDS = {
     'friction': {'mode_cubic': 0.0, **_DAHL},
 }
 
-EFFECTS = (
-    *(
-        Effect(
-            name=name,
-            variant='in_mode',
-            block=BLOCK,
-            replaces=('mode',),
-            holds=_HOLDS[name],
-            neutral=_NEUTRAL[name],
-            start=_OWN[name],
-            alternatives=_ALTERNATIVES[name],
-            physics=_PHYSICS[name],
-            experiment=_EXPERIMENTS[name],
-            mistaken_for=_MISTAKEN[name],
-        )
-        for name in ('stiffness', 'friction')
-    ),
-    Effect(
-        name='friction',
-        variant='breaking_away',
+_IN_MODE = {
+    name: Effect(
+        name=name,
+        variant='in_mode',
         block=BLOCK,
         replaces=('mode',),
+        holds=_HOLDS[name],
+        neutral=_NEUTRAL[name],
+        start=_OWN[name],
+        alternatives=_ALTERNATIVES[name],
+        physics=_PHYSICS[name],
+        experiment=_EXPERIMENTS[name],
+        mistaken_for=_MISTAKEN[name],
+    )
+    for name in ('stiffness', 'friction')
+}
+
+EFFECTS = (
+    *_IN_MODE.values(),
+    replace(
+        _IN_MODE['friction'],
+        variant='breaking_away',
         holds={'mode_cubic': 0.0},
-        neutral=_NEUTRAL['friction'],
         start={**_OWN['friction'], 'breakaway': 1.2, 'stribeck_speed': 1e-3},
-        alternatives=_ALTERNATIVES['friction'],
-        physics=_PHYSICS['friction'],
-        experiment=_EXPERIMENTS['friction'],
-        mistaken_for=_MISTAKEN['friction'],
     ),
     *(
-        Effect(
-            name=name,
+        replace(
+            effect,
             variant='in_nonlinear_mode',
             block=None,
+            replaces=(),
+            holds={},
             frees=tuple(_OWN[name]),
             requires=('nonlinear_mode',),
-            neutral=_NEUTRAL[name],
-            start=_OWN[name],
-            alternatives=_ALTERNATIVES[name],
-            physics=_PHYSICS[name],
-            experiment=_EXPERIMENTS[name],
-            mistaken_for=_MISTAKEN[name],
         )
-        for name in ('stiffness', 'friction')
+        for name, effect in _IN_MODE.items()
     ),
 )

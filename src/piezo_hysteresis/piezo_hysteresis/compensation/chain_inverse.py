@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Slot
-from piezo_hysteresis.blocks.nonlinear_mode import rubbed, sliding_level
+from piezo_hysteresis.blocks.nonlinear_mode import rubbed
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.block_inverse import BlockInverse
 from piezo_hysteresis.compensation.inverse import InverseLink
@@ -26,14 +26,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
 # Blocks that move the structure: inverted on the derivatives of the reference.
-_DYNAMIC = (
-    'mode',
-    'mass_spring',
-    'resonance',
-    'nonlinear_mode',
-    'mode_pair',
-    'eased_mode',
-)
+_DYNAMIC = ('mode', 'mass_spring', 'resonance', 'nonlinear_mode', 'mode_pair', 'eased_mode')
 _DELAYS = ('transport_delay', 'delayed_motion')
 
 
@@ -86,8 +79,7 @@ class _Stages:
             stretch = 0.8 * stretch / (0.8 - stretch)
         if friction > 0.0 and x != self.moved:
             move = x - self.moved
-            level = sliding_level(move / self.dt, breakaway, stribeck)
-            self.bristle = rubbed(self.bristle, move, presliding, level)
+            self.bristle = rubbed(self.bristle, move, self.dt, presliding, breakaway, stribeck)
         self.moved = x
         return stretch * x + friction * self.bristle
 

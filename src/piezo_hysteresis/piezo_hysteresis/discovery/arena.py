@@ -184,7 +184,7 @@ class Arena:
         return None if bare is None else self.fit(bare, start)
 
     def pruned(self, final: Trial, start: Trial) -> Trial:
-        """Return `final` without additions that change nothing, itself where all of them do.
+        """Return `final` without additions that change nothing, itself if there are none.
 
         The fit of a new effect may bring the ones before it to where they had to be, and leave
         the new one without a purpose. Only then every addition is put to the test.

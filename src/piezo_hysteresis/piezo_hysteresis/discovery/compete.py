@@ -72,13 +72,12 @@ def compete(arena: Arena, before: Trial, progress: Progress) -> Contest | None:
     first = arena.map(lambda p: _first_fit(arena, before, p), _chosen(promises))
     fitted = _ordered(arena, [trial for trial in first if trial is not None])
     progress(0.6, f'{len(fitted)} first fits')
-    finalists = _last_fits(arena, before, _semifinalists(fitted))
-    progress(0.9, f'{len(finalists)} finalists')
-    if finalists:
-        others = _other_ways(finalists, fitted)
-        finalists = _ordered(arena, [*finalists, *_last_fits(arena, before, others)])
-    if not finalists:
+    leaders = _last_fits(arena, before, _semifinalists(fitted))
+    if not leaders:
         return None
+    others = _last_fits(arena, before, _other_ways(leaders, fitted))
+    finalists = _ordered(arena, [*leaders, *others])
+    progress(1.0, f'{len(finalists)} finalists')
     penalties = [arena.penalty(trial) for trial in finalists]
     shares = win_shares(finalists, penalties, arena.edges, arena.seed)
     gain = improvement(before, finalists[0], arena.edges, len(every), arena.floor)

@@ -122,11 +122,9 @@ def _compete(
         # A fit that stopped short would leave crumbs for which the next round finds a name.
         found = arena.refit(contest.best, THOROUGH)
         current = arena.pruned(found, start)
-        steps.append(Step(contest, found))
-        if current is not found:
-            words = {added.effect for added in current.added}
-            steps = [step for step in steps if step.trial.effect in words]
-            steps[-1] = replace(steps[-1], trial=current)
+        words = {added.effect for added in current.added}
+        steps = [s for s in (*steps, Step(contest, found)) if s.trial.effect in words]
+        steps[-1] = replace(steps[-1], trial=current)
     return arena, steps, contest
 
 
