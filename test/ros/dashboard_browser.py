@@ -43,9 +43,11 @@ class Browser:
     ----------
     folder : Path
         For what the browser writes.
+    *flags : str
+        Further ones of its command line.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *flags: str) -> None:
         assert BROWSER is not None
         self._loop = asyncio.new_event_loop()
         self._number = 0
@@ -54,7 +56,7 @@ class Browser:
         self.requests: list[str] = []
         profile = folder / 'profile'
         self._process = subprocess.Popen(
-            [BROWSER, *FLAGS, f'--user-data-dir={profile}', 'about:blank'],
+            [BROWSER, *FLAGS, *flags, f'--user-data-dir={profile}', 'about:blank'],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         port = self._port(profile / 'DevToolsActivePort')

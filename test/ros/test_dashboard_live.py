@@ -181,6 +181,28 @@ def test_the_page_over_live_processes(
     processes.forget(dashboard)
 
 
+def test_a_foreign_site_that_points_to_this_machine_gets_nothing(
+    processes: NodeProcesses, tmp_path: Path
+) -> None:
+    rule = '--host-resolver-rules=MAP rebound.example 127.0.0.1'
+    browser = Browser(tmp_path, rule)
+    try:
+        dashboard = processes.start(
+            'piezo_hysteresis', 'dashboard', {'port': 0, 'folder': str(tmp_path)}
+        )
+        port = urlsplit(address_of(dashboard, browser)).port
+        browser.command('Page.navigate', url=f'http://rebound.example:{port}/')
+        browser.until("document.body.textContent.includes('not known by that name')")
+        opened = f"""new Promise((done) => {{
+            const socket = new WebSocket('ws://rebound.example:{port}/ws', ['bokeh', 'x']);
+            socket.onopen = () => done('opened');
+            socket.onerror = () => done('refused');
+        }})"""
+        assert browser.run(opened) == 'refused'
+    finally:
+        browser.close()
+
+
 def run_sweep(browser: Browser, name: str, seconds: str) -> None:
     browser.type('sweep.frequencies', '5, 11, 23')
     browser.type('sweep.amplitudes', '1, 0.5')

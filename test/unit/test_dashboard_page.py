@@ -1,22 +1,17 @@
-"""The live page without ROS and without a browser: words, pages, the web server."""
+"""The live page without ROS and without a browser: words and pages."""
 
 from __future__ import annotations
 
-import asyncio
-import http.client
 import math
 
 import numpy as np
 import pytest
 from bokeh.document import Document
 from dashboard_fakes import Backend, filled, live_at
-from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import websocket_connect
 
 from piezo_hysteresis.dashboard.axes import Follower
 from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, NodeState, Word
 from piezo_hysteresis.dashboard.page import Page
-from piezo_hysteresis.dashboard.server import DashboardServer
 from piezo_hysteresis.dashboard.signals import State
 from piezo_hysteresis.dashboard.words import (
     banner,
@@ -26,7 +21,6 @@ from piezo_hysteresis.dashboard.words import (
     status_words,
     tracking_words,
 )
-from piezo_hysteresis.errors import PiezoError
 
 # --- words ------------------------------------------------------------------------------------
 
@@ -202,58 +196,3 @@ def test_a_page_goes_over_to_an_actuator_that_appears():
     assert document.get_model_by_name('actuator').value == 'stage_x'
     assert chosen.get_model_by_name('actuator').value == 'stage_y'
     assert chosen.get_model_by_name('actuator').options == ['stage_x', 'stage_y']
-
-
-# --- server -----------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def server(tmp_path):
-    folder = tmp_path / 'runs'
-    (folder / 'one').mkdir(parents=True)
-    (folder / 'one' / 'report.html').write_text('<p>report</p>')
-    (folder / 'model.yaml').write_text('secret')
-    (tmp_path / 'outside.html').write_text('secret')
-    (folder / 'link.html').symlink_to(tmp_path / 'outside.html')
-    backend = Backend()
-    filled(backend)
-    running = DashboardServer(backend, address='127.0.0.1', port=0, folder=str(folder))
-    running.start()
-    yield running
-    running.stop()
-
-
-def ask(server, path, host=None):
-    connection = http.client.HTTPConnection('127.0.0.1', server.port, timeout=60)
-    connection.request('GET', path, headers={'Host': host or f'127.0.0.1:{server.port}'})
-    answer = connection.getresponse()
-    return answer.status, answer.read().decode()
-
-
-def test_reports_are_served_and_nothing_else(server):
-    assert server.local
-    assert ask(server, '/reports/one/report.html') == (200, '<p>report</p>')
-    for path in ('model.yaml', '../outside.html', '%2e%2e/outside.html', 'link.html', 'one', ''):
-        status, text = ask(server, f'/reports/{path}')
-        assert status in (403, 404)
-        assert 'secret' not in text
-    assert ask(server, '/reports/one/report.html', host='evil.example')[0] == 403
-
-
-def test_only_own_pages_may_give_commands(server):
-    status, text = ask(server, '/?actuator=stage')
-    assert status == 200
-    assert 'Actuator stage' in text
-    assert 'cdn' not in text
-
-    async def connect(origin):
-        request = HTTPRequest(f'ws://127.0.0.1:{server.port}/ws', headers={'Origin': origin})
-        return await websocket_connect(request)
-
-    with pytest.raises(HTTPClientError, match='403'):
-        asyncio.run(connect('http://evil.example'))
-
-
-def test_a_port_that_is_taken_is_said_in_one_line(server):
-    with pytest.raises(PiezoError, match='give another port'):
-        DashboardServer(Backend(), address='127.0.0.1', port=server.port, folder='.')

@@ -9,56 +9,29 @@ import re
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
-from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.web import HTTPError, StaticFileHandler
 
+from piezo_hysteresis.dashboard.access import LOCAL_NAMES, AccessPolicy
 from piezo_hysteresis.dashboard.backend import Backend
+from piezo_hysteresis.dashboard.guard import GuardedApplication
 from piezo_hysteresis.dashboard.page import Page
 from piezo_hysteresis.errors import PiezoError
 
-# Names of this machine as a browser on it writes them.
-OWN_NAMES = ('localhost', '127.0.0.1')
 # A reader who went away is forgotten after so long [ms].
 FORGOTTEN = 5000
 _NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
 
 
-class _Tornado(BokehTornado):
-    """Bokeh's application without the scripts that the page does not need."""
-
-    def resources(self, absolute_url: str | bool | None = None) -> Any:
-        found = super().resources(absolute_url)
-        found.components = ['bokeh', 'bokeh-widgets']
-        return found
-
-
 class ReportHandler(StaticFileHandler):
     """Hands out reports, and nothing else, from one folder."""
-
-    def initialize(
-        self,
-        path: str,
-        default_filename: str | None = None,
-        allowed_symlink_directory: str | list[str] | None = None,
-        hosts: Sequence[str] = (),
-    ) -> None:
-        """Take the folder and the hosts by whose names the page may be opened."""
-        super().initialize(path, default_filename, allowed_symlink_directory)
-        self._hosts = hosts
-
-    def prepare(self) -> None:
-        """Refuse a foreign page that has its own name point to this machine."""
-        if self.request.host not in self._hosts:
-            raise HTTPError(403)
 
     def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
         """Refuse what is no report or leads out of the folder, links followed."""
@@ -81,13 +54,16 @@ class DashboardServer:
         Whose reports are served.
     origins : sequence of str
         Further ``HOST:PORT`` that browsers may open the page as.
+    token : str
+        What a reader has to show once, '' for nothing.
     refresh : float
         How often pages are drawn [Hz].
 
     Raises
     ------
     PiezoError
-        If the port is taken or the address is not of this machine.
+        If the port is taken, the address is not of this machine, an origin is none or the token
+        can be guessed.
     """
 
     def __init__(
@@ -98,8 +74,10 @@ class DashboardServer:
         port: int,
         folder: str,
         origins: Sequence[str] = (),
+        token: str = '',
         refresh: float = 10.0,
     ) -> None:
+        AccessPolicy(address, port, origins, token)  # refused before anything is listened to
         self._backend = backend
         self._refresh = refresh
         try:
@@ -110,7 +88,7 @@ class DashboardServer:
                 'give another port'
             ) from None
         self._address, self._folder = address, folder
-        self._hosts = [f'{name}:{self.port}' for name in OWN_NAMES] + list(origins)
+        self._access = AccessPolicy(address, self.port, origins, token)
         self._loop: IOLoop | None = None
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='dashboard', daemon=True)
@@ -118,7 +96,7 @@ class DashboardServer:
     @property
     def url(self) -> str:
         """Address of the page."""
-        name = self._address if self._address in OWN_NAMES else 'localhost'
+        name = self._address if self._address in LOCAL_NAMES else 'localhost'
         return f'http://{name}:{self.port}/'
 
     @property
@@ -148,11 +126,11 @@ class DashboardServer:
         asyncio.set_event_loop(asyncio.new_event_loop())
         loop = IOLoop.current()
         application = Application(FunctionHandler(self._new_page))
-        settings: dict[str, Any] = {'path': self._folder, 'hosts': self._hosts}
-        tornado = _Tornado(
+        tornado = GuardedApplication(
             {'/': application},
-            extra_websocket_origins=self._hosts,
-            extra_patterns=[(r'/reports/(.*)', ReportHandler, settings)],
+            access=self._access,
+            extra_websocket_origins=self._access.names,
+            extra_patterns=[(r'/reports/(.*)', ReportHandler, {'path': self._folder})],
             unused_session_lifetime_milliseconds=FORGOTTEN,
             check_unused_sessions_milliseconds=FORGOTTEN,
             stats_log_frequency_milliseconds=3_600_000,

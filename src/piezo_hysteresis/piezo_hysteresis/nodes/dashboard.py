@@ -87,15 +87,16 @@ class Dashboard(Node):
                 port=self._params.integer('port'),
                 folder=str(self._folder.resolve()),
                 origins=self._words('origins'),
+                token=self._params.text('token'),
                 refresh=self._params.number('refresh'),
             )
         except PiezoError as error:
             self.get_logger().fatal(str(error))
             raise SystemExit(2) from None
-        if not server.local:
+        if not server.local and not self._params.text('token'):
             self.get_logger().warning(
                 f'whoever reaches port {server.port} of this machine can move the actuator: '
-                'leave address at 127.0.0.1 unless the network is yours'
+                'set token, or leave address at 127.0.0.1'
             )
         server.start()
         self.get_logger().info(f'open {server.url}')

@@ -28,6 +28,10 @@ DASHBOARD = ParameterTable(
             'origins', [''], 'Further HOST:PORT that browsers may open the page as.',
             read_only=True,
         ),
+        ParameterSpec(
+            'token', '', 'What a reader has to show once, as ?token=... behind the address; '
+            'empty: nothing. At least 16 characters.', read_only=True,
+        ),
         ParameterSpec('refresh', 10.0, 'How often it is drawn.', 'Hz', 1.0, 30.0, read_only=True),
     )
 )  # fmt: skip

@@ -1,0 +1,141 @@
+"""Who may speak to the page: names it answers to, pages that may ask, an optional token.
+
+A page of another site can have its own name point to this machine (DNS rebinding). Its requests
+then reach the server, and its browser calls them same-origin; only the name in them gives it away.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import urlsplit
+
+from piezo_hysteresis.errors import PiezoError
+
+# Names of this machine as a browser on it writes them.
+LOCAL_NAMES = ('localhost', '127.0.0.1', '[::1]')
+# Addresses that mean all of this machine's: nobody calls it that.
+_EVERY_ADDRESS = ('', '0.0.0.0', '::')
+# What a browser leaves out of a name.
+_USUAL_PORT = re.compile(r':(80|443)$')
+_NAME = re.compile(r'^(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(:\d{1,5})?$')
+# Shorter words can be found by trying [characters].
+SHORTEST_TOKEN = 16
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a request gets no answer.
+
+    Attributes
+    ----------
+    status : int
+        Of the HTTP answer.
+    reason : str
+        What is wrong and what to do, without a word of the request in it.
+    """
+
+    status: int
+    reason: str
+
+
+class AccessPolicy:
+    """Judges a request by its headers, before anything else looks at it.
+
+    Parameters
+    ----------
+    address, port : str, int
+        Where the server listens.
+    origins : sequence of str
+        Further ``HOST[:PORT]`` that browsers may open the page as.
+    token : str
+        What a reader has to show once, '' for nothing.
+
+    Raises
+    ------
+    PiezoError
+        If an origin is no name with a port, or the token can be guessed.
+    """
+
+    def __init__(
+        self, address: str, port: int, origins: Sequence[str] = (), token: str = ''
+    ) -> None:
+        if token and (len(token) < SHORTEST_TOKEN or not token.isascii()):
+            raise PiezoError(
+                f'token has to be {SHORTEST_TOKEN} or more characters of ASCII; one is made by '
+                "python3 -c 'import secrets; print(secrets.token_urlsafe())'"
+            )
+        own = [*LOCAL_NAMES, *([] if address in _EVERY_ADDRESS else [_bracketed(address)])]
+        self.names = tuple(
+            dict.fromkeys(
+                [*(_canonical(f'{name}:{port}') for name in own), *map(_checked, origins)]
+            )
+        )
+        self._token = token
+        # A proof of the token, so that the token itself is in no later request.
+        self._proof = hmac.new(token.encode(), b'piezo page', hashlib.sha256).hexdigest()
+        # Browsers do not tell the cookies of two ports apart.
+        self.cookie = f'piezo_page_{port}'
+
+    @property
+    def proof(self) -> str:
+        """What the cookie of a reader holds who has shown the token."""
+        return self._proof
+
+    def refusal(self, headers: Mapping[str, str]) -> Refusal | None:
+        """Return why a request of these headers is foreign, None where it is not.
+
+        A request without an origin comes from a program or from a link that somebody followed.
+        """
+        if _canonical(headers.get('Host', '')) not in self.names:
+            return Refusal(
+                403,
+                f'This page is not known by that name. Open http://{self.names[0]}/ on its own '
+                'machine, or name the host in the parameter origins of the dashboard.',
+            )
+        for name in ('Origin', 'Sec-Websocket-Origin'):
+            if name in headers and not self._knows(headers[name]):
+                return Refusal(403, 'Pages of other sites may not use this one.')
+        return None
+
+    def _knows(self, origin: str) -> bool:
+        try:
+            parts = urlsplit(origin)
+        except ValueError:
+            return False
+        return parts.scheme in ('http', 'https') and _canonical(parts.netloc) in self.names
+
+    def shown(self, word: str) -> bool:
+        """Tell whether a word is the token."""
+        return bool(self._token) and hmac.compare_digest(word.encode(), self._token.encode())
+
+    def admitted(self, headers: Mapping[str, str]) -> bool:
+        """Tell whether a request comes from a reader who has shown the token, if there is one."""
+        if not self._token:
+            return True
+        try:
+            cookies = SimpleCookie(headers.get('Cookie', ''))
+        except CookieError:
+            return False
+        found = cookies.get(self.cookie)
+        return found is not None and hmac.compare_digest(found.value.encode(), self.proof.encode())
+
+
+def _bracketed(address: str) -> str:
+    return f'[{address}]' if ':' in address else address
+
+
+def _canonical(name: str) -> str:
+    """Return a name with its port as all who mean it write it."""
+    return _USUAL_PORT.sub('', name.strip().lower())
+
+
+def _checked(origin: str) -> str:
+    name = _canonical(origin)
+    if not _NAME.match(name):
+        raise PiezoError(f'origins holds {origin!r}; write HOST:PORT, as in bench:5006')
+    return name
