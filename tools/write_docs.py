@@ -8,7 +8,6 @@ With --check nothing is written; the exit code is 1 where a page is out of date.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -16,11 +15,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
 
-from piezo_hysteresis.nodes import tables
-from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
+from piezo_hysteresis.nodes.sheets import SHEETS
 from piezo_ros_common import topics
+from piezo_ros_common.sheet import NodeSheet
 from piezo_ros_common.table import ParameterSpec, ParameterTable
-from piezo_sim.nodes.tables import simulator_table
+from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
 
@@ -42,168 +41,13 @@ TYPES = {
 }
 
 
-@dataclass(frozen=True)
-class NodePage:
-    """What the page tells about one node.
-
-    Attributes
-    ----------
-    package, executable : str
-        As for ``ros2 run``.
-    does : str
-        One or two sentences.
-    table : ParameterTable
-        Its parameters.
-    subscribes, publishes, services, actions : tuple of str
-        Relative names.
-    managed : bool
-        Whether it is a lifecycle node.
-    model : bool
-        Whether it also has the parameters of the loaded model.
-    """
-
-    package: str
-    executable: str
-    does: str
-    table: ParameterTable
-    subscribes: tuple[str, ...] = ()
-    publishes: tuple[str, ...] = ()
-    services: tuple[str, ...] = ()
-    actions: tuple[str, ...] = ()
-    managed: bool = False
-    model: bool = False
-
-
-NODES = (
-    NodePage(
-        'piezo_sim',
-        'simulator',
-        'Stands in for the actuator, its amplifier and its sensor. Every effect of the plant has '
-        'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '
-        '[simulator.md](simulator.md).',
-        simulator_table(),
-        subscribes=(topics.VOLTAGE_COMMAND,),
-        publishes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
-        services=('~/load_preset', '~/reset', '~/inject_fault'),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'excitation',
-        'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
-        'runs sweeps, one record per frequency and amplitude.',
-        tables.EXCITATION,
-        subscribes=(topics.STATE, topics.LOOP_STATUS),
-        publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER, '/diagnostics'),
-        actions=('run_sweep',),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'feedforward',
-        'First link of the voltage chain: the voltage that the loaded model says the reference '
-        'takes. Without a model it divides by `gain`, which is no compensation.',
-        tables.FEEDFORWARD,
-        subscribes=(topics.REFERENCE, topics.ESTIMATE),
-        publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status', '/diagnostics'),
-        services=('~/load_model', '~/use_estimate'),
-        managed=True,
-        model=True,
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'attenuation',
-        'Second link of the voltage chain: takes harmonics of the tracking error off.',
-        tables.ATTENUATION,
-        subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status', '/diagnostics'),
-        services=('~/reset',),
-        managed=True,
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'feedback',
-        'Optional link of the voltage chain: PID, fuzzy PID or H-infinity on the tracking error. '
-        'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
-        tables.FEEDBACK,
-        subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(topics.VOLTAGE_COMMAND, '~/status', '/diagnostics'),
-        services=('~/reset',),
-        managed=True,
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'control_loop',
-        'Holds `feedforward`, `attenuation` and `feedback` in one process, each with its own '
-        'name, parameters and life cycle: `-p attenuation:orders:=[3]` sets one of them. The '
-        'voltage goes from hand to hand before it is published.',
-        ParameterTable(()),
-        subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
-        publishes=(
-            topics.VOLTAGE_FEEDFORWARD,
-            topics.VOLTAGE_ATTENUATED,
-            topics.VOLTAGE_COMMAND,
-            topics.HARMONICS,
-            '/diagnostics',
-        ),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'identification',
-        'Estimates the parameters of the extended model online by recursive least squares.',
-        tables.IDENTIFICATION,
-        subscribes=(topics.STATE, topics.MARKER),
-        publishes=(topics.ESTIMATE, '~/status', '/diagnostics'),
-        services=('~/reset', '~/save'),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'gap_monitor',
-        'Runs the loaded model beside the actuator and says how far apart they are, in multiples '
-        'of the noise floor and by harmonic.',
-        tables.GAP_MONITOR,
-        subscribes=(topics.STATE,),
-        publishes=(topics.GAP, '/diagnostics'),
-        services=('~/load_model', '~/reset'),
-        model=True,
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'discovery',
-        'Finds what a model misses in recorded data, as the verb `discover` does, with feedback.',
-        tables.DISCOVERY,
-        publishes=('/diagnostics',),
-        actions=('discover',),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'dashboard',
-        'Serves the live page: see [dashboard.md](dashboard.md). It hears the topics of every '
-        'actuator that somebody looks at, through a second node `dashboard_ear`, and is a client '
-        'of the parameters and actions of the others.',
-        DASHBOARD,
-        publishes=('/diagnostics',),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'recorder',
-        'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill.',
-        tables.RECORDER,
-        subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
-        publishes=('~/status', '/diagnostics'),
-    ),
-    NodePage(
-        'piezo_hysteresis',
-        'player',
-        'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
-        'bag, too.',
-        tables.PLAYER,
-        publishes=('/diagnostics',),
-    ),
-)
+NODES = (*SIMULATOR_SHEETS.values(), *SHEETS.values())
 
 HEAD = """# Nodes: topics and parameters
 
 This page is written by `python tools/write_docs.py` from the tables that the nodes themselves
-declare and check their parameters with; a test holds it to them.
+declare and check their parameters with; a test holds it to them. `--help` of an executable tells
+the same: `ros2 run piezo_hysteresis feedforward --help`.
 
 All names are relative: put the nodes into a namespace or remap them as usual. `~/` stands for the
 name of the node. Units are SI throughout. A value outside its range is refused with the reason;
@@ -240,7 +84,7 @@ def page() -> str:
     return '\n'.join([HEAD, *(_node(node) for node in NODES)])
 
 
-def _node(node: NodePage) -> str:
+def _node(node: NodeSheet) -> str:
     lines = [f'## {node.executable}', '', node.does, '']
     lines += [f'`ros2 run {node.package} {node.executable}`', '']
     for words, names in (

@@ -21,7 +21,8 @@ if not __package__:
 
 
 from piezo_ros_common import topics
-from tools.write_docs import NODES, TYPES, NodePage
+from piezo_ros_common.sheet import NodeSheet
+from tools.write_docs import NODES, TYPES
 
 POLICY = Path(__file__).resolve().parents[1] / 'config' / 'security' / 'policy.xml'
 NAMESPACE = 'piezo'
@@ -76,7 +77,7 @@ def _enclave(parent: Xml.Element, namespace: str, node: str) -> Xml.Element:
     return Xml.SubElement(profiles, 'profile', {'ns': f'/{namespace}', 'node': node})
 
 
-def _node(parent: Xml.Element, namespace: str, page: NodePage) -> None:
+def _node(parent: Xml.Element, namespace: str, page: NodeSheet) -> None:
     name = page.executable
     published = [*page.publishes, *COMMON_PUBLISHED, *CLOCK.get(name, ())]
     published += EXTRA_PUBLISHED.get(name, ())

@@ -11,10 +11,11 @@ import pytest
 from listening import Listener
 
 from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.sheet import NodeSheet
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 
-from write_docs import NODES, TYPES, NodePage
+from write_docs import NODES, TYPES
 
 pytestmark = pytest.mark.ros
 
@@ -42,7 +43,7 @@ def resolved(names: Iterable[str], node: str) -> set[str]:
     'page', [n for n in NODES if n.executable != 'player'], ids=lambda n: n.executable
 )
 def test_the_page_tells_what_a_node_offers(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodePage
+    processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodeSheet
 ) -> None:
     name = page.executable
     settings = {'recorder': {'out': str(tmp_path / 'bag')}, 'dashboard': {'port': 0}}

@@ -5,9 +5,13 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
+
+HELP_WORDS = ('-h', '--help')
 
 # Names the process that a node must not outlive; `processes.NodeProcess` sets it.
 OWNER = 'PIEZO_OWNER'
@@ -46,13 +50,26 @@ def _watch(owner: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def tell(module: str) -> None:
+    """Print what the node of `module` is and takes, from its room's ``sheets``; starts nothing."""
+    room, _, name = module.rpartition('.')
+    sheet = importlib.import_module(f'{room}.sheets').SHEETS[name]
+    try:
+        print(sheet.help_text(Path(sys.argv[0]).name), flush=True)
+    except BrokenPipeError:  # the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def node_executable(module: str) -> Callable[[], None]:
-    """Return an entry point that runs ``main`` of `module`."""
+    """Return an entry point that runs ``main`` of `module`, or answers ``--help``."""
 
     def run() -> None:
         quiet_start()
+        if any(word in HELP_WORDS for word in sys.argv[1:]):
+            return tell(module)
         end_with_owner()
         importlib.import_module(module).main()
+        return None
 
     run.__doc__ = f'Run {module}.'
     return run

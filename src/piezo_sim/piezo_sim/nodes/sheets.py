@@ -1,0 +1,32 @@
+"""What the simulator node is for and what it speaks; knows no ROS."""
+
+from __future__ import annotations
+
+from piezo_ros_common import topics
+from piezo_ros_common.sheet import NodeSheet
+from piezo_ros_common.table import ParameterTable
+from piezo_sim.nodes.tables import plant_table, simulator_table
+from piezo_sim.plant import Plant
+
+
+def _plant() -> dict[str, ParameterTable]:
+    preset = str(simulator_table().defaults()['preset'])
+    return {
+        f'of the plant, as the preset {preset} has them': plant_table(Plant.from_preset(preset))
+    }
+
+
+SHEETS = {
+    'simulator': NodeSheet(
+        'piezo_sim',
+        'simulator',
+        'Stands in for the actuator, its amplifier and its sensor. Every effect of the plant has '
+        'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '
+        '[simulator.md](simulator.md).',
+        simulator_table(),
+        subscribes=(topics.VOLTAGE_COMMAND,),
+        publishes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
+        services=('~/load_preset', '~/reset', '~/inject_fault'),
+        more=_plant,
+    )
+}

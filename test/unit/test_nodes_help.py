@@ -1,0 +1,81 @@
+"""Every node answers ``--help`` with its parameters, at once: nothing slow is imported."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from piezo_hysteresis.nodes.sheets import SHEETS
+from piezo_ros_common.sheet import NodeSheet
+from piezo_ros_common.table import ParameterSpec, ParameterTable
+from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
+
+ROOT = Path(__file__).resolve().parents[2]
+ALL = {**SHEETS, **SIMULATOR_SHEETS}
+# What makes the start of a node slow.
+SLOW = {'rclpy', 'bokeh', 'piezo_hysteresis.models'}
+
+
+def flat(text: str) -> str:
+    return ' '.join(text.split())
+
+
+@pytest.mark.parametrize('name', ALL)
+@pytest.mark.parametrize('words', [['--help'], ['--ros-args', '-p', 'rate:=5.0', '-h']])
+def test_an_executable_tells_its_parameters(name: str, words: list[str]) -> None:
+    package = ALL[name].package
+    source = {
+        'piezo_sim': 'piezo_ros_common.starting',
+        'piezo_hysteresis': f'{package}.nodes.executables',
+    }[package]
+    code = (
+        f'import sys; from {source} import {name} as run; run();'
+        f' print("loaded:", *(set(sys.modules) & {SLOW}))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code, *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    text, _, loaded = done.stdout.rpartition('loaded:')
+    assert loaded.split() == []
+    assert text.startswith('usage: ')
+    said = flat(text)
+    for table in (ALL[name].table, *ALL[name].more().values()):
+        for spec in table.specs:
+            assert re.search(rf'^  {re.escape(spec.name)}( \*)?$', text, re.MULTILINE), spec.name
+            assert flat(spec.description) in said
+
+
+def test_every_executable_has_a_sheet() -> None:
+    text = (ROOT / 'src/piezo_hysteresis/setup.py').read_text()
+    nodes = re.search(r'nodes = \[(.*?)\]', text, re.DOTALL)
+    assert nodes
+    assert set(re.findall(r"'(\w+)'", nodes.group(1))) == set(SHEETS)
+
+
+def test_the_help_is_as_wide_as_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('COLUMNS', '70')
+    for sheet in ALL.values():
+        assert max(map(len, sheet.help_text().splitlines())) <= 70
+
+
+def test_a_row_says_what_is_allowed() -> None:
+    specs = (
+        ParameterSpec('speed', 2.0, 'How fast.', 'm/s', above=0.0, high=5.0, read_only=True),
+        ParameterSpec('kind', 'a', 'Which.', choices=('a', 'b')),
+        ParameterSpec('on', True, 'Whether.'),
+    )
+    text = flat(NodeSheet('p', 'x', 'See [that](that.md).', ParameterTable(specs)).help_text())
+    assert 'See docs/that.' in text
+    assert 'speed * How fast. (2; above 0 .. 5 m/s)' in text
+    assert 'kind Which. (a; one of a, b)' in text
+    assert 'on Whether. (true; true or false)' in text
