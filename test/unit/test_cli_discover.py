@@ -11,6 +11,7 @@ import pytest
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, write_bag, write_csv
+from piezo_hysteresis.reporting.folder import MARKER
 from piezo_sim.sweep import simulate
 
 FIELDS = {
@@ -72,6 +73,7 @@ def test_the_model_is_loadable_and_the_report_is_one_file(found: Path) -> None:
         'params.yaml',
         'simulator.yaml',
         'report.html',
+        MARKER,
     }
 
 

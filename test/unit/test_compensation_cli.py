@@ -7,6 +7,7 @@ import pytest
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
+from piezo_hysteresis.reporting.folder import MARKER
 
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
           'natural_frequency': 68.0, 'damping_ratio': 0.015}  # fmt: skip
@@ -35,7 +36,7 @@ def test_study_reports_each_run_and_what_every_link_gains(files, tmp_path, capsy
     assert summary['runs'][1]['counters']['0_PhysicalInverse']['clamped_slopes'] == 0
     assert summary['rate_hz'] == 1000.0
     assert (out / 'tracking.png').read_bytes().startswith(b'\x89PNG')
-    assert sorted(path.name for path in out.iterdir()) == ['summary.json', 'tracking.png']
+    assert sorted(path.name for path in out.iterdir()) == [MARKER, 'summary.json', 'tracking.png']
     assert 'with attenuation' in capsys.readouterr().out
 
 

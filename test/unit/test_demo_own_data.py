@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from piezo_hysteresis.cli.demo_results import replacing
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.errors import errors_of
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import load
+from piezo_hysteresis.reporting.folder import MARKER, replacing
 
 
 def write_record(path: Path, n: int = 3000, spoil=None) -> Path:
@@ -40,7 +40,7 @@ def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
     assert main(['demo', '--data', str(data), '--out', str(out)]) == 0
     assert 'of its standard deviation' in capsys.readouterr().out
     assert {p.name for p in out.iterdir()} == {
-        'model.yaml', 'params.yaml', 'report.html', 'summary.json',
+        'model.yaml', 'params.yaml', 'report.html', 'summary.json', MARKER,
     }  # fmt: skip
     summary = json.loads((out / 'summary.json').read_text())
     saved = ModelFile.load(out / 'model.yaml')
@@ -90,7 +90,7 @@ def test_a_missing_file_is_named(tmp_path, capsys):
 
 
 def fail_half_way(out: Path) -> None:
-    with replacing(out) as folder:
+    with replacing(out, 'demo') as folder:
         (folder / 'a').write_text('half')
         raise KeyboardInterrupt
 
@@ -105,7 +105,7 @@ def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         fail_half_way(out)
     assert (out / 'a').read_text() == 'old'
-    with replacing(out) as folder:
+    with replacing(out, 'demo') as folder:
         (folder / 'a').write_text('new')
         (folder / 'bags').mkdir()
         (folder / 'bags' / 'y').write_text('new')
@@ -117,5 +117,5 @@ def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path):
 
 def test_a_file_in_the_way_is_named(tmp_path):
     (tmp_path / 'out').write_text('x')
-    with pytest.raises(PiezoError, match='it is a file'), replacing(tmp_path / 'out'):
+    with pytest.raises(PiezoError, match='it is a file'), replacing(tmp_path / 'out', 'demo'):
         pass

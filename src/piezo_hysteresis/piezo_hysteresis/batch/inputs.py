@@ -15,12 +15,11 @@ from piezo_hysteresis import __version__
 from piezo_hysteresis.batch.tasks import Task
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.records.bag_content import READERS
-from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.reporting.folder import MARKER, RESULTS, write_folder
 
 NOTE = 'job.json'  # written last: where it names the fingerprint, the folder is whole
 # What the verbs leave; nothing else is ever deleted.
-LEFT = ('model.yaml', 'params.yaml', 'simulator.yaml', 'summary.json', 'verdict.json',
-        'report.html', '*.png')  # fmt: skip
+LEFT = (*RESULTS, '*.png', MARKER)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from piezo_hysteresis.batch.inputs import Job, jobs_of
 from piezo_hysteresis.batch.pool import OwnPool
 from piezo_hysteresis.batch.tasks import Progress, Row, Task, quiet
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.reporting.folder import claim
 
 Collect = Callable[[Job, Row], None]
 
@@ -77,12 +78,13 @@ def run_batch(
     Raises
     ------
     PiezoError
-        If there are no data, `out` cannot be written, or the given executor broke down; what is
-        finished is kept.
+        If there are no data, `out` cannot be written or holds the results of another verb, or the
+        given executor broke down; what is finished is kept.
     """
-    from piezo_hysteresis.batch.table import write_tables  # draws: not for the workers
+    from piezo_hysteresis.batch.table import TABLES, write_tables  # draws: not for the workers
 
     jobs = jobs_of(task, data, out)
+    claim(out, f'batch {task.verb}', TABLES)
     rows = {job.name: row for job in jobs if (row := job.finished()) is not None}
     resumed = len(rows)
 

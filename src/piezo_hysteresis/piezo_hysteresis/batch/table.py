@@ -18,6 +18,8 @@ from piezo_hysteresis.reporting.units import micrometres
 
 _SHOWN = 1000  # rows of the page; the table has all
 
+TABLES = ('results.csv', 'results.parquet', 'index.html')
+
 
 def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
     """Write results.csv, results.parquet and index.html.
@@ -49,7 +51,7 @@ def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
     except ModuleNotFoundError:
         notes.append('there is no results.parquet without pyarrow; results.csv is whole')
     files['index.html'] = index_page(verb, rows, list(files))
-    write_folder(out, files)
+    write_folder(out, files, f'batch {verb}')
     return notes
 
 

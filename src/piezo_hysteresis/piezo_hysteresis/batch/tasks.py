@@ -114,8 +114,10 @@ class Identify:
         from piezo_hysteresis.identification import METHODS, identify
         from piezo_hysteresis.identification.history import preceded
         from piezo_hysteresis.records import load
+        from piezo_hysteresis.reporting.folder import check_folder
         from piezo_hysteresis.reporting.identification_folder import write_identification
 
+        check_folder(out, self.verb)
         if self.method not in METHODS:
             raise IdentificationError(
                 f'method {self.method!r} is unknown; choose one of {", ".join(METHODS)}'
@@ -188,7 +190,9 @@ class Discover:
         from piezo_hysteresis.models import ModelFile, named
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.discovery_folder import write_discovery
+        from piezo_hysteresis.reporting.folder import check_folder
 
+        check_folder(out, self.verb)
         word = self.baseline
         baseline = ModelFile.load(word) if _is_file(word) else named(word)
         records = load(data, actuator=self.actuator, salvage=self.salvage)

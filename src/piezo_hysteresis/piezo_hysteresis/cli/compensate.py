@@ -18,6 +18,7 @@ from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.pid import PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.reporting.folder import check_folder
 
 HELP = 'offline closed-loop study: how well a model compensates a plant'
 
@@ -53,6 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
     begun = time.perf_counter()
+    check_folder(arguments.out, 'compensate')
     model = ModelFile.load(arguments.model)
     plant = ModelFile.load(arguments.plant)
     waveform = parse_reference(arguments.reference)

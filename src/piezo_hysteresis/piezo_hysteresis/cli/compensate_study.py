@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from piezo_hysteresis.compensation.physical import PhysicalInverse
 from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.waveforms import Waveform, from_spec
 
 
@@ -129,8 +128,8 @@ def write_results(
 
     Raises
     ------
-    CompensationError
-        If the folder cannot be written.
+    PiezoError
+        If the folder cannot be written, or holds the results of another verb.
     """
     summary = {
         'model': study.model.model.name,
@@ -143,12 +142,11 @@ def write_results(
         'runs': [_row(each) for each in runs],
         'seconds': seconds,
     }
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        _replace(out / 'summary.json', (json.dumps(summary, indent=2) + '\n').encode())
-        _replace(out / 'tracking.png', _figure(runs))
-    except OSError as error:
-        raise CompensationError(f'{out} cannot be written: {error.strerror}') from error
+    files: dict[str, bytes | str] = {
+        'summary.json': json.dumps(summary, indent=2) + '\n',
+        'tracking.png': _figure(runs),
+    }
+    write_folder(out, files, 'compensate')
 
 
 def _row(run: Run) -> dict[str, Any]:
@@ -162,18 +160,6 @@ def _row(run: Run) -> dict[str, Any]:
         'harmonics_m': {str(order): amplitude for order, amplitude in m.harmonics.items()},
         'counters': run.result.counters,
     }
-
-
-def _replace(path: Path, content: bytes) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
-    try:
-        with os.fdopen(handle, 'wb') as file:
-            file.write(content)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
 
 
 def _figure(runs: list[Run]) -> bytes:

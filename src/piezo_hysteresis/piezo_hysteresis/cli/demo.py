@@ -53,16 +53,12 @@ def _interrupt(*_: object) -> None:
 def show(out: Path) -> None:
     """Run the experiment on live nodes, print the table, write the results."""
     from piezo_hysteresis.cli.demo_live import Plan, run_demo
-    from piezo_hysteresis.cli.demo_results import (
-        demo_summary,
-        replacing,
-        write_model,
-        write_summary,
-    )
+    from piezo_hysteresis.cli.demo_results import demo_summary, write_model, write_summary
     from piezo_hysteresis.reporting.demo_report import write_demo_report
+    from piezo_hysteresis.reporting.folder import replacing
 
     begun = time.perf_counter()
-    with replacing(out) as folder:
+    with replacing(out, 'demo') as folder:
         with progress_bar('demo') as progress:
             demo = run_demo(Plan(), folder, progress)
             progress(0.97, 'drawing the report')
@@ -75,17 +71,19 @@ def show(out: Path) -> None:
 
 def identify_own(data: Sequence[str], out: Path) -> None:
     """Choose a model for the user's records, identify it, write the results."""
-    from piezo_hysteresis.cli.demo_results import replacing, write_model, write_summary
+    from piezo_hysteresis.cli.demo_results import write_model, write_summary
     from piezo_hysteresis.identification.automatic import choose_model
     from piezo_hysteresis.identification.identify import identify
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.demo_report import write_data_report
+    from piezo_hysteresis.reporting.folder import check_folder, replacing
 
     begun = time.perf_counter()
+    check_folder(out, 'demo')
     records = load(data)
     if len({record.rate for record in records}) > 1:
         raise IdentificationError('the records have different rates; give those of one rate')
-    with replacing(out) as folder:
+    with replacing(out, 'demo') as folder:
         with progress_bar('identifying') as progress:
             choice = choose_model(records, lambda f, words: progress(0.7 * f, f'trying {words}'))
             progress(0.7, f'fitting {choice.model.name}')

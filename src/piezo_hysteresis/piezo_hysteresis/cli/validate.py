@@ -37,10 +37,11 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.identification.result import pooled_noise
     from piezo_hysteresis.identification.targets import targets_of
     from piezo_hysteresis.records import load
-    from piezo_hysteresis.reporting.folder import write_folder
+    from piezo_hysteresis.reporting.folder import check_folder, write_folder
     from piezo_hysteresis.reporting.identification_figures import figures
 
     begun = time.perf_counter()
+    check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)
     records = load(arguments.data, actuator=arguments.actuator)
     if arguments.warm_up is not None:
@@ -74,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
             **figures(records, simulated, rows, noise_floor=noise),
         },
+        'validate',
     )
     for row in rows:
         print(

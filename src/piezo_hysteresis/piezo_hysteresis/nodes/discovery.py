@@ -15,6 +15,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.nodes.tables import DISCOVERY
+from piezo_hysteresis.reporting.folder import check_folder
 from piezo_interfaces.action import Discover
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
@@ -54,7 +55,7 @@ class DiscoveryNode(Node):
 
     def _judge(self, goal: Discover.Goal) -> GoalResponse:
         try:
-            self._paths(goal)
+            check_folder(self._paths(goal)[2], 'discover')
             if self._busy:
                 raise PiezoError('another discovery is running; wait for it')
         except PiezoError as error:

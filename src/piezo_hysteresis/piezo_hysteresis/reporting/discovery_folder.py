@@ -48,7 +48,7 @@ def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ())
     Raises
     ------
     PiezoError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds the results of another verb.
     """
     saved = model_file(found, data)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
@@ -66,4 +66,5 @@ def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ())
             'simulator.yaml': note + yaml.safe_dump(simulator.to_ros(), sort_keys=False),
             'report.html': discovery_page(found),
         },
+        'discover',
     )

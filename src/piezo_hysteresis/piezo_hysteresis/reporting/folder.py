@@ -1,16 +1,129 @@
-"""Folders of results: every file whole, or none."""
+"""Folders of results: every file whole, or none; one verb's results never over another's."""
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from piezo_hysteresis import __version__
 from piezo_hysteresis.errors import PiezoError
 
+# Says which verb filled a folder, and with which files.
+MARKER = '.results.json'
+# What the verbs leave besides figures.
+RESULTS = (
+    'summary.json', 'verdict.json', 'model.yaml', 'params.yaml', 'simulator.yaml', 'report.html',
+)  # fmt: skip
 
-def write_folder(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
+
+@dataclass(frozen=True)
+class Marker:
+    """Whose results a folder holds.
+
+    Attributes
+    ----------
+    verb : str
+        That left them.
+    files : tuple of str
+        Names of the files and folders that it left.
+    """
+
+    verb: str
+    files: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """Return the content of the file."""
+        content = {'verb': self.verb, 'version': __version__, 'files': sorted(self.files)}
+        return json.dumps(content, indent=2) + '\n'
+
+
+def marker_of(folder: str | Path) -> Marker | None:
+    """Return whose results a folder holds, None where it says nothing of it.
+
+    A folder without a marker (a copy, or of an earlier version) is known by its summary.
+    """
+    told = _read(Path(folder) / MARKER)
+    if isinstance(told.get('verb'), str):
+        files = told.get('files')
+        names = files if isinstance(files, list) else []
+        # Plain names only: what a file says must not lead out of its folder.
+        return Marker(told['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n)))
+    if (Path(folder) / 'verdict.json').is_file():
+        return Marker('discover')
+    summary = _read(Path(folder) / 'summary.json')
+    if 'tracking' in summary or 'choice' in summary:
+        return Marker('demo')
+    if 'runs' in summary:
+        return Marker('compensate')
+    if 'method' in summary:
+        return Marker('validate' if summary['method'] == 'validate' else 'identify')
+    return None
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        told = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def _plain(name: str) -> bool:
+    return Path(name).name == name and name not in ('', '.', '..')
+
+
+def check_folder(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) -> None:
+    """Refuse a folder whose content is not of `verb`; ask before long work.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where results shall go; it need not be there.
+    verb : str
+        That wants to leave them.
+    names : iterable of str
+        Files that it would replace.
+
+    Raises
+    ------
+    PiezoError
+        If the folder holds a recording, results of another verb, or such files that no verb left
+        there.
+    """
+    target = Path(folder)
+    found = marker_of(target)
+    own = f'give {verb} a folder of its own, such as {target}-{verb.replace(" ", "-")}'
+    if found is not None and found.verb != verb:
+        raise PiezoError(f'{target} holds the results of {found.verb}; {own}')
+    if (target / 'metadata.yaml').is_file():
+        raise PiezoError(f'{target} holds a recording; {own}')
+    if found is None:
+        there = sorted(name for name in names if (target / name).exists())
+        if there:
+            raise PiezoError(f'{target} holds {", ".join(there)} of unknown origin; {own}')
+
+
+def claim(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) -> None:
+    """Mark a folder before long work whose results come one by one; what is in it stays.
+
+    Raises
+    ------
+    PiezoError
+        As `check_folder` does, or if the folder cannot be written.
+    """
+    check_folder(folder, verb, names)
+    if not (Path(folder) / MARKER).is_file():
+        write_folder(folder, {MARKER: Marker(verb).text()})
+
+
+def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str = '') -> None:
     """Write files into a folder: all under temporary names first, then renamed.
 
     Parameters
@@ -19,13 +132,22 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
         Made where it is not there; other files in it stay.
     files : mapping of str to bytes or str
         Content by file name.
+    verb : str
+        Whose results they are: the folder is marked with it, and what an earlier run of the verb
+        left and this one did not is taken away. '' for files that are no results.
 
     Raises
     ------
     PiezoError
-        If the folder cannot be written; then none of the files is changed.
+        If the folder holds something else or cannot be written; then none of the files is
+        changed.
     """
     target = Path(folder)
+    stale: set[str] = set()
+    if verb:
+        check_folder(target, verb, files)
+        stale = _stale(target, files)
+        files = {MARKER: Marker(verb, tuple(files)).text(), **files}
     waiting: list[tuple[Path, Path]] = []
     try:
         target.mkdir(parents=True, exist_ok=True)
@@ -40,9 +162,65 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
                 temporary_path, final = waiting[0]
                 temporary_path.replace(final)
                 waiting.pop(0)
+            for name in stale:
+                (target / name).unlink(missing_ok=True)
         finally:
             for temporary_path, _ in waiting:
                 temporary_path.unlink(missing_ok=True)
     except OSError as error:
-        reason = error.strerror or error
-        raise PiezoError(f'{target} cannot be written ({reason}); name another folder') from error
+        raise _unwritable(target, error) from error
+
+
+def _stale(folder: Path, names: Iterable[str]) -> set[str]:
+    """Return the files of the results in a folder that are not among `names`."""
+    found = marker_of(folder)
+    left = set(found.files) - set(names) if found is not None else set()
+    return {name for name in left if (folder / name).is_file()}
+
+
+@contextmanager
+def replacing(folder: Path, verb: str) -> Iterator[Path]:
+    """Offer an empty folder whose content goes into `folder` only when everything went well.
+
+    What an earlier run of `verb` left is taken away, other files stay.
+
+    Raises
+    ------
+    PiezoError
+        If `folder` holds something else, or cannot be written.
+    """
+    check_folder(folder, verb)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        if folder.exists() and not folder.is_dir():
+            raise NotADirectoryError(0, 'it is a file')
+        staging = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f'.{folder.name}.'))
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        made = staging / 'new'
+        made.mkdir()
+        yield made
+        names = tuple(path.name for path in made.iterdir())
+        (made / MARKER).write_text(Marker(verb, names).text(), encoding='utf-8')
+        _move(made, folder, staging / 'old')
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _move(made: Path, folder: Path, old: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    old.mkdir()
+    new = sorted(path.name for path in made.iterdir())
+    for name in sorted({*new, *_stale(folder, new)}):
+        if (folder / name).exists():
+            (folder / name).replace(old / name)
+    for name in new:
+        (made / name).replace(folder / name)
+
+
+def _unwritable(folder: Path, error: OSError) -> PiezoError:
+    reason = error.strerror or error
+    return PiezoError(f'{folder} cannot be written ({reason}); name another folder')

@@ -33,7 +33,8 @@ def write_identification(
     Raises
     ------
     PiezoError
-        If the folder cannot be written, or the parameters make no model.
+        If the folder cannot be written or holds the results of another verb, or the parameters
+        make no model.
     """
     saved = found.model_file(data, records[0].rate)
     drawn = figures(
@@ -53,4 +54,5 @@ def write_identification(
             'report.html': identification_page(records, found, data=data),
             **drawn,
         },
+        'identify',
     )
