@@ -9,6 +9,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.linalg import solve_square
 
 _PHASES = 20  # points between two samples at which the force is interpolated
 _TAPS = 12  # samples that the interpolation looks back
@@ -28,7 +29,7 @@ def _interpolator() -> FloatArray:
     normal = (basis.conj().T @ basis).real / frequencies.size + 1e-8 * np.eye(_TAPS)
     shifts = np.arange(_PHASES + 1) / _PHASES - 1.0
     wanted = np.exp(1j * np.outer(frequencies, shifts))
-    weights = np.linalg.solve(normal, (basis.conj().T @ wanted).real / frequencies.size).T
+    weights = solve_square(normal, (basis.conj().T @ wanted).real / frequencies.size).values.T
     weights[-1] = np.eye(_TAPS)[0]
     weights[0] = np.eye(_TAPS)[1]
     return np.ascontiguousarray((weights / weights.sum(axis=1, keepdims=True)).T)

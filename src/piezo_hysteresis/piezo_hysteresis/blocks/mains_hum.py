@@ -8,6 +8,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 
 @jit
@@ -46,7 +47,7 @@ def guess(seen: Residual) -> dict[str, float]:
     hum = float((place + offset) / (n * seen.dt))
     angle = 2.0 * np.pi * hum * time
     columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones(n)])
-    sine, cosine, _ = np.linalg.lstsq(columns, seen.residual, rcond=None)[0]
+    sine, cosine, _ = solve_least_squares(columns, seen.residual).values
     return {'hum_frequency': hum, 'hum_sine': float(sine), 'hum_cosine': float(cosine)}
 
 

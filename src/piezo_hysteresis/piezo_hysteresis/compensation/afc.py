@@ -193,6 +193,9 @@ class ComplexGainCancellation:
 
     def _close_window(self) -> None:
         mean, phasors, deviation = solve_lines(self._normal, self._ticks - self._skip)
+        if not math.isfinite(deviation):  # a window that tells nothing moves nothing
+            self._drop_window_keep_lines()
+            return
         self._counts['windows'] += 1
         errors = dict(zip(self._fitted, map(complex, phasors), strict=True))
         seen = [(self._lines[order], errors[order]) for order in self._orders]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.linalg import solve_least_squares, solve_square
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -137,14 +138,18 @@ def solve_lines(normal: FloatArray, count: int) -> tuple[float, ComplexArray, fl
     phasors : ndarray of complex, shape (orders,)
         E such that the signal is ``mean + sum Re(E exp(j n phi))``.
     deviation : float
-        Standard deviation of each real part, from the residual of the fit.
+        Standard deviation of each real part, from the residual of the fit; infinite where there
+        is none.
     """
     m = normal.shape[0] - 1
     matrix = np.tril(normal[:m, :m])
     matrix = matrix + np.tril(matrix, -1).T
     right = normal[m, :m]
     # A slight ridge: a window cut short by a frequency step must not throw.
-    solution = np.linalg.solve(matrix + 1e-12 * count * np.eye(m), right)
+    solved = solve_square(matrix + 1e-12 * count * np.eye(m), right)
+    solution = solved.values
+    if not solved.sound:
+        return 0.0, solution[1::2] + 1j * solution[2::2], math.inf
     residual = max(normal[m, m] - float(right @ solution), 0.0) / max(count - m, 1)
     phasors = solution[1::2] + 1j * solution[2::2]
     return float(solution[0]), phasors, math.sqrt(residual * 2.0 / max(count, 1))
@@ -171,5 +176,5 @@ def line_amplitudes(
     columns = [np.ones_like(phase)]
     for order in orders:
         columns += [np.cos(order * phase), -np.sin(order * phase)]
-    solution = np.linalg.lstsq(np.column_stack(columns), signal, rcond=None)[0]
+    solution = solve_least_squares(np.column_stack(columns), signal).values
     return float(solution[0]), solution[1::2] + 1j * solution[2::2]

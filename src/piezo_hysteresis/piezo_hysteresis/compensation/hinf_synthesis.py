@@ -14,6 +14,7 @@ from scipy import linalg
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics import ComplexArray
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.numerics.linalg import failing_as
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,11 @@ class GeneralizedPlant:
     d21: FloatArray
 
 
+def ill_conditioned() -> CompensationError:
+    """Return what is raised where the numbers of a design differ too much in size."""
+    return CompensationError('the H-infinity problem is too ill-conditioned; scale its weights')
+
+
 def _riccati(a: FloatArray, r: FloatArray, q: FloatArray) -> FloatArray | None:
     """Return the stabilising X of ``A'X + XA + XRX + Q = 0``, or None where there is none."""
     n = len(a)
@@ -69,14 +75,13 @@ def _riccati(a: FloatArray, r: FloatArray, q: FloatArray) -> FloatArray | None:
 
 def _normalise(plant: GeneralizedPlant) -> tuple[GeneralizedPlant, FloatArray, FloatArray]:
     """Scale u and y so that D12'D12 = I and D21 D21' = I; return the scalings."""
-    try:
+    singular = CompensationError(
+        'the H-infinity problem is singular: weigh every control and let every measurement be '
+        'disturbed'
+    )
+    with failing_as(singular):
         u_scale = np.linalg.inv(np.linalg.cholesky(plant.d12.T @ plant.d12)).T
         y_scale = np.linalg.inv(np.linalg.cholesky(plant.d21 @ plant.d21.T))
-    except np.linalg.LinAlgError as error:
-        raise CompensationError(
-            'the H-infinity problem is singular: weigh every control and let every measurement '
-            'be disturbed'
-        ) from error
     scaled = GeneralizedPlant(
         plant.a,
         plant.b1,
@@ -167,7 +172,7 @@ def hinf_synthesis(
     gamma = margin * high
     controller = _central(scaled, gamma)
     if controller is None:
-        raise CompensationError('the H-infinity problem is too ill-conditioned; scale its weights')
+        raise ill_conditioned()
     return (
         StateSpace(controller.a, controller.b @ y_scale, u_scale @ controller.c, controller.d),
         gamma,

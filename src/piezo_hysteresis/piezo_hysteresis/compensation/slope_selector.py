@@ -14,6 +14,7 @@ from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS
 from piezo_hysteresis.compensation.inverse import InverseLink, take
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.linalg import failing_as
 
 _CLAMPED, _STROKE, _D, _U, _H, _OWN = range(6)
 _NAMES = ('inverse_gain', 'inverse_A', 'inverse_beta', 'inverse_gamma')
@@ -188,13 +189,12 @@ def fit_inverse(
 
     # With |gamma| below beta and a negative a the voltage rises with the displacement.
     low, high = [1e-2, -50.0, 1e-2, -0.99, -np.inf], [10.0, 0.0, 100.0, 0.99, np.inf]
-    fits = [
-        least_squares(residual, [*start, u[0]], bounds=(low, high), x_scale='jac')
-        for start in ([1.0, -0.2, 2.0, 0.2], [0.8, -1.0, 5.0, -0.5], [0.5, -2.0, 10.0, 0.5])
-    ]
+    with failing_as(CompensationError(f'the inverse at {slope:g} m/s could not be fitted')):
+        fits = [
+            least_squares(residual, [*start, u[0]], bounds=(low, high), x_scale='jac')
+            for start in ([1.0, -0.2, 2.0, 0.2], [0.8, -1.0, 5.0, -0.5], [0.5, -2.0, 10.0, 0.5])
+        ]
     best = min(fits, key=lambda fit: float(fit.cost))
-    if not np.all(np.isfinite(best.x)):
-        raise CompensationError(f'the inverse at {slope:g} m/s could not be fitted')
     c, a, b, ratio = (float(value) for value in best.x[:4])
     g = ratio * b
     return InverseBoucWen(slope, c * swing / stroke, a * swing / stroke, b / stroke, g / stroke)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.numerics.linalg import solve_square
 from piezo_hysteresis.records import Record
 
 # Share of the power of the input that one sinusoid must explain to be called one.
@@ -63,6 +64,5 @@ def sine_frequency(voltage: FloatArray, dt: float) -> float:
 def _left(voltage: FloatArray, dt: float, frequency: float) -> float:
     angle = 2.0 * np.pi * frequency * dt * np.arange(voltage.size)
     basis = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
-    solution = np.linalg.solve(basis.T @ basis, basis.T @ voltage)
-    error = voltage - basis @ solution
+    error = voltage - basis @ solve_square(basis.T @ basis, basis.T @ voltage).values
     return float(error @ error)

@@ -10,6 +10,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset
 from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 # A line counts from this many times the local median of the spectrum.
 LINE = 60.0
@@ -110,8 +111,10 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
             names.append(name)
     if not names:
         return []
-    powers = np.linalg.lstsq(np.column_stack(columns), np.log(table[:, 2]), rcond=None)[0][1:]
-    for name, power in zip(names, powers, strict=True):
+    solved = solve_least_squares(np.column_stack(columns), np.log(table[:, 2]))
+    if not solved.sound:
+        return []
+    for name, power in zip(names, solved.values[1:], strict=True):
         said.append(f'It grows about as {name} to the power {power:.1f}.')
     return said
 

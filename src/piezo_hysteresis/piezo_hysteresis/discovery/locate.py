@@ -10,6 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 HIGHEST_ORDER = 12
 
@@ -74,7 +75,7 @@ def harmonics(
     for order in orders[1:]:
         columns += [np.cos(order * phase), np.sin(order * phase)]
     basis = np.column_stack(columns)
-    solution = np.linalg.lstsq(basis, error, rcond=None)[0]
+    solution = solve_least_squares(basis, error).values
     left = error - basis @ solution
     phasors = np.concatenate([[solution[0]], solution[1::2] - 1j * solution[2::2]])
     return orders, phasors, float(np.sqrt(np.mean(left**2)))

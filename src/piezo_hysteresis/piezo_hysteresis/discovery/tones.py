@@ -17,6 +17,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset
 from piezo_hysteresis.discovery.trial import Trial, errors_of
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.numerics.linalg import solve_least_squares, straight_line
 
 # A line stands out from this many times the local median of the spectrum.
 PROMINENT = 30.0
@@ -47,9 +48,9 @@ class Tone:
 def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and power of what is in `error` beside harmonics of the drive."""
     window = np.hanning(error.size)
-    time = np.arange(error.size)
-    level = error - np.polyval(np.polyfit(time, error, 1), time)
-    power = np.abs(np.fft.rfft(window * level)) ** 2
+    level, slope = straight_line(error)
+    flat = error - (level + slope * np.arange(error.size))
+    power = np.abs(np.fft.rfft(window * flat)) ** 2
     frequency = np.fft.rfftfreq(error.size, view.dt)
     power[:3] = 0.0
     if view.frequency > 0:
@@ -63,7 +64,7 @@ def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
     """Return the complex amplitude of a tone [m], its phase that at the first driven sample."""
     angle = 2.0 * np.pi * frequency * view.dt * (view.first + np.arange(error.size))
     basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones(error.size)])
-    cosine, sine, _ = np.linalg.lstsq(basis, error, rcond=None)[0]
+    cosine, sine, _ = solve_least_squares(basis, error).values
     return complex(cosine, -sine)
 
 

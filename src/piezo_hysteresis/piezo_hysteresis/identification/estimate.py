@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
 #: Factors from metres to the working unit of a recursive method.
 WORKING_UNITS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
@@ -64,7 +65,10 @@ def scaled_condition(covariance: FloatArray) -> float:
         return float('inf')
     spread = np.sqrt(np.abs(np.diag(covariance)))
     spread[spread == 0.0] = 1.0
-    eigenvalues = np.linalg.eigvalsh(covariance / np.outer(spread, spread))
+    found = symmetric_eigen(covariance / np.outer(spread, spread))
+    if found is None:
+        return float('inf')
+    eigenvalues = found[0]
     least = float(eigenvalues[0])
     return float(eigenvalues[-1]) / least if least > 0 else float('inf')
 

@@ -11,6 +11,7 @@ from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 
 def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tuple[str, ...]:
@@ -98,10 +99,13 @@ def solve_linear(
     full = triangle(np.ascontiguousarray(np.vstack(blocks).T))
     norms = np.linalg.norm(full[:p, :p], axis=0)
     norms[norms == 0.0] = 1.0
-    best = np.linalg.lstsq(full[:p, :p] / norms, full[:p, p], rcond=1e-7)[0] / norms
+    solved = solve_least_squares(full[:p, :p] / norms, full[:p, p], rcond=1e-7)
+    if not solved.sound:
+        return dict(values)
+    best = solved.values / norms
     limits = {q.name: (q.low, q.high) for q in model.parameters}
     best = np.array(
         [np.clip(value, *limits[name]) for name, value in zip(names, best, strict=True)]
     )
-    solved = dict(zip(names, (float(v) for v in best), strict=True))
-    return {**values, **solved}
+    best_values = dict(zip(names, (float(v) for v in best), strict=True))
+    return {**values, **best_values}

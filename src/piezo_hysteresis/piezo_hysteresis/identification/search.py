@@ -14,6 +14,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
 Cost = Callable[[FloatArray], float]
 Progress = Callable[[float, str], None]
@@ -210,8 +211,10 @@ def _cma_run(watch: _Watch, rng: np.random.Generator, count: int, tolerance: flo
     mean, sigma = 0.2 + 0.6 * rng.random(n), 0.3
     covariance, path_c, path_s = np.eye(n), np.zeros(n), np.zeros(n)
     while not watch.spent:
-        scale, basis = np.linalg.eigh(covariance)
-        scale = np.sqrt(np.maximum(scale, 1e-20))
+        spread = symmetric_eigen(covariance)
+        if spread is None:  # costs of no size lead nowhere: begin another run
+            return False
+        scale, basis = np.sqrt(np.maximum(spread[0], 1e-20)), spread[1]
         steps = (rng.standard_normal((count, n)) * scale) @ basis.T
         points = mean + sigma * steps
         inside = np.clip(points, 0.0, 1.0)

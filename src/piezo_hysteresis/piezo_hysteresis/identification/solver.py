@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
 
 Progress = Callable[[float, str], None]
 
@@ -68,7 +69,8 @@ def bounded_step(
     """Minimise ``|R s + q|^2 + |damping s|^2`` over ``low <= s <= high``, to good approximation.
 
     Unknowns that would leave are put on their bound one round after another and the others solved
-    anew, so that a bound does not spoil the step of the rest.
+    anew, so that a bound does not spoil the step of the rest. Where the problem is no number, so
+    is the step.
     """
     p = rhs.size
     step = np.zeros(p)
@@ -82,7 +84,10 @@ def bounded_step(
         known = rhs + factor[:, ~free] @ step[~free]
         stacked = np.vstack([factor[:, free], np.diag(damping[free])])
         target = np.concatenate([-known, np.zeros(int(free.sum()))])
-        step[free] = np.linalg.lstsq(stacked, target, rcond=None)[0]
+        solved = solve_least_squares(stacked, target)
+        if not solved.sound:
+            return np.full(p, np.nan)
+        step[free] = solved.values
         out: BoolArray = free & ((step < low) | (step > high))
         if not np.any(out):
             break
@@ -123,7 +128,7 @@ def solve(
     """
     x = np.clip(np.asarray(start, dtype=float), low, high)
     factor, rhs, cost = problem.linearise(x)
-    if not isfinite(cost):
+    if not _usable(factor, rhs, cost):
         return _done(
             x, factor, cost, False, 'the start itself is impossible', 1, [cost], low, high
         )
@@ -136,6 +141,9 @@ def solve(
             message, converged = 'the gradient vanishes', True
             break
         step = bounded_step(factor, rhs, np.sqrt(damping) * norms, low - x, high - x)
+        if not np.all(np.isfinite(step)):
+            message = 'stuck: the derivatives of the error are too large to be solved for'
+            break
         moved = factor @ step
         predicted = -float(rhs @ moved) - 0.5 * float(moved @ moved)
         small = float(np.linalg.norm(norms * step)) <= tolerance * float(np.linalg.norm(norms * x))
@@ -148,7 +156,7 @@ def solve(
         ratio = (cost - new) / predicted if isfinite(new) else -1.0
         there = problem.linearise(trial) if ratio > 1e-4 else None
         # derivatives may overflow where the model itself does not: that is no place to go
-        if there is None or not isfinite(there[2]):
+        if there is None or not _usable(*there):
             damping, growth = damping * growth, growth * 2.0
             if damping > 1e12:
                 message = 'stuck: no step lowers the error although the gradient does not vanish'
@@ -166,8 +174,12 @@ def solve(
     return _done(x, factor, cost, converged, message, used, history, low, high)
 
 
+def _usable(factor: FloatArray, rhs: FloatArray, cost: float) -> bool:
+    return bool(isfinite(cost) and np.all(np.isfinite(factor)) and np.all(np.isfinite(rhs)))
+
+
 def _norms(factor: FloatArray) -> FloatArray:
-    norms = np.linalg.norm(factor, axis=0)
+    norms = column_norms(factor)
     return np.where(norms > 0, norms, 1.0)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 
 #: Scaled condition number beyond which digits of single parameters mean nothing.
 CONDITION_LIMIT = 1e6
@@ -52,10 +53,13 @@ def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Cov
     p = len(names)
     if p == 0:
         return Covariance(np.empty(0), np.empty((0, 0)), 1.0, ())
-    norms = np.linalg.norm(factor, axis=0)
+    norms = column_norms(factor)
     dead = norms <= 0.0
-    scaled = factor / np.where(dead, 1.0, norms)
-    _, singular, rows = np.linalg.svd(scaled)
+    found = right_singular(factor / np.where(dead, 1.0, norms))
+    if found is None:
+        lost_all = tuple(((name, 1.0),) for name in names)
+        return Covariance(np.full(p, np.inf), np.eye(p), float('inf'), lost_all)
+    singular, rows = found
     largest = float(singular[0])
     condition = largest / float(singular[-1]) if singular[-1] > 0 else float('inf')
     weak = singular < largest / CONDITION_LIMIT

@@ -1,0 +1,1 @@
+"""What several rooms compute; knows nothing of actuators."""

@@ -1,0 +1,184 @@
+"""Linear algebra whose failure is a result, the same everywhere: finite numbers, and a flag.
+
+The factorisations of LAPACK raise where an entry is no number, and sometimes where a number is
+merely huge. Everywhere else in the suite they are called through this file, so that no user meets
+such an error and nobody takes numbers for a solution that are none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import PiezoError
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The solution of a linear problem.
+
+    Attributes
+    ----------
+    values : ndarray, shape (p,)
+        The unknowns; zeros where there is no solution.
+    sound : bool
+        Whether they solve the problem.
+    """
+
+    values: FloatArray
+    sound: bool
+
+
+def solve_least_squares(
+    matrix: FloatArray, target: FloatArray, rcond: float | None = None
+) -> Solved:
+    """Minimise ``|matrix x - target|``; of several such x take the smallest.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, p)
+        May have dependent columns.
+    target : ndarray, shape (n,)
+        What is to be met.
+    rcond : float, optional
+        Singular values below this share of the largest count as zero; by default what the
+        rounding of n and p suggests.
+
+    Returns
+    -------
+    Solved
+        Unsound where an entry is not finite, or the solution would not be.
+    """
+    given = matrix, target
+    found = _attempt(lambda: (np.linalg.lstsq(matrix, target, rcond=rcond)[0],), given)
+    if found is None:
+        found = _attempt(lambda: (_scaled_least_squares(matrix, target, rcond),), given)
+    if found is None:
+        return Solved(np.zeros(np.shape(matrix)[1]), False)
+    return Solved(found[0], True)
+
+
+def _scaled_least_squares(
+    matrix: FloatArray, target: FloatArray, rcond: float | None
+) -> FloatArray:
+    """Solve with columns of one size, by QR with pivots, which always ends."""
+    from scipy.linalg import lstsq
+
+    sizes = np.abs(matrix).max(axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    size = float(np.abs(target).max()) or 1.0
+    found = lstsq(matrix / sizes, target / size, cond=rcond, lapack_driver='gelsy')[0]
+    return np.asarray(found / sizes * size, dtype=np.float64)
+
+
+def solve_square(matrix: FloatArray, right: FloatArray) -> Solved:
+    """Solve ``matrix x = right``; a singular matrix gets the smallest least-squares solution.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (p, p)
+    right : ndarray, shape (p,)
+
+    Returns
+    -------
+    Solved
+        Unsound where an entry is not finite, or the solution would not be.
+    """
+    found = _attempt(lambda: (np.linalg.solve(matrix, right),), (matrix, right))
+    return Solved(found[0], True) if found is not None else solve_least_squares(matrix, right)
+
+
+def symmetric_eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return eigenvalues, ascending, and vectors as columns; None where there are none.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (p, p)
+        Symmetric.
+    """
+    found = _attempt(lambda: tuple(np.linalg.eigh(matrix)), (matrix,))
+    return None if found is None else (found[0], found[1])
+
+
+def right_singular(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return singular values, descending, and the right vectors as rows; None without any.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, p)
+        With n >= p.
+    """
+    found = _attempt(lambda: np.linalg.svd(matrix, full_matrices=False)[1:], (matrix,))
+    return None if found is None else (found[0], found[1])
+
+
+def column_norms(matrix: FloatArray) -> FloatArray:
+    """Return the length of every column, also where its square is no number any more.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, p)
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        NaN for a column with an entry that is not finite.
+    """
+    with np.errstate(over='ignore', invalid='ignore'):
+        norms = np.linalg.norm(matrix, axis=0)
+        huge = ~np.isfinite(norms)
+        if np.any(huge):
+            size = np.abs(matrix[:, huge]).max(axis=0)
+            norms[huge] = size * np.linalg.norm(matrix[:, huge] / size, axis=0)
+    return np.asarray(norms)
+
+
+def straight_line(values: FloatArray) -> tuple[float, float]:
+    """Return level at the first sample and slope per sample of the least-squares line.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        With n >= 2.
+
+    Returns
+    -------
+    tuple of float
+        Not finite where a value is not.
+    """
+    place = np.arange(values.size) - 0.5 * (values.size - 1)
+    slope = float(place @ values) / float(place @ place)
+    return float(np.mean(values)) - 0.5 * (values.size - 1) * slope, slope
+
+
+@contextmanager
+def failing_as(error: PiezoError) -> Iterator[None]:
+    """Let what fails numerically in a block fail as `error`, in words of its subject."""
+    try:
+        with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+            yield
+    except (np.linalg.LinAlgError, ValueError) as failure:
+        raise error from failure
+
+
+def _attempt(
+    compute: Callable[[], tuple[Any, ...]], given: tuple[FloatArray, ...]
+) -> tuple[FloatArray, ...] | None:
+    """Return what `compute` finds in `given`, None where it fails or either is no number."""
+    if not _finite(given):
+        return None
+    try:
+        with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+            found = compute()
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    return found if _finite(found) else None
+
+
+def _finite(arrays: tuple[FloatArray, ...]) -> bool:
+    return all(np.all(np.isfinite(each)) for each in arrays)

@@ -1,0 +1,177 @@
+"""Linear algebra that ends in finite numbers and a flag, whatever it is given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.compensation.harmonics import solve_lines
+from piezo_hysteresis.discovery.annotate import sine_frequency
+from piezo_hysteresis.discovery.locate import harmonics
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.identification.estimate import scaled_condition
+from piezo_hysteresis.identification.solver import bounded_step, solve
+from piezo_hysteresis.identification.uncertainty import covariance
+from piezo_hysteresis.numerics import linalg
+
+BAD = (np.nan, np.inf, -np.inf)
+
+
+def problem(seed=1, rows=40, columns=5):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((rows, columns)), rng.standard_normal(rows)
+
+
+# --- what has a solution ------------------------------------------------------------------------
+
+
+def test_the_least_squares_solution_is_numpys_to_the_bit():
+    matrix, target = problem()
+    solved = linalg.solve_least_squares(matrix, target)
+    assert solved.sound
+    np.testing.assert_array_equal(solved.values, np.linalg.lstsq(matrix, target)[0])
+
+
+def test_dependent_columns_get_the_smallest_solution():
+    matrix, target = problem()
+    matrix[:, 4] = matrix[:, 3]
+    solved = linalg.solve_least_squares(matrix, target)
+    assert solved.sound
+    assert solved.values[3] == pytest.approx(solved.values[4])
+
+
+def test_a_singular_square_gets_the_least_squares_solution():
+    solved = linalg.solve_square(np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([2.0, 2.0]))
+    assert solved.sound
+    np.testing.assert_allclose(solved.values, [1.0, 1.0])
+
+
+def test_huge_numbers_are_solved_where_lapack_gives_up(monkeypatch):
+    def gives_up(*_, **__):
+        raise np.linalg.LinAlgError('SVD did not converge')
+
+    matrix, target = problem()
+    sizes = 10.0 ** np.array([-150.0, -60.0, 0.0, 60.0, 150.0])
+    wanted = np.linalg.lstsq(matrix, target)[0]
+    monkeypatch.setattr(np.linalg, 'lstsq', gives_up)
+    solved = linalg.solve_least_squares(matrix * sizes, target)
+    assert solved.sound
+    np.testing.assert_allclose(solved.values * sizes, wanted, rtol=1e-10)
+
+
+def test_the_length_of_a_column_does_not_overflow():
+    matrix, _ = problem()
+    np.testing.assert_array_equal(linalg.column_norms(matrix), np.linalg.norm(matrix, axis=0))
+    huge = linalg.column_norms(1e200 * matrix)
+    np.testing.assert_allclose(huge, 1e200 * np.linalg.norm(matrix, axis=0))
+    matrix[3, 1] = np.inf
+    assert list(np.isnan(linalg.column_norms(matrix))) == [False, True, False, False, False]
+
+
+def test_a_line_is_that_of_polyfit():
+    values = np.random.default_rng(2).standard_normal(301).cumsum()
+    level, slope = linalg.straight_line(values)
+    np.testing.assert_allclose([slope, level], np.polyfit(np.arange(301), values, 1), rtol=1e-9)
+
+
+# --- what has none ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('bad', BAD)
+def test_what_is_no_number_is_unsound_and_finite(bad):
+    matrix, target = problem()
+    spoilt, spoilt_target = matrix.copy(), target.copy()
+    spoilt[7, 2], spoilt_target[3] = bad, bad
+    for solved in (
+        linalg.solve_least_squares(spoilt, target),
+        linalg.solve_least_squares(matrix, spoilt_target),
+        linalg.solve_square(spoilt[5:10], target[:5]),
+    ):
+        assert not solved.sound
+        np.testing.assert_array_equal(solved.values, np.zeros(5))
+    assert linalg.symmetric_eigen(spoilt[5:10]) is None
+    assert linalg.right_singular(spoilt) is None
+
+
+def test_a_solution_that_overflows_is_none():
+    solved = linalg.solve_square(np.array([[1e-300]]), np.array([1e300]))
+    assert not solved.sound
+    assert solved.values[0] == 0.0
+
+
+def test_a_failure_is_told_in_words_of_its_subject():
+    with (
+        pytest.raises(CompensationError, match='scale it'),
+        linalg.failing_as(CompensationError('too hard; scale it')),
+    ):
+        np.linalg.inv(np.zeros((2, 2)))
+
+
+# --- where it is used ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('bad', BAD)
+def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad):
+    factor, rhs = np.eye(3), np.ones(3)
+    factor[1, 2] = bad
+    one = np.ones(3)
+    assert np.all(np.isnan(bounded_step(factor, rhs, 1e-3 * one, -one, one)))
+
+    class Spoilt:
+        def __init__(self, factor):
+            self.factor = factor
+
+        def linearise(self, x):
+            return self.factor, rhs, 1.5
+
+        def cost(self, x):
+            return 1.5
+
+    done = solve(Spoilt(factor), np.zeros(3), -one, one)
+    assert not done.converged
+    assert 'impossible' in done.message
+    np.testing.assert_array_equal(done.x, np.zeros(3))
+
+
+def test_a_fit_whose_derivatives_have_no_finite_squares_is_found():
+    class Steep:
+        def linearise(self, x):
+            return 1e200 * np.eye(2), 1e200 * x + 1.0, self.cost(x)
+
+        def cost(self, x):
+            return 0.5 * float(np.sum((1e200 * x + 1.0) ** 2))
+
+    one = np.ones(2)
+    done = solve(Steep(), np.zeros(2), -one, one)
+    assert done.converged
+    np.testing.assert_allclose(done.x, -1e-200 * one)
+
+
+@pytest.mark.parametrize('bad', BAD)
+def test_an_uncertainty_that_cannot_be_found_is_infinite(bad):
+    factor = np.triu(np.ones((2, 2)))
+    factor[0, 1] = bad
+    found = covariance(factor, 1e-4, ('a', 'b'))
+    assert np.all(np.isinf(found.std))
+    assert np.isinf(found.condition)
+    assert found.directions == ((('a', 1.0),), (('b', 1.0),))
+    assert np.isinf(scaled_condition(np.array([[1.0, bad], [bad, 1.0]])))
+
+
+@pytest.mark.parametrize('bad', BAD)
+def test_harmonics_of_what_is_no_number_are_none(bad):
+    error = np.sin(0.01 * np.arange(5000))
+    error[100] = bad
+    _, phasors, _ = harmonics(error, 10.0, 1e-3)
+    np.testing.assert_array_equal(phasors, np.zeros(len(phasors)))
+    normal = np.eye(4)
+    normal[3, 1] = bad
+    mean, phasors, deviation = solve_lines(normal, 100)
+    assert mean == 0.0
+    assert np.all(phasors == 0.0)
+    assert np.isinf(deviation)
+
+
+def test_a_voltage_that_stands_still_has_no_frequency():
+    assert sine_frequency(np.zeros(1000), 1e-3) == 0.0
+    assert sine_frequency(np.full(1000, 3.0), 1e-3) == 0.0
