@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import time
@@ -57,10 +58,12 @@ def test_discover(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_add_an_effect(tmp_path: Path) -> None:
-    # a clone of the reader's own; compiled kernels go along, so that only the new one is compiled
+    # a clone of the reader's own: only the kernel that is new is compiled
     source = 'src/piezo_hysteresis/piezo_hysteresis'
     shutil.copytree(ROOT / source, tmp_path / source, ignore=shutil.ignore_patterns('nodes'))
-    follow('add_effect', tmp_path, PYTHONPATH=str(tmp_path / 'src' / 'piezo_hysteresis'))
+    rest = os.environ.get('PYTHONPATH', '')
+    own = tmp_path / 'src' / 'piezo_hysteresis'
+    follow('add_effect', tmp_path, PYTHONPATH=f'{own}{os.pathsep}{rest}')
 
 
 @pytest.fixture

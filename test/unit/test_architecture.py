@@ -145,3 +145,15 @@ def test_linear_algebra_that_can_fail_is_called_in_one_place():
             if name.startswith(('numpy.linalg', 'scipy.linalg'))
         ]
     assert wrong == []
+
+
+def test_the_compiling_of_kernels_knows_nothing_of_the_rest():
+    files = files_of(ROOT / 'piezo_kernels' / 'piezo_kernels')
+    assert files
+    wrong = [
+        f'{path.relative_to(ROOT)}: {name}'
+        for path in files
+        for name in imported(path)
+        if name.split('.')[0] in {*ROS, 'piezo_sim', 'piezo_hysteresis'}
+    ]
+    assert wrong == []

@@ -175,5 +175,5 @@ class Block:
     ) -> FloatArray:
         """Answer a whole signal, shape (n,), updating `state` in place."""
         output = np.empty_like(signal)
-        self.kernel(signal, output, state, values, dt, frequency)
+        self.kernel(signal, output, state, values, dt, float(frequency))  # one signature only
         return output

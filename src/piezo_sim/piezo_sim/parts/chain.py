@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from piezo_kernels.compile import jit, leaf
 from piezo_sim.parts import amplifier, drive, sensor, slow, structure
-from piezo_sim.parts.compile import leaf, whole
 
 LEVELS = 14
 GRID = 1 << LEVELS  # units of time per sampling interval
@@ -33,7 +33,7 @@ def _fault(s: Any) -> int:
     return int(s.fault)
 
 
-@leaf
+@jit
 def displacement(d: Any, s: Any) -> float:
     """Return the true displacement [m] now."""
     total = s.slow + s.jump + d.static_share * s.drive
@@ -189,7 +189,7 @@ def _interval(p: Any, d: Any, s: Any, history: Any, fault: int, dt: float) -> No
         s.jump = 0.0
 
 
-@whole
+@jit
 def run(
     commands: Any, readings: Any, parameters: Any, derived: Any, state: Any, history: Any
 ) -> None:
@@ -204,7 +204,7 @@ def run(
         s.tick += 1
 
 
-@whole
+@jit
 def settle(parameters: Any, derived: Any, state: Any) -> None:
     """Make the drive what the present memory says, without moving the voltage."""
     p, d, s = parameters[0], derived[0], state[0]

@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from piezo_kernels.compile import leaf
 from piezo_sim.parts import bouc_wen, play, preisach
-from piezo_sim.parts.compile import leaf
 from piezo_sim.table import Effect, Parameter
 
 PARAMETERS = (

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_sim.parts.compile import leaf
+from piezo_kernels.compile import leaf
 from piezo_sim.table import Effect, Parameter
 
 DEPTH = 128

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from piezo_kernels.compile import leaf
 from piezo_sim.parts.amplifier import FAR
-from piezo_sim.parts.compile import leaf
 from piezo_sim.parts.noise import normal, uniform
 from piezo_sim.table import Effect, Parameter
 

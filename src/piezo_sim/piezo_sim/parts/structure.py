@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_sim.parts.compile import leaf
+from piezo_kernels.compile import leaf
 from piezo_sim.table import Effect, Parameter
 
 MODES = 4

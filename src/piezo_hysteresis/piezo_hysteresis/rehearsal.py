@@ -1,0 +1,154 @@
+"""What runs compiled kernels, once and briefly, so that set-up can compile them.
+
+What there is comes from the registries: blocks, models, methods, laws. A kernel that is reached by
+none of these shows in `piezo_kernels.rehearse.forgotten`, and a test holds that empty.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tempfile
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT = 1e-3
+
+
+def blocks() -> None:
+    """Let every block answer a few samples."""
+    from piezo_hysteresis.blocks import BLOCKS
+
+    for block in BLOCKS.values():
+        values = block.pack(block.defaults())
+        block.respond(np.linspace(0.0, 1.0, 4), values, DT, state=block.initial_state(DT))
+
+
+def derivatives() -> None:
+    """Differentiate every block, by its kernel where it has one."""
+    from piezo_hysteresis.blocks import BLOCKS
+    from piezo_hysteresis.identification.sensitivities import sensitivities
+    from piezo_hysteresis.models import Model
+
+    for block in BLOCKS.values():
+        model = Model(block.name, (block,))
+        packed, signal = model.pack(model.defaults()), np.linspace(0.0, 1.0, 8)
+        # those that follow the range are differenced, and hide the kernel of their block
+        names = [q.name for q in model.parameters if not (q.held or q.follows_range)]
+        sensitivities(model, packed, names, signal, DT)
+
+
+def fit() -> None:
+    """Fit a model whose blocks have derivative kernels."""
+    from piezo_hysteresis.identification import identify
+    from piezo_hysteresis.models import named
+
+    identify(list(_records()), named('bouc_wen_mode'), count=1, max_evaluations=2)
+
+
+def online_methods() -> None:
+    """Feed every recursive method with single samples, as the node does."""
+    from piezo_hysteresis.identification.online import ONLINE_METHODS, online
+
+    for method in ONLINE_METHODS:
+        recursion = online(method)
+        recursion.update(0.1, 1e-6)
+        recursion.update_many(np.zeros(4), np.zeros(4))
+        recursion.estimate()
+        recursion.free_run(np.zeros(4))
+
+
+def inverses() -> None:
+    """Invert every named model that has an inverse, and a hysteresis by every law."""
+    from piezo_hysteresis.compensation.base import ReferencePoint
+    from piezo_hysteresis.compensation.choice import inverse_for
+    from piezo_hysteresis.compensation.inverse import InverseLink
+    from piezo_hysteresis.compensation.physical import Law, PhysicalInverse
+    from piezo_hysteresis.models import NAMES, named
+
+    values = {**named('prandtl_ishlinskii').defaults(), **named('modified').defaults()}
+    ways: list[InverseLink] = [PhysicalInverse(values, DT, law=law) for law in get_args(Law)]
+    for name in NAMES:
+        model = named(name)
+        with contextlib.suppress(PiezoError):  # has no inverse
+            ways.append(inverse_for(model, model.defaults(), DT))
+    for inverse in ways:
+        for k in range(3):
+            inverse.step(ReferencePoint(k, 1e-6 * k, 0.0, 0.0, 1.0, 0.0))
+
+
+def laws() -> None:
+    """Let every attenuation law take a few ticks."""
+    from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
+    from piezo_hysteresis.compensation.attenuation_settings import (
+        AttenuationSettings,
+        Fit,
+        Method,
+    )
+    from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+    from piezo_hysteresis.compensation.linear_gain import ModeGain
+
+    gain = ModeGain(1e-6, 68.0, 0.02, DT)
+    for method, fit in product(get_args(Method), get_args(Fit)):
+        law = HarmonicAttenuation(AttenuationSettings(method=method, fit=fit), gain, DT)
+        for k in range(700):
+            point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 2 * math.pi * 23.0 * k * DT)
+            law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
+
+
+def rivals() -> None:
+    """Let repetitive control take a few ticks."""
+    from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+    from piezo_hysteresis.compensation.repetitive import OddRepetitive, RepetitiveSettings
+
+    law = OddRepetitive(RepetitiveSettings(1e-6), DT)
+    for k in range(3):
+        point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 0.1 * k)
+        law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
+
+
+def bags() -> None:
+    """Write a bag and read it."""
+    from piezo_hysteresis.records import read_bag, write_bag
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'bag'
+        write_bag(path, list(_records()))
+        read_bag(path)
+
+
+def screening() -> None:
+    """Hold a sensitivity against others."""
+    from piezo_hysteresis.discovery.screen import without
+
+    without(np.ones(8), np.zeros((1, 8)))
+
+
+REHEARSALS = (
+    fit,
+    inverses,
+    blocks,
+    derivatives,
+    online_methods,
+    laws,
+    rivals,
+    bags,
+    screening,
+)
+
+
+def _records() -> Iterator[Record]:
+    """Answer two short records of a lagging actuator."""
+    for k, frequency in enumerate((5.0, 20.0)):
+        phase = np.arange(400, dtype=np.float64) * (2 * math.pi * frequency * DT)
+        noise = 1e-9 * np.random.default_rng(k).standard_normal(phase.size)
+        answer = 1e-6 * np.sin(phase - 0.2) + noise
+        info = RecordInfo(excitation='sine', frequency=frequency, amplitude=1.0)
+        yield Record(f'rehearsal {k}', DT, np.sin(phase), answer, info=info)

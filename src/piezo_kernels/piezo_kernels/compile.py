@@ -1,0 +1,59 @@
+"""The decorators of every per-sample kernel: numba where it is, plain Python where not.
+
+There is one source for every kernel, so the two can only differ in speed. Kernels are compiled
+without ``fastmath``: the same inputs give the same bits online and offline.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from piezo_kernels import watch
+
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+
+try:
+    import numba
+except ImportError:  # pragma: no cover - exercised by a test in a subprocess
+    numba = None
+else:
+    from numba.core import event
+
+    from piezo_kernels.cache import KernelCache
+
+    class _Teller(event.Listener):
+        """Tells `watch` what numba compiles."""
+
+        def on_start(self, found: Any) -> None:
+            """Take note of the begin of a compilation."""
+            watch.begin(found.data['dispatcher'].py_func.__qualname__)
+
+        def on_end(self, found: Any) -> None:
+            """Take note of its end."""
+            watch.end()
+
+    event.register('numba:compile', _Teller())
+
+
+def jit(function: Kernel) -> Kernel:
+    """Compile `function` with numba and keep the machine code, or return it without numba."""
+    compiled = leaf(function)
+    if numba is not None and hasattr(compiled, 'enable_caching'):  # not with NUMBA_DISABLE_JIT
+        compiled._cache = KernelCache(function)  # type: ignore[attr-defined]
+    return compiled
+
+
+def leaf(function: Kernel) -> Kernel:
+    """Compile a piece that only lives inside other kernels: its machine code is not kept."""
+    if numba is None:
+        warnings.warn(
+            'numba is not installed: kernels run as plain Python, some 100 times slower; '
+            'install numba to compile them',
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return function
+    compiled: Kernel = numba.njit(nogil=True, error_model='numpy')(function)
+    return compiled

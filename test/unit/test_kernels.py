@@ -1,0 +1,141 @@
+"""Kernels: compiled by set-up, kept, found again by whoever needs them, never mixed up."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+FRESH = """
+    from piezo_kernels.rehearse import forgotten, rehearsals, rehearse
+    failed = [done.failed for done in map(rehearse, rehearsals()) if done.failed]
+    print(failed + forgotten())
+"""
+
+
+def python(code, *arguments, **environment):
+    """Run Python in a process of its own; answer its lines and those of its errors."""
+    words = [sys.executable, '-c', textwrap.dedent(code), *map(str, arguments)]
+    done = subprocess.run(
+        words, env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines(), done.stderr.splitlines()
+
+
+def kept(folder):
+    return sorted(path.name for path in Path(folder).rglob('*.nbc'))
+
+
+@pytest.fixture
+def module(tmp_path):
+    """Make two modules, the kernel of one calls that of the other; answer how they are written."""
+
+    def write(factor=2.0):
+        (tmp_path / 'piezo_inner.py').write_text(
+            'from piezo_kernels.compile import leaf\n'
+            f'@leaf\ndef times(x):\n    return {factor} * x\n'
+        )
+        (tmp_path / 'piezo_outer.py').write_text(
+            'from piezo_inner import times\n'
+            'from piezo_kernels.compile import jit\n'
+            '@jit\ndef outer(x):\n    return times(x) + 1\n'
+        )
+
+    write()
+    return write
+
+
+CALL = """
+    import sys
+    sys.path.insert(0, sys.argv[1])
+    from piezo_kernels import watch
+    from piezo_outer import outer
+    print(outer(eval(sys.argv[2])), watch.compiled())
+"""
+
+
+def test_set_up_runs_every_kernel():
+    assert python(FRESH)[0] == ['[]'], 'add what runs these kernels to a rehearsal module'
+
+
+def test_a_kernel_is_compiled_once(module, tmp_path):
+    folder = tmp_path / 'kept'
+    first = python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0]
+    again = python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0]
+    assert (first, again) == (['3.0 1'], ['3.0 0'])
+    assert len(kept(folder)) == 1
+
+
+def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(module, tmp_path):
+    folder = tmp_path / 'kept'
+    python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
+    module(factor=5.0)
+    environment = {'NUMBA_CACHE_DIR': str(folder), 'PYTHONDONTWRITEBYTECODE': '1'}
+    assert python(CALL, tmp_path, '1.0', **environment)[0] == ['6.0 1']
+
+
+def test_a_damaged_file_is_compiled_over(module, tmp_path):
+    folder = tmp_path / 'kept'
+    python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
+    (file,) = folder.rglob('*.nbc')
+    file.write_bytes(file.read_bytes()[:100])
+    assert python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0] == ['3.0 1']
+    assert python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0] == ['3.0 0']
+
+
+def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(module, tmp_path):
+    folder = tmp_path / 'kept'
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(folder)}
+    kinds = ['1.0', '1', '1j', '1.0', '1', '1j']
+    running = [
+        subprocess.Popen(
+            [sys.executable, '-c', textwrap.dedent(CALL), str(tmp_path), kind],
+            env=environment, stdout=subprocess.PIPE, text=True,
+        )
+        for kind in kinds
+    ]  # fmt: skip
+    answers = [process.communicate()[0].split() for process in running]
+    assert [value for value, _ in answers] == ['3.0', '3.0', '(1+2j)', '3.0', '3.0', '(1+2j)']
+    assert sum(int(count) for _, count in answers) == 3
+    assert len(kept(folder)) == 3
+
+
+def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(module, tmp_path):
+    code = """
+    import piezo_kernels.cache as cache
+    import piezo_kernels.turns as turns
+    from pathlib import Path
+    cache.folders = turns.folders = lambda: (Path('/dev/null/a'), Path('/dev/null/b'))
+    """
+    lines, said = python(code + CALL + '\n    outer(1)', tmp_path, '1.0')
+    assert lines == ['3.0 1']
+    (note,) = said
+    assert note.startswith('note: compiled kernels cannot be kept in /dev/null/a nor /dev/null/b')
+
+
+def test_a_folder_that_cannot_be_written_is_read(module, tmp_path):
+    folder = tmp_path / 'kept'
+    python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
+    code = """
+    import errno, os, pathlib
+    from numba.core.caching import IndexDataCacheFile
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, 'read-only')
+    pathlib.Path.mkdir = IndexDataCacheFile.save = os.open = refuse
+    """
+    lines, said = python(code + CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
+    assert (lines, said) == (['3.0 0'], [])
+
+
+def test_kernels_lie_in_the_workspace_and_then_with_the_user():
+    code = 'from piezo_kernels.folders import folders; print(*folders(), sep="\\n")'
+    root = Path(__file__).parents[2].resolve()
+    environment = {'XDG_CACHE_HOME': '/home/me/cache', 'NUMBA_CACHE_DIR': '/my'}
+    assert python(code, **environment)[0] == [
+        '/my/piezo_kernels',
+        str(root / 'install/kernels'),
+        '/home/me/cache/piezo_kernels',
+    ]
