@@ -62,7 +62,10 @@ After `watchdog` seconds of the actuator's time without input a link ramps to `s
 `safe_ramp` and falls silent there. In lock-step the actuator waits, and so does the watchdog.
 
 `/diagnostics` says every second, and when the level changes, how each node is: OK, WARN or ERROR
-with a sentence, and its counters. What has happened counts for five seconds.
+with a sentence, and its counters. What has happened counts for five seconds. The value `state` is
+`starting` from the first moment on, `ready` once the node answers, and `compiling` where a kernel
+is compiled later; a node that compiles says so every second, though it can do nothing else.
+Whoever waits for a node of its namespace names it and counts no time while it says that it works.
 
 The number of a sample says which tick it belongs to. A single number that is more than 1000 ticks
 ahead or 64 back is left out and counted (`strays`); a second one like it is believed, and 0 is the

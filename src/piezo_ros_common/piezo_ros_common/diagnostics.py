@@ -1,4 +1,8 @@
-"""Publishes the health of a node on ``/diagnostics``: every second and when the level changes."""
+"""Publishes the health of a node on ``/diagnostics``: every second and when the level changes.
+
+While the node starts or compiles kernels it is said just as often that it does, in the value
+``state``; who waits for it counts no time meanwhile (`neighbours`).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from piezo_ros_common.health import Health, Level
+from piezo_ros_common.herald import Herald, State
 from piezo_ros_common.timers import wall_timer
 
 TOPIC = '/diagnostics'
@@ -22,15 +27,19 @@ PERIOD = 1.0
 LAST_WORD = Duration(seconds=1)
 
 
+# The value that says whether the node can answer.
+STATE = 'state'
+
+
 class Diagnostics:
-    """Asks a node how it is and tells everybody.
+    """Asks a node how it is and tells everybody; make it before whatever takes time.
 
     Parameters
     ----------
     node : Node
         Whose health it is; a managed node reports while it is inactive too.
     ask : callable
-        Returns the health of the node; called five times a second.
+        Returns the health of the node; called five times a second once the node is served.
     """
 
     def __init__(self, node: Node, ask: Callable[[], Health]) -> None:
@@ -40,21 +49,34 @@ class Diagnostics:
         self._told = 0.0
         # That of a managed node would be mute while the node is inactive.
         self._publisher = Node.create_publisher(node, DiagnosticArray, TOPIC, 10)
+        self._herald = Herald(self._starts, self._compiles)
+        node.context.on_shutdown(self._herald.close)
         wall_timer(node, LOOK, self.look)
 
     def look(self) -> None:
         """Publish where the level has changed or a second is over."""
+        self._herald.ready()
         health = self._ask()
         now = time.monotonic()
         if health.level == self._level and now - self._told < PERIOD - 0.5 * LOOK:
             return
         self._level, self._told = health.level, now
+        self._publish(State.READY, health)
+
+    def _starts(self, state: State, words: str) -> None:
+        self._publish(state, Health(Level.OK, words))
+
+    def _compiles(self) -> None:
+        self._node.get_logger().info('compiles its kernels, once; whoever waits for it goes on')
+
+    def _publish(self, state: State, health: Health) -> None:
+        values = {STATE: state.value, **health.values}
         status = DiagnosticStatus(
             level=bytes([health.level]),
             name=self._node.get_fully_qualified_name(),
             message=health.message,
             hardware_id=self._node.get_namespace().strip('/'),
-            values=[KeyValue(key=key, value=_text(v)) for key, v in health.values.items()],
+            values=[KeyValue(key=key, value=_text(v)) for key, v in values.items()],
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()

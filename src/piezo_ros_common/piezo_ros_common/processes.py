@@ -74,6 +74,15 @@ class NodeProcess:
         """Exit code, None while it runs."""
         return self._process.poll()
 
+    @property
+    def processor_time(self) -> float:
+        """Processor time that it has used so far [s], 0 where the system does not tell."""
+        try:
+            fields = Path(f'/proc/{self.pid}/stat').read_text().rpartition(')')[2].split()
+        except OSError:
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
     def signal(self, number: int) -> None:
         """Send a signal to the node."""
         if self.returncode is None:

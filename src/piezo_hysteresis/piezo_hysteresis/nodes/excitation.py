@@ -13,7 +13,7 @@ from rclpy.task import Future
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.actuator_clock import ActuatorClock
 from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
-from piezo_hysteresis.nodes.excitation_health import Doing, ExcitationHealth
+from piezo_hysteresis.nodes.excitation_health import SILENCE, Doing, ExcitationHealth
 from piezo_hysteresis.nodes.excitation_plan import Experiment
 from piezo_hysteresis.nodes.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.nodes.sweep_server import SweepServer, missing_subscribers
@@ -24,6 +24,7 @@ from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.flat import head_of, nanoseconds_of_head
 from piezo_ros_common.health import Health
+from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.order import Intake
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
@@ -86,6 +87,7 @@ class Excitation(Node):
             self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
             raise SystemExit(2)
         self._health = ExcitationHealth()
+        self._neighbours = Neighbours(self)
         Diagnostics(self, self._judge)
         wall_timer(self, 0.5, self._watch)
         wall_timer(self, REPEAT_AFTER, self._repeat)
@@ -258,7 +260,10 @@ class Excitation(Node):
         silent = time.monotonic() - self._heard
         deadline = self._params.number('deadline')
         idle = self._params.text('mode') == 'idle' and not self._sweeps.active
-        if idle or silent < deadline:
+        working = self._neighbours.working()
+        if working and not idle and silent > SILENCE:
+            self.get_logger().info(f'waits for {working}', throttle_duration_sec=10.0)
+        if idle or min(silent, self._neighbours.quiet()) < deadline:
             return
         if self._sweeps.waits:
             reason = (
@@ -294,6 +299,8 @@ class Excitation(Node):
             what = f'{mode}: {shape}, {frequency:g} Hz'
             waits = '' if self._listened_to() else self._missing_listeners()
         silent = time.monotonic() - self._heard
+        if what and silent > SILENCE:
+            waits = self._neighbours.working() or waits
         return Doing(what, waits, self._given_up, silent, self._newest_state)
 
 

@@ -40,6 +40,7 @@ class GapMonitorNode(Node):
 
     def __init__(self) -> None:
         super().__init__('gap_monitor')
+        Diagnostics(self, self._judge)
         self._intake = Intake()
         self._refused = 0
         self._report: GapReport | None = None
@@ -55,7 +56,6 @@ class GapMonitorNode(Node):
         self.create_service(LoadModel, '~/load_model', self._on_load_model)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._load_at_start(self._params.text('model_file'))
-        Diagnostics(self, self._judge)
 
     def _load_at_start(self, path: str) -> None:
         try:

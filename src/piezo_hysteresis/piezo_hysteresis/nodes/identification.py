@@ -50,6 +50,7 @@ class Identification(Node):
 
     def __init__(self) -> None:
         super().__init__('identification')
+        Diagnostics(self, self._judge)
         self._received = 0
         self._marked = 0
         self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
@@ -67,7 +68,6 @@ class Identification(Node):
         self.create_service(SaveModel, '~/save', self._on_save)
         wall_timer(self, CONFIRM_AFTER, self._confirm)
         self._watch = CounterWatch(SENTENCES)
-        Diagnostics(self, self._judge)
 
     def _new_method(self) -> OnlineMethod:
         """Return the method, compiled before it gets its first sample."""

@@ -53,6 +53,7 @@ class LinkNode(LifecycleNode):
 
     def __init__(self, name: str, table: ParameterTable, topic: str) -> None:
         super().__init__(name)
+        Diagnostics(self, self.health)
         self.active = False
         self.exit_code = 0
         self.intake = Intake()
@@ -74,7 +75,6 @@ class LinkNode(LifecycleNode):
         self._voltage_publisher = self.plain_publisher(VoltageCommand, topic, LOOP)
         self._status_publisher = self.plain_publisher(LoopStatus, '~/status', LATCHED)
         self._health = LinkHealth()
-        Diagnostics(self, self.health)
         wall_timer(self, 1.0, self._publish_status)
 
     def plain_publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +21,14 @@ from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common import topics
 from piezo_ros_common.middleware import joined
+from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.processes import NodeProcess, NodeProcesses, ProcessError
 from piezo_ros_common.qos import LATCHED
 
 Progress = Callable[[float, str], None]
 
-START_UP = 60.0  # kernels are compiled the first time [s]
+# A wait ends where nothing at all has moved for so long [s].
+STILL = 60.0
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ class Observer:
         self.node = Node('observer', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self._neighbours = Neighbours(self.node, everywhere=True)
 
     def __enter__(self) -> Observer:
         return self
@@ -84,23 +88,64 @@ class Observer:
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def until(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
-        """Serve until `condition` holds.
+    def until(
+        self, condition: Callable[[], bool], what: str, moved: Callable[[], object] = lambda: None
+    ) -> None:
+        """Serve until `condition` holds, for as long as something moves.
+
+        Parameters
+        ----------
+        condition : callable
+            What is waited for.
+        what : str
+            The same in words.
+        moved : callable, optional
+            Returns something that changes while that comes nearer. Nodes that start or compile
+            count besides.
 
         Raises
         ------
         PiezoError
-            If a process dies meanwhile or the time is over; the message says what was awaited.
+            If a process dies meanwhile or nothing has moved for long; the message says what was
+            awaited.
         """
-        end = time.monotonic() + timeout
+        still, before = time.monotonic(), object()
         while not condition():
             try:
                 self._processes.check()
             except ProcessError as error:
                 raise PiezoError(str(error)) from None
-            if time.monotonic() > end:
-                raise PiezoError(f'{what} did not happen within {timeout:g} s; see the node logs')
+            now = (moved(), self._starting())
+            if now != before:
+                still, before = time.monotonic(), now
+            if time.monotonic() - still > STILL:
+                raise PiezoError(
+                    f'{what} did not come: nothing has moved for {STILL:g} s; see the node logs'
+                )
             self._executor.spin_once(timeout_sec=0.05)
+
+    def _starting(self) -> object:
+        """Return what changes while nodes start: who is ready, works or uses the processor."""
+        names = [node.name for node in self._processes.nodes]
+        ready = tuple(map(self._neighbours.is_ready, names))
+        busy = (
+            node.processor_time
+            for node, is_ready in zip(self._processes.nodes, ready, strict=True)
+            if not is_ready
+        )
+        return ready, self._neighbours.newest, tuple(busy)
+
+    def until_ready(self, *names: str) -> None:
+        """Wait until each of the nodes has said that it can answer.
+
+        Raises
+        ------
+        PiezoError
+            If one does not.
+        """
+        for name in names:
+            ready = functools.partial(self._neighbours.is_ready, name)
+            self.until(ready, f'the start of the {name}')
 
     def sweep(self, order: SweepOrder, progress: Progress) -> None:
         """Let the excitation run a sweep.
@@ -111,25 +156,26 @@ class Observer:
             If it is refused or fails.
         """
         client = ActionClient(self.node, RunSweep, 'run_sweep')
-        self.until(client.server_is_ready, START_UP, 'the start of the excitation node')
+        self.until(client.server_is_ready, 'the action of the excitation')
         goal = RunSweep.Goal(
             frequencies=[float(f) for f in order.frequencies],
             amplitudes=[float(a) for a in order.amplitudes],
             seconds=order.seconds,
             warm_up=order.warm_up,
         )
-        accepted = client.send_goal_async(
-            goal,
-            feedback_callback=lambda m: progress(m.feedback.fraction, m.feedback.record),
-        )
-        self.until(accepted.done, START_UP, 'the acceptance of the sweep')
+        at = [0.0]
+
+        def on_feedback(message: Any) -> None:
+            at[0] = message.feedback.fraction
+            progress(at[0], message.feedback.record)
+
+        accepted = client.send_goal_async(goal, feedback_callback=on_feedback)
+        self.until(accepted.done, 'the acceptance of the sweep')
         handle: Any = accepted.result()
         if not handle.accepted:
             raise PiezoError('the sweep was refused; the log of the excitation node says why')
         finished = handle.get_result_async()
-        # A loaded machine runs a lock-step loop at a few hundred ticks per second at the least.
-        seconds = order.seconds * len(order.frequencies) * len(order.amplitudes)
-        self.until(finished.done, START_UP + 20.0 * seconds, 'the end of the sweep')
+        self.until(finished.done, 'the end of the sweep', lambda: at[0])
         result = finished.result().result
         if not result.success:
             raise PiezoError(f'the sweep failed: {result.message}')
@@ -159,7 +205,7 @@ def _wait_for_recorder(observer: Observer, count: int) -> None:
         wanted = (topics.STATE, topics.REFERENCE, topics.MARKER)[:count]
         return all(any(i.node_name == 'recorder' for i in infos(f'/{topic}')) for topic in wanted)
 
-    observer.until(recorded, START_UP, 'the start of the recorder')
+    observer.until(recorded, 'the start of the recorder')
 
 
 def record_sweep(
@@ -196,6 +242,7 @@ def record_sweep(
         processes.start('piezo_hysteresis', 'excitation', {'actuator': preset})
         recorder = _start_recorder(processes, bag)
         _wait_for_recorder(observer, 3)
+        observer.until_ready('simulator', 'excitation')
         observer.sweep(order, progress)
         time.sleep(0.3)  # what is still on its way to the recorder
         recorder.stop()
@@ -236,6 +283,8 @@ def track(
         processes.start('piezo_hysteresis', 'attenuation', dict(attenuation))
         recorder = _start_recorder(processes, bag)
         _wait_for_recorder(observer, 3)
+        observer.until_ready('simulator', 'feedforward', 'attenuation')
+        written = observer.watch_recorder()
         excitation = processes.start(
             'piezo_hysteresis',
             'excitation',
@@ -247,13 +296,11 @@ def track(
                 'duration': tracking.seconds,
                 'exit_when_done': True,
                 'wait_for': 3,
-                'deadline': START_UP,
+                'deadline': STILL,
             },
         )
-        patience = START_UP + 20.0 * tracking.seconds
-        observer.until(
-            lambda: excitation.returncode is not None, patience, 'the end of the experiment'
-        )
+        ended = 'the end of the experiment'
+        observer.until(lambda: excitation.returncode is not None, ended, written)
         time.sleep(0.3)
         recorder.stop()
     return read_bag(bag)[0]

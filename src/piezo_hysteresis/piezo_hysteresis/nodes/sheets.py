@@ -28,7 +28,7 @@ _ALL = (
         'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
         'runs sweeps, one record per frequency and amplitude.',
         tables.EXCITATION,
-        subscribes=(topics.STATE, topics.LOOP_STATUS),
+        subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER, '/diagnostics'),
         actions=('run_sweep',),
     ),

@@ -24,7 +24,7 @@ SHEETS = {
         'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '
         '[simulator.md](simulator.md).',
         simulator_table(),
-        subscribes=(topics.VOLTAGE_COMMAND,),
+        subscribes=(topics.VOLTAGE_COMMAND, '/diagnostics'),
         publishes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         services=('~/load_preset', '~/reset', '~/inject_fault'),
         more=_plant,

@@ -17,6 +17,7 @@ from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.flat import FlatCodec, head_of, nanoseconds_of_head
 from piezo_ros_common.health import Health
+from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.order import Stamps
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
@@ -45,6 +46,7 @@ class Simulator(Node):
 
     def __init__(self) -> None:
         super().__init__('simulator')
+        Diagnostics(self, self._judge)
         self.exit_code = 0
         self._tick = 0
         self._waiting_since: float | None = None
@@ -69,7 +71,7 @@ class Simulator(Node):
         self._make_topics()
         self._make_timers()
         self._health = ActuatorHealth()
-        Diagnostics(self, self._judge)
+        self._neighbours = Neighbours(self)
         self.get_logger().info(
             f'{value.text("preset")} at {self._rate:g} Hz, {value.text("clock")}, commands '
             f'{low:g} .. {high:g} V'
@@ -177,7 +179,7 @@ class Simulator(Node):
     def _watch(self) -> None:
         deadline = self._params.number('lock_step_deadline')
         if self._lock_step and self._waiting_since is not None:
-            waited = time.monotonic() - self._waiting_since
+            waited = min(time.monotonic() - self._waiting_since, self._neighbours.quiet())
             if waited > deadline and not self._warned:
                 self._warned = True
                 self.get_logger().warning(
@@ -189,7 +191,7 @@ class Simulator(Node):
     def _judge(self) -> Health:
         waited = 0.0
         if self._lock_step and self._waiting_since is not None:
-            silent = time.monotonic() - self._waiting_since
+            silent = min(time.monotonic() - self._waiting_since, self._neighbours.quiet())
             waited = silent if silent > self._params.number('lock_step_deadline') else 0.0
         return self._health.judge(self._book, self._tick, self._plant.fault, waited)
 

@@ -1,0 +1,34 @@
+"""Whether the nodes that one waits for are starting, compiling or ready, by their diagnostics."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+from piezo_ros_common.diagnostics import STATE, TOPIC
+from piezo_ros_common.work_book import WorkBook
+
+
+class Neighbours(WorkBook):
+    """The other nodes of a namespace.
+
+    Parameters
+    ----------
+    node : Node
+        Who listens.
+    everywhere : bool
+        True for those of all namespaces.
+    """
+
+    def __init__(self, node: Node, *, everywhere: bool = False) -> None:
+        super().__init__()
+        self._own = node.get_fully_qualified_name()
+        self._place = None if everywhere else node.get_namespace().strip('/')
+        node.create_subscription(DiagnosticArray, TOPIC, self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            there = self._place is None or status.hardware_id == self._place
+            if there and status.name != self._own:
+                state = next((each.value for each in status.values if each.key == STATE), '')
+                self.note(status.name, state, status.message)

@@ -1,0 +1,52 @@
+"""Who else starts or compiles at this moment; knows no ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from piezo_ros_common.herald import WORKS, State
+
+# Who says nothing for so long is not taken to work any more [s]; everybody speaks every second.
+FRESH = 5.0
+
+
+class WorkBook:
+    """Remembers what the nodes of a graph said of themselves last.
+
+    Parameters
+    ----------
+    now : callable, optional
+        Clock [s].
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._said: dict[str, tuple[str, str, float]] = {}
+        self.newest = float('-inf')
+
+    def note(self, name: str, state: str, words: str) -> None:
+        """Take note that the node `name` is in `state`.
+
+        `newest` becomes the time at which somebody last said that he works [s].
+        """
+        self._said[name.strip('/')] = (state, words, self._now())
+        if state in WORKS:
+            self.newest = self._now()
+
+    def quiet(self) -> float:
+        """Return how long nobody has said that he works [s]; infinite where nobody ever did."""
+        return self._now() - self.newest
+
+    def is_ready(self, name: str) -> bool:
+        """Tell whether the node `name` has said that it can answer."""
+        return self._said.get(name.strip('/'), ('',))[0] == State.READY
+
+    def working(self) -> str:
+        """Return who works and at what, empty where nobody does."""
+        now = self._now()
+        return ', '.join(
+            f'{name}: {words}'
+            for name, (state, words, heard) in sorted(self._said.items())
+            if state in WORKS and now - heard < FRESH
+        )

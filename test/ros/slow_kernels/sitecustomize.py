@@ -1,0 +1,53 @@
+"""Makes one kernel take long to compile, in a process that finds this folder on PYTHONPATH.
+
+``SLOW_KERNEL`` names the kernel, ``SLOW_SECONDS`` says how long. Only what lies in
+``NUMBA_CACHE_DIR`` is known beforehand; what set-up compiled is not.
+"""
+
+import importlib.abc
+import importlib.util
+import os
+import sys
+import time
+
+
+def hold_up(dispatcher):
+    compiled = dispatcher._FunctionCompiler.compile
+
+    def slowly(self, args, return_type):
+        if self.py_func.__qualname__ == os.environ['SLOW_KERNEL']:
+            end = time.monotonic() + float(os.environ['SLOW_SECONDS'])
+            while time.monotonic() < end:  # as the compiler does, this fills the thread
+                sum(range(1000))
+        return compiled(self, args, return_type)
+
+    dispatcher._FunctionCompiler.compile = slowly
+
+
+def forget(folders):
+    folders._workspace = lambda: folders.Path(os.environ['NUMBA_CACHE_DIR'])
+    folders._user = list
+
+
+WAYS = {'numba.core.dispatcher': hold_up, 'piezo_kernels.folders': forget}
+
+
+class Finder(importlib.abc.MetaPathFinder):
+    """Changes a module as soon as it is imported."""
+
+    def find_spec(self, name, path=None, target=None):
+        change = WAYS.pop(name, None)
+        spec = importlib.util.find_spec(name) if change else None
+        if spec is not None:
+            execute = spec.loader.exec_module
+
+            def exec_module(module):
+                execute(module)
+                change(module)
+
+            spec.loader.exec_module = exec_module
+        return spec
+
+
+if 'SLOW_KERNEL' in os.environ:
+    sys.meta_path.insert(0, Finder())

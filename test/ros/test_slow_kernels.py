@@ -1,0 +1,91 @@
+"""A kernel that takes longer to compile than anybody waits: nobody gives up, and all say why."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from listening import Listener
+
+from piezo_interfaces.msg import ActuatorState
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+SLOWLY = str(Path(__file__).parent / 'slow_kernels')
+SIMULATOR = 'run'  # the kernel of the plant
+FEEDFORWARD = 'invert_structure'
+
+
+def slowed(folder: Path, kernel: str, seconds: float) -> dict[str, str]:
+    """Return what makes the processes that have it in their environment compile slowly."""
+    return {
+        'PYTHONPATH': os.pathsep.join([SLOWLY, os.environ['PYTHONPATH']]),
+        'NUMBA_CACHE_DIR': str(folder),
+        'SLOW_KERNEL': kernel,
+        'SLOW_SECONDS': str(seconds),
+    }
+
+
+def log(node: NodeProcess) -> str:
+    return node.log.read_text(errors='replace')
+
+
+def test_an_excitation_waits_for_an_actuator_that_compiles(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    processes.environment.update(slowed(tmp_path, SIMULATOR, 12.0))
+    states = listener.listen(ActuatorState, 'actuator/state')
+    health = listener.watch_health()
+    simulator = processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
+    excitation = processes.start(
+        'piezo_hysteresis',
+        'excitation',
+        {'mode': 'voltage', 'voltage.amplitude': 0.5, 'duration': 0.5, 'deadline': 3.0,
+         'exit_when_done': True},
+    )  # fmt: skip
+    listener.tells(health, 'simulator', 'state', 'starting')
+    listener.says(health, 'simulator', None, 'starting: compiles its kernels')
+    listener.says(
+        health, 'excitation', None, 'waits for simulator: starting: compiles its kernels'
+    )
+    assert not states
+    assert processes.wait_for(excitation, 120.0) == 0
+    listener.until(lambda: len(states) >= 500)
+    assert log(simulator).count('compiles its kernels, once') == 1
+    assert 'waits for simulator: starting' in log(excitation)
+
+
+def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    """The excitation counts a link that starts for one that works, and so does the simulator."""
+    health = listener.watch_health()
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
+    processes.environment.update(slowed(tmp_path, 'rls_update', 8.0))
+    processes.start('piezo_hysteresis', 'feedforward')
+    processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls'})
+    excitation = processes.start(
+        'piezo_hysteresis',
+        'excitation',
+        {'mode': 'reference', 'reference.amplitude': 1e-6, 'duration': 0.5, 'deadline': 3.0,
+         'wait_for': 2, 'exit_when_done': True},
+    )  # fmt: skip
+    listener.says(health, 'excitation', None, 'waits for attenuation: starting: compiles')
+    assert processes.wait_for(excitation, 120.0) == 0
+
+
+@pytest.mark.slow
+def test_the_demo_passes_while_a_kernel_compiles_for_a_minute(tmp_path: Path) -> None:
+    words = ['-m', 'piezo_hysteresis', 'demo', '--out', str(tmp_path / 'out')]
+    env = {**os.environ, **slowed(tmp_path / 'kernels', SIMULATOR, 60.0)}
+    done = subprocess.run([sys.executable, *words], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+    none, feedforward, attenuated = (run['rmse_m'] for run in summary['tracking']['runs'])
+    assert attenuated < feedforward < none
+    assert summary['parts_seconds']['sweep'] > 60.0

@@ -1,0 +1,108 @@
+"""A process says that it works while it compiles; whoever waits can tell who does."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from piezo_kernels import watch
+from piezo_ros_common import herald
+from piezo_ros_common.herald import Herald, State
+from piezo_ros_common.work_book import FRESH, WorkBook
+
+
+class Ear:
+    def __init__(self) -> None:
+        self.said: list[tuple[State, str]] = []
+        self.compiled = 0
+
+    def say(self, state: State, words: str) -> None:
+        self.said.append((state, words))
+
+    def compiles(self) -> None:
+        self.compiled += 1
+
+    def wait(self, count: int) -> None:
+        end = time.monotonic() + 10.0
+        while len(self.said) < count:
+            assert time.monotonic() < end, self.said
+            time.sleep(0.01)
+
+
+@pytest.fixture
+def ear(monkeypatch: pytest.MonkeyPatch) -> Ear:
+    monkeypatch.setattr(herald, 'PERIOD', 0.05)
+    monkeypatch.setattr(herald, 'SHORT', 0.02)
+    return Ear()
+
+
+def threads() -> int:
+    return sum(thread.name == 'herald' for thread in threading.enumerate())
+
+
+def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) -> None:
+    told = Herald(ear.say)
+    assert ear.said == [(State.STARTING, 'starting (0 s)')]
+    ear.wait(3)
+    told.ready()
+    end = time.monotonic() + 10.0
+    while threads() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert threads() == 0, 'no thread is left beside the loop'
+    assert ear.compiled == 0
+    told.close()
+
+
+def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None:
+    told = Herald(ear.say, ear.compiles)
+    for _ in range(2):
+        watch.begin('kernel')
+        ear.wait(len(ear.said) + 2)
+        watch.end()
+    assert ear.said[-1][0] is State.STARTING
+    assert ear.said[-1][1].startswith('starting: compiles its kernels, once (')
+    assert ear.compiled == 1
+    told.close()
+
+
+def test_compiling_later_is_said_too(ear: Ear) -> None:
+    told = Herald(ear.say, ear.compiles)
+    told.ready()
+    while threads():
+        time.sleep(0.01)
+    before = len(ear.said)
+    watch.begin('kernel')
+    ear.wait(before + 2)
+    watch.end()
+    assert ear.said[-1] == (State.COMPILING, 'compiles its kernels, once (0 s)')
+    told.close()
+
+
+def test_a_kernel_within_a_kernel_is_one_compilation() -> None:
+    begun: list[int] = []
+    leave = watch.listen(lambda: begun.append(1))
+    before = watch.compiled()
+    watch.begin('outer')
+    watch.begin('inner')
+    assert watch.compiling() == 'outer'
+    watch.end()
+    watch.end()
+    leave()
+    assert (watch.compiling(), watch.compiled() - before, begun) == ('', 1, [1])
+
+
+def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
+    now = [100.0]
+    book = WorkBook(lambda: now[0])
+    assert book.quiet() == float('inf')
+    assert not book.is_ready('simulator')
+    book.note('/piezo/simulator', 'starting', 'starting (0 s)')
+    assert book.working() == 'piezo/simulator: starting (0 s)'
+    now[0] += FRESH
+    assert book.working() == ''
+    assert book.quiet() == FRESH
+    book.note('/piezo/simulator', 'ready', 'runs')
+    assert book.is_ready('piezo/simulator')
+    assert book.quiet() == FRESH
