@@ -135,7 +135,7 @@ NOISE = np.random.default_rng(0).normal(size=4000)
     [
         ({'voltage': np.full(6000, 0.3)}, 'voltage is constant'),
         ({'displacement': np.full(6000, 1e-6)}, 'displacement is constant'),
-        ({'displacement': 1e6 * RECORDS[1].displacement}, 'name the column with its unit'),
+        ({'displacement': 1e6 * RECORDS[1].displacement}, 'name it with its unit'),
         ({'displacement': 1e-8 * RECORDS[1].displacement}, 'less than an atom'),
         ({'displacement': 1e-6 * np.resize(NOISE, 6000)}, 'nothing in common'),
         ({'dt': 0.05, 'info': RecordInfo(frequency=7.0)}, 'sample at 140 Hz'),

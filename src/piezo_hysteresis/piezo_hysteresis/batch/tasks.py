@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from piezo_hysteresis.arrays import largest_if_unknown
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from piezo_hysteresis.discovery import Discovery
     from piezo_hysteresis.identification import Identification
     from piezo_hysteresis.models import Model
-    from piezo_hysteresis.records import Record
 
 # What a task needs is imported when it works: whoever only sends tasks starts faster.
 
@@ -72,6 +71,8 @@ class Identify:
         Extremes of the voltage before each record [V].
     warm_up : float, optional
         Seconds that errors leave out; those of the records where not given.
+    frequency : float, optional
+        Of the drive [Hz], for records that do not say theirs.
     options : mapping
         Further arguments of the method.
     actuator : str, optional
@@ -85,6 +86,7 @@ class Identify:
     start: Mapping[str, float] = field(default_factory=dict)
     before: Sequence[float] = ()
     warm_up: float | None = None
+    frequency: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     actuator: str | None = None
 
@@ -113,6 +115,7 @@ class Identify:
         """
         from piezo_hysteresis.identification import METHODS, identify
         from piezo_hysteresis.identification.history import preceded
+        from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.folder import check_folder
         from piezo_hysteresis.reporting.identification_folder import write_identification
@@ -123,8 +126,10 @@ class Identify:
                 f'method {self.method!r} is unknown; choose one of {", ".join(METHODS)}'
             )
         model, start = _model(self.model)
-        model, start = model.hold(**self.hold), {**start, **self.start}
-        records = _warmed(load(data, actuator=self.actuator), self.warm_up)
+        model = held_at(model, self.hold, self.start)
+        start = {n: v for n, v in start.items() if n not in self.hold} | dict(self.start)
+        records = load(data, actuator=self.actuator)
+        records = driven_at(warmed(records, self.warm_up), self.frequency)
         if self.before:
             records = [preceded(record, self.before) for record in records]
         options = {**self.options, **({'start': start} if start else {})}
@@ -187,17 +192,19 @@ class Discover:
             If data, settings or folder cannot be used.
         """
         from piezo_hysteresis.discovery import discover
+        from piezo_hysteresis.identification.settings import require_settings, warmed
         from piezo_hysteresis.models import ModelFile, named
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.discovery_folder import write_discovery
         from piezo_hysteresis.reporting.folder import check_folder
 
         check_folder(out, self.verb)
+        require_settings(seed=self.seed, workers=self.workers)
         word = self.baseline
         baseline = ModelFile.load(word) if _is_file(word) else named(word)
         records = load(data, actuator=self.actuator, salvage=self.salvage)
         found = discover(
-            _warmed(records, self.warm_up),
+            warmed(records, self.warm_up),
             baseline,
             name=word,
             seed=self.seed,
@@ -263,12 +270,6 @@ def _model(word: str) -> tuple[Model, dict[str, float]]:
     for block in blocks:
         model = model.with_block(named_block(block))
     return model, {}
-
-
-def _warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
-    if warm_up is None:
-        return list(records)
-    return [replace(r, info=replace(r.info, warm_up=warm_up)) for r in records]
 
 
 def _finite(value: float) -> float | None:

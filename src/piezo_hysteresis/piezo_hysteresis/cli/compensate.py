@@ -58,9 +58,14 @@ def run(arguments: argparse.Namespace) -> int:
     model = ModelFile.load(arguments.model)
     plant = ModelFile.load(arguments.plant)
     waveform = parse_reference(arguments.reference)
-    rate = arguments.rate or model.provenance.rate or 1000.0
-    if not (math.isfinite(rate) and rate > 0):
-        raise CompensationError(f'the rate must be positive, got {rate:g} Hz')
+    rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
+    _require_numbers(arguments, rate)
+    frequency = float(getattr(waveform, 'frequency', 0.0))
+    if frequency >= 0.5 * rate:
+        raise CompensationError(
+            f'a reference of {frequency:g} Hz cannot be sampled at {rate:g} Hz; lower the '
+            'frequency or raise --rate'
+        )
     if not math.isfinite(waveform.duration) or waveform.duration * rate > 5e7:
         raise CompensationError('the reference is too long; give it a duration')
     attenuation = None
@@ -89,6 +94,20 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     print(f'written to {out}')
     return 0
+
+
+def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
+    """Refuse numbers that mean nothing."""
+    if not (math.isfinite(rate) and rate > 0):
+        raise CompensationError(f'the rate must be positive, got {rate:g} Hz')
+    for name, value, unit in (
+        ('noise', arguments.noise, 'm'),
+        ('resonance', arguments.resonance, 'Hz'),
+        ('from-seconds', arguments.from_seconds or 0.0, 's'),
+        ('seed', arguments.seed, ''),
+    ):
+        if not (math.isfinite(value) and value >= 0):
+            raise CompensationError(f'--{name} must be 0 or more, got {value:g} {unit}'.rstrip())
 
 
 def _table(runs: list[Run]) -> list[str]:

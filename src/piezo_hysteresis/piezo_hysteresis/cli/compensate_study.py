@@ -14,6 +14,7 @@ from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.loop import (
     LoopResult,
     TrackingMetrics,
@@ -23,6 +24,7 @@ from piezo_hysteresis.compensation.loop import (
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.physical import PhysicalInverse
 from piezo_hysteresis.compensation.pid import Pid, PidGains
+from piezo_hysteresis.compensation.reach import require_reachable
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import write_folder
@@ -83,10 +85,18 @@ def _value(text: str) -> Any:
 
 
 def run_study(study: Study) -> list[Run]:
-    """Run the reference without compensation, with the inverse, and with each further link."""
+    """Run the reference without compensation, with the inverse, and with each further link.
+
+    Raises
+    ------
+    CompensationError
+        If the reference is out of reach, or a link cannot be built.
+    """
     ticks = max(2, round(study.waveform.duration / study.dt))
     time = np.arange(ticks, dtype=np.float64) * study.dt
     samples = study.waveform.sample(time)
+    Limiter(study.limits, study.dt)  # refuses what are none
+    require_reachable(samples.value, study.model.model, study.model.values, study.dt, study.limits)
     runs = []
     for name, links in _chains(study):
         plant = ModelPlant(

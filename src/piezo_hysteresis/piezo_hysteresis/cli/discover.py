@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli.progress import progress_bar
@@ -38,6 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
         found = task.work(arguments.data, arguments.out, progress)
     _tell(found.verdict, arguments.out)
+    for finding in found.check.findings:
+        print(f'warning: {finding}', file=sys.stderr)
     return 0
 
 

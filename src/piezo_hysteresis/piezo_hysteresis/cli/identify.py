@@ -46,6 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
     add('--seed', type=int, default=0, help='seed of the searches')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--frequency', type=float, metavar='HZ', help='of the drive, where the data do not say it')
     add(
         '--before',
         nargs='+',
@@ -89,15 +90,18 @@ def task_of(arguments: argparse.Namespace) -> Identify:
         start=_pairs(arguments.set),
         before=tuple(arguments.before),
         warm_up=arguments.warm_up,
+        frequency=arguments.frequency,
         options=_options(arguments),
         actuator=arguments.actuator,
     )
 
 
 def _pairs(words: list[str]) -> dict[str, float]:
-    pairs = {}
+    pairs: dict[str, float] = {}
     for word in words:
         name, equals, value = word.partition('=')
+        if name in pairs:
+            raise IdentificationError(f'{name} is given twice; give it once')
         try:
             pairs[name] = float(value)
         except ValueError:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 
 from piezo_hysteresis.models import ModelFile
@@ -30,12 +31,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
-    from dataclasses import replace
-
     from piezo_hysteresis.identification.errors import errors_of, free_run
     from piezo_hysteresis.identification.identify import record_summary
     from piezo_hysteresis.identification.result import pooled_noise
+    from piezo_hysteresis.identification.settings import warmed
     from piezo_hysteresis.identification.targets import targets_of
+    from piezo_hysteresis.identification.units import require_plausible
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.folder import check_folder, write_folder
     from piezo_hysteresis.reporting.identification_figures import figures
@@ -44,8 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)
     records = load(arguments.data, actuator=arguments.actuator)
-    if arguments.warm_up is not None:
-        records = [replace(r, info=replace(r.info, warm_up=arguments.warm_up)) for r in records]
+    records = warmed(records, arguments.warm_up)
+    warnings = require_plausible(records)
     late = float(saved.provenance.notes.get('sampling_offset_s', 0.0))
     steady = arguments.steady
     rows = errors_of(saved.model, saved.values, records, late, steady=steady)
@@ -67,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         'records': [record_summary(row) for row in rows],
         'noise_floor_rms_m': noise if noise > 0 else None,
         'sampling_offset_s': late,
+        'warnings': warnings,
         'seconds': time.perf_counter() - begun,
     }
     write_folder(
@@ -83,4 +85,6 @@ def run(arguments: argparse.Namespace) -> int:
             f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} um'
         )
     print(f'written to {arguments.out}')
+    for warning in warnings:
+        print(f'warning: {warning}', file=sys.stderr)
     return 0

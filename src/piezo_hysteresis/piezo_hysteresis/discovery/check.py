@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.units import require_plausible, unit_findings
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200
@@ -16,7 +17,6 @@ FEWEST_FREQUENCIES = 5
 # A gain that differs by less than this over the swept band does not tell a lag from a delay.
 HIGH_FREQUENCY = 100.0
 CLIPPED_SHARE = 0.02
-LARGEST_STROKE = 5e-3
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,7 @@ def _refuse(records: Sequence[Record]) -> None:
         )
     if max(float(np.ptp(r.displacement)) for r in records) == 0.0:
         raise IdentificationError('the displacement never changes: check the sensor')
+    require_plausible(records)
     if max(len(r) for r in records) < FEWEST_SAMPLES:
         raise IdentificationError(
             f'no record has {FEWEST_SAMPLES} samples: record several periods of each excitation'
@@ -91,10 +92,7 @@ def _refuse(records: Sequence[Record]) -> None:
 
 
 def _findings(record: Record) -> list[str]:
-    found = []
-    span = float(np.ptp(record.displacement))
-    if span > LARGEST_STROKE:
-        found.append(f'{record.name}: a stroke of {span * 1e3:.3g} mm is unlikely; check the unit')
+    found = [f'{record.name}: {sentence}' for _, sentence in unit_findings(record)]
     for what, signal in (('displacement', record.displacement), ('input', record.voltage)):
         share = _clipped(signal)
         if share > CLIPPED_SHARE and record.info.excitation not in _FLAT:

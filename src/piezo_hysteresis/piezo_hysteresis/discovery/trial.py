@@ -172,6 +172,8 @@ def _resolvable(model: Model, dt: float) -> dict[str, tuple[float, float]]:
 
 def of_result(result: FitResult, added: tuple[Added, ...] = ()) -> Trial | None:
     """Return a fit as a trial, or None where its errors are not finite."""
+    if len(result.residuals) < len(result.targets):  # the fit could not even begin
+        return None
     errors = tuple(result.residuals[t.name] for t in result.targets)
     if not all(np.all(np.isfinite(e)) for e in errors):
         return None

@@ -9,11 +9,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
-_LARGEST = 0.02  # longest stroke of any piezo actuator [m]
-_SMALLEST = 1e-11
 
 
 @dataclass(frozen=True)
@@ -89,34 +88,19 @@ def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
     kind = 'force' if record.info.input_unit == 'N' else 'voltage'
     if len(record) < 20:
         return _fatal(f'only {len(record)} samples; record at least two periods of the excitation')
-    span = float(np.ptp(y))
     if float(np.ptp(u)) == 0.0:
         if alone:
             return _fatal(f'the {kind} is constant; record a sine over the range you will use')
         return []
-    if span == 0.0:
+    if float(np.ptp(y)) == 0.0:
         return _fatal('the displacement is constant; check sensor and cable, then record anew')
     return [
-        *_unit(span),
+        *unit_findings(record),
         *_clipping(y, 'displacement', 'sensor range'),
         *_clipping(u, kind, 'output range of the generator'),
         *_coverage(record),
         *_synchrony(record, kind),
     ]
-
-
-def _unit(span: float) -> list[tuple[bool, str]]:
-    if span > _LARGEST:
-        return _fatal(
-            f'the displacement spans {span:.3g} m, which no piezo actuator does; name the '
-            'column with its unit (displacement_um, _nm, _mm)'
-        )
-    if span < _SMALLEST:
-        return _fatal(
-            f'the displacement spans {span:.3g} m, less than an atom; name the column with '
-            'its unit (displacement_um, _nm, _mm)'
-        )
-    return []
 
 
 def _clipping(x: FloatArray, what: str, cause: str) -> list[tuple[bool, str]]:

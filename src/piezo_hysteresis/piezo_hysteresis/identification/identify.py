@@ -18,6 +18,7 @@ from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.result import FitResult, pooled_noise
 from piezo_hysteresis.identification.search import SEARCHES
+from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import targets_of
@@ -195,13 +196,21 @@ def identify(
     Raises
     ------
     IdentificationError
-        If the records cannot identify anything; the sentence says what to record instead.
+        If the records cannot identify anything, or a setting is impossible; the sentence says
+        what to record or to set instead.
     """
     if method not in METHODS:
         raise IdentificationError(
             f'method {method!r} is unknown; choose one of {", ".join(METHODS)}'
         )
     begun = time.perf_counter()
+    require_settings(
+        seed=seed,
+        workers=workers,
+        max_evaluations=options.get('max_evaluations'),
+        forgetting=options.get('forgetting'),
+    )
+    held_at(model, {}, options.get('start') or {})
     said = require_usable(records)
     if method in ONLINE_METHODS:
         return _online(records, model, method, said, begun, progress, options)

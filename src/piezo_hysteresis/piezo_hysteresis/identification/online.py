@@ -144,6 +144,11 @@ def _papers(
         raise IdentificationError(
             f'rls identifies extended, enhanced3 and enhanced5, not {model.name}; use output_error'
         )
+    if harmonics[model.name] and record.info.frequency <= 0.0:
+        raise IdentificationError(
+            f'record {record.name} does not say the frequency of its drive, of which {model.name} '
+            'takes a harmonic; give --frequency, or frequency in records.yaml'
+        )
     if variant == 'V0':
         raise IdentificationError('no named model has the form of V0; use V1, or the node')
     return OnlineRls(

@@ -24,7 +24,7 @@ def read_yaml(path: str | Path) -> object:
     try:
         return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = str(error).replace('\n', ' ')
+        reason = str(getattr(error, 'strerror', None) or error).replace('\n', ' ')
         raise ModelError(f'cannot read the model file {path}: {reason}') from error
 
 

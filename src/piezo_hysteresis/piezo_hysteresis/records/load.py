@@ -86,7 +86,8 @@ def survey(
             raise
         except (OSError, ValueError, KeyError, IndexError, OverflowError, struct.error,
                 sqlite3.Error, MemoryError) as error:  # fmt: skip
-            raise RecordError(f'{path}: it cannot be read ({error})') from error
+            reason = getattr(error, 'strerror', None) or error  # without the path once more
+            raise RecordError(f'{path}: it cannot be read ({reason})') from error
         if not found:
             lost = '; '.join(str(damage) for damage in log.findings[-2:])
             raise RecordError(f'{path}: no record in it is readable ({lost})')

@@ -65,7 +65,8 @@ class Record:
     Raises
     ------
     RecordError
-        If the arrays have different lengths, are empty or not finite, or ``dt`` is not positive.
+        If the arrays have different lengths, are empty or not finite, ``dt`` is not positive, or
+        the warm-up is no time.
     """
 
     name: str
@@ -80,6 +81,10 @@ class Record:
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise RecordError(
                 f'record {self.name}: the sampling interval must be positive, got {self.dt} s'
+            )
+        if not (np.isfinite(self.info.warm_up) and self.info.warm_up >= 0):
+            raise RecordError(
+                f'record {self.name}: the warm-up must be 0 s or more, got {self.info.warm_up} s'
             )
         columns = {'voltage': self.voltage, 'displacement': self.displacement}
         if self.reference is not None:

@@ -98,6 +98,13 @@ def check_folder(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) 
         there.
     """
     target = Path(folder)
+    try:
+        _check(target, verb, names)
+    except OSError as error:
+        raise _unwritable(target, error) from error
+
+
+def _check(target: Path, verb: str, names: Iterable[str]) -> None:
     found = marker_of(target)
     own = f'give {verb} a folder of its own, such as {target}-{verb.replace(" ", "-")}'
     if found is not None and found.verb != verb:

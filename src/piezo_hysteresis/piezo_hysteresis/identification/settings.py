@@ -1,0 +1,132 @@
+"""What a user asks for, judged before it is computed: values, budgets and seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import isfinite
+
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.records import Record
+
+
+def require_settings(
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    max_evaluations: int | None = None,
+    forgetting: float | None = None,
+) -> None:
+    """Refuse settings with which no method can do anything.
+
+    Raises
+    ------
+    IdentificationError
+        If one is out of its range.
+    """
+    if seed < 0:
+        raise IdentificationError(f'the seed must be 0 or more, got {seed}')
+    if workers < 1:
+        raise IdentificationError(f'the number of workers must be 1 or more, got {workers}')
+    if max_evaluations is not None and max_evaluations < 1:
+        raise IdentificationError(
+            f'the budget must be at least 1 evaluation, got {max_evaluations}; leave '
+            'max-evaluations out for the usual one'
+        )
+    if forgetting is not None and not 0.0 < forgetting <= 1.0:
+        raise IdentificationError(
+            f'forgetting must be above 0 and at most 1, got {forgetting:g}; 1 forgets nothing'
+        )
+
+
+def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float]) -> Model:
+    """Return the model with values held that a user gave; refuse impossible ones.
+
+    Parameters
+    ----------
+    model : Model
+        As it was named.
+    hold, start : mapping of str to float
+        Values to hold, and values from which a fit shall begin, in SI units.
+
+    Raises
+    ------
+    IdentificationError
+        If a name is unknown, a value impossible, or a parameter both held and started.
+    """
+    known = {q.name: q for q in model.parameters}
+    for words, given in (('hold', hold), ('start from', start)):
+        for name, value in given.items():
+            if name not in known:
+                raise IdentificationError(
+                    f'model {model.name} has no parameter {name} to {words}; it has '
+                    f'{", ".join(known)}'
+                )
+            q = known[name]
+            if not isfinite(value):
+                raise IdentificationError(f'{name} = {value:g} is no number to {words}')
+            # the bounds of one that the model itself holds are where it holds it
+            if name not in model.held and not q.low <= value <= q.high:
+                raise IdentificationError(
+                    f'{name} = {value:g} {q.unit} is impossible to {words}: it lies within '
+                    f'{q.low:g} .. {q.high:g}'
+                )
+    for name in start:
+        at = hold.get(name, model.held.get(name, start[name]))
+        if at != start[name]:
+            raise IdentificationError(
+                f'{name} is held at {at:g}, so it cannot start from {start[name]:g}; give one of '
+                'them'
+            )
+    return model.hold(**hold)
+
+
+def warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
+    """Return records of which errors leave the first seconds out.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As they were read.
+    warm_up : float or None
+        Seconds; None leaves each record its own.
+
+    Raises
+    ------
+    IdentificationError
+        If nothing would be left of a record.
+    """
+    if warm_up is None:
+        return list(records)
+    if not (isfinite(warm_up) and warm_up >= 0.0):
+        raise IdentificationError(f'the warm-up must be 0 s or more, got {warm_up:g} s')
+    short = min(records, key=lambda record: record.duration)
+    if warm_up > 0.9 * short.duration:
+        raise IdentificationError(
+            f'a warm-up of {warm_up:g} s leaves too little of record {short.name}, which lasts '
+            f'{short.duration:.4g} s'
+        )
+    return [replace(r, info=replace(r.info, warm_up=warm_up)) for r in records]
+
+
+def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record]:
+    """Return records with the drive frequency that a user gave where they do not say theirs.
+
+    Raises
+    ------
+    IdentificationError
+        If it is no frequency that the records could show.
+    """
+    if frequency is None:
+        return list(records)
+    slowest = min(record.rate for record in records)
+    if not 0.0 < frequency < 0.5 * slowest:
+        raise IdentificationError(
+            f'a drive of {frequency:g} Hz cannot be seen in records of {slowest:g} samples/s; it '
+            f'lies between 0 and {0.5 * slowest:g} Hz'
+        )
+    return [
+        r if r.info.frequency > 0.0 else replace(r, info=replace(r.info, frequency=frequency))
+        for r in records
+    ]

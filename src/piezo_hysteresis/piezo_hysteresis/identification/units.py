@@ -1,0 +1,97 @@
+"""Columns that look wrong by a thousand: what no piezo actuator does is another unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.records import Record
+
+LARGEST_STROKE = 0.02  # of any piezo actuator [m]
+UNLIKELY_STROKE = 5e-3
+SMALL_STROKE = 5e-7
+SMALLEST_STROKE = 1e-10  # the distance of two atoms
+LARGEST_VOLTAGE = 5e3  # of an amplifier for piezo actuators [V]
+# A bimorph behind its amplifier moves 1e-4 m per volt of the command, quartz 2e-12.
+LARGEST_GAIN, SMALLEST_GAIN = 1e-2, 1e-12  # [m/V]
+SLOWEST_RATE, FASTEST_RATE = 20.0, 1e6  # [Hz]
+
+_NAME_IT = 'name it with its unit (displacement_um, _nm, _mm, _m)'
+
+
+def unit_findings(record: Record) -> list[tuple[bool, str]]:
+    """Return what of a record that moves suggests another unit.
+
+    Parameters
+    ----------
+    record : Record
+        In SI units, as its columns were named.
+
+    Returns
+    -------
+    list of (bool, str)
+        Whether it is impossible rather than unlikely, and what to do.
+    """
+    stroke, swing = float(np.ptp(record.displacement)), float(np.ptp(record.voltage))
+    if stroke == 0.0 or swing == 0.0:
+        return []
+    found = _stroke(stroke)
+    if record.info.input_unit == 'V':
+        found += _voltage(record, stroke / swing)
+    return found + _rate(record)
+
+
+def require_plausible(records: Sequence[Record]) -> list[str]:
+    """Return what suggests another unit in any record, or refuse what is impossible.
+
+    Raises
+    ------
+    IdentificationError
+        If a record is none of a piezo actuator; it is named.
+    """
+    told = []
+    for record in records:
+        for impossible, sentence in unit_findings(record):
+            told.append(f'record {record.name}: {sentence}')
+            if impossible:
+                raise IdentificationError(told[-1])
+    return told
+
+
+def _stroke(stroke: float) -> list[tuple[bool, str]]:
+    told = f'the displacement spans {stroke:.3g} m, '
+    if stroke > LARGEST_STROKE:
+        return [(True, f'{told}which no piezo actuator does; {_NAME_IT}')]
+    if stroke < SMALLEST_STROKE:
+        return [(True, f'{told}less than an atom; {_NAME_IT}')]
+    if stroke > UNLIKELY_STROKE:
+        return [(False, f'{told}more than most piezo actuators do; {_NAME_IT}')]
+    if stroke < SMALL_STROKE:
+        return [(False, f'{told}little for a piezo actuator; if it is in m or mm, {_NAME_IT}')]
+    return []
+
+
+def _voltage(record: Record, gain: float) -> list[tuple[bool, str]]:
+    most = float(np.max(np.abs(record.voltage)))
+    if most > LARGEST_VOLTAGE:
+        return [(False, f'the voltage reaches {most:.3g} V; if it is in mV, name it voltage_mV')]
+    if not SMALLEST_GAIN < gain < LARGEST_GAIN:
+        told = (
+            f'{gain:.3g} m per volt is no gain of a piezo actuator; check the units of voltage '
+            '(voltage_V, _mV, _kV) and displacement'
+        )
+        return [(False, told)]
+    return []
+
+
+def _rate(record: Record) -> list[tuple[bool, str]]:
+    told = (
+        f'{record.rate:.3g} samples per second over {record.duration:.3g} s; if the times are in '
+    )
+    if record.rate < SLOWEST_RATE:
+        return [(False, f'{told}ms, name the column time_ms')]
+    if record.rate > FASTEST_RATE:
+        return [(False, f'{told}s, name the column time_s')]
+    return []

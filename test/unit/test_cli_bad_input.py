@@ -1,0 +1,225 @@
+"""What a user can get wrong: one line, exit code 2, nothing written; doubtful units are told."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import IdentificationError, RecordError
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
+from piezo_hysteresis.identification.units import require_plausible, unit_findings
+from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.records import Record, load
+from piezo_hysteresis.records.record import RecordInfo
+
+HEAD = 'time_s,voltage_V,displacement_um'
+
+
+def made(dt=1e-3, seconds=2.0, volts=1.0, metres=1.0):
+    """Return time, voltage [V] and displacement [m] of a Bouc-Wen actuator."""
+    model = named('classical')
+    time = np.arange(round(seconds / dt)) * dt
+    voltage = np.sin(2 * np.pi * 5 * time)
+    moved = model.respond(voltage, model.pack({}), dt)
+    moved = moved + 1e-8 * np.random.default_rng(1).standard_normal(time.size)
+    return time, volts * voltage, metres * moved
+
+
+def write(path, time, voltage, micrometres, head=HEAD):
+    rows = np.column_stack([time, voltage, micrometres])
+    np.savetxt(path, rows, '%.10g', ',', header=head, comments='')
+    return path
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    """Return the words that name a record, and those that name a model and a plant."""
+    folder = tmp_path_factory.mktemp('files')
+    time, voltage, moved = made()
+    write(folder / 'base.csv', time, voltage, 1e6 * moved)
+    model = named('classical')
+    ModelFile(model, model.defaults()).save(folder / 'model.yaml')
+    return folder
+
+
+WORDS = {
+    'identify': lambda f: ['identify', str(f / 'base.csv'), '--model', 'classical'],
+    'rls': lambda f: ['identify', str(f / 'base.csv'), '--model', 'enhanced3', '--method', 'rls'],
+    'validate': lambda f: ['validate', str(f / 'base.csv'), '--model', str(f / 'model.yaml')],
+    'discover': lambda f: ['discover', str(f / 'base.csv'), '--baseline', 'classical'],
+    'compensate': lambda f: [
+        'compensate', '--model', str(f / 'model.yaml'), '--plant', str(f / 'model.yaml'),
+        '--attenuation', 'none',
+    ],
+}  # fmt: skip
+SINE = '--reference sine:frequency=5,amplitude=2e-5,duration=1'
+
+BAD = [
+    ('identify', '--method pso --max-evaluations 0', 'at least 1 evaluation, got 0'),
+    ('identify', '--method cma --max-evaluations -5', 'at least 1 evaluation, got -5'),
+    ('identify', '--set beta=-5', 'beta = -5 1/V is impossible to start from'),
+    ('identify', '--set beta=x', 'should be NAME=VALUE'),
+    ('identify', '--set A1=nan', 'A1 = nan is no number to start from'),
+    ('identify', '--set A1=1e-4 A1=2e-4', 'A1 is given twice'),
+    ('identify', '--set foo=1', 'no parameter foo to start from; it has A1'),
+    ('identify', '--hold A1=nan', 'A1 = nan is no number to hold'),
+    ('identify', '--hold beta=-5', 'beta = -5 1/V is impossible to hold'),
+    ('identify', '--hold foo=1', 'no parameter foo to hold'),
+    ('identify', '--hold A1=1e-4 --set A1=2e-4', 'A1 is held at 0.0001'),
+    ('identify', '--set A0=1e-5', 'A0 is held at 0'),
+    ('identify', '--method pso --seed -1', 'seed must be 0 or more'),
+    ('identify', '--workers 0', 'workers must be 1 or more'),
+    ('identify', '--method rls_ud --forgetting 0', 'forgetting must be above 0'),
+    ('identify', '--method rls_ud --forgetting nan', 'forgetting must be above 0'),
+    ('identify', '--warm-up -1', 'warm-up must be 0 s or more'),
+    ('identify', '--warm-up nan', 'warm-up must be 0 s or more'),
+    ('identify', '--warm-up 100', 'leaves too little of record base'),
+    ('identify', '--frequency -5', 'a drive of -5 Hz'),
+    ('identify', '--frequency 500', 'a drive of 500 Hz'),
+    ('rls', '', 'does not say the frequency of its drive.*give --frequency'),
+    ('validate', '--warm-up nan', 'warm-up must be 0 s or more'),
+    ('validate', '--warm-up 50', 'leaves too little'),
+    ('discover', '--warm-up -1', 'warm-up must be 0 s or more'),
+    ('discover', '--seed -1', 'seed must be 0 or more'),
+    ('discover', '--workers -2', '--workers must be 0'),
+    ('compensate', '--reference sine:frequency=5,amplitude=120,duration=1', 'amplitudes are in m'),
+    ('compensate', '--reference sine:frequency=5,amplitude=1e-5,offset=1e-3', 'reaches'),
+    ('compensate', '--reference sine:frequency=900,amplitude=1e-5,duration=1', 'be sampled at'),
+    ('compensate', f'{SINE} --seed -1', '--seed must be 0 or more'),
+    ('compensate', f'{SINE} --noise nan', '--noise must be 0 or more'),
+    ('compensate', f'{SINE} --noise -1', '--noise must be 0 or more'),
+    ('compensate', f'{SINE} --from-seconds nan', '--from-seconds must be 0 or more'),
+    ('compensate', f'{SINE} --resonance -3', '--resonance must be 0 or more'),
+    ('compensate', f'{SINE} --rate 0', 'rate must be positive'),
+    ('compensate', f'{SINE} --low nan', 'limits must be finite'),
+    ('compensate', f'{SINE} --low 2 --high 1', 'limits are empty'),
+    ('compensate', f'{SINE} --slew nan', 'slew limit must be positive'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(('verb', 'words', 'says'), BAD, ids=lambda x: str(x)[:40])
+def test_a_mistake_gets_one_line_and_leaves_nothing(verb, words, says, files, tmp_path, capsys):
+    assert main([*WORDS[verb](files), *words.split(), '--out', str(tmp_path / 'out')]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert told[0].startswith('error: ')
+    assert re.search(says, told[0])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('place', ['data', 'model', 'out'])
+def test_a_path_that_is_too_long_is_told_once(place, files, tmp_path, capsys):
+    long = 'x' * 300
+    data, model, out = files / 'base.csv', files / 'model.yaml', tmp_path / 'out'
+    if place == 'data':
+        data = files / f'{long}.csv'
+    elif place == 'model':
+        model = files / f'{long}.yaml'
+    else:
+        out = tmp_path / long
+    assert main(['validate', str(data), '--model', str(model), '--out', str(out)]) == 2
+    told = capsys.readouterr().err
+    assert told.count(long) == 1
+    assert 'File name too long' in told
+
+
+def test_the_frequency_that_the_data_lack_can_be_given(files, tmp_path, capsys):
+    main([*WORDS['rls'](files), '--frequency', '5', '--out', str(tmp_path / 'out')])
+    assert 'does not say the frequency' not in capsys.readouterr().err
+
+
+def test_a_value_of_the_file_gives_way_to_one_that_is_held(files, tmp_path):
+    words = ['identify', str(files / 'base.csv'), '--model', str(files / 'model.yaml')]
+    out = tmp_path / 'out'
+    assert main([*words, '--hold', 'beta=0.5', '--out', str(out)]) == 0
+    assert ModelFile.load(out / 'model.yaml').values['beta'] == 0.5
+
+
+def test_python_is_told_the_same(files):
+    records = load([files / 'base.csv'])
+    for options, says in (
+        ({'start': {'beta': -5.0}}, 'impossible to start from'),
+        ({'workers': 0}, 'workers'),
+        ({'method': 'de', 'max_evaluations': 0}, 'budget'),
+    ):
+        with pytest.raises(IdentificationError, match=says):
+            identify(records, named('classical'), **options)
+    with pytest.raises(RecordError, match='warm-up must be'):
+        replace(records[0], info=RecordInfo(warm_up=-1.0))
+
+
+# --- units --------------------------------------------------------------------------------------
+
+
+def record(dt=1e-3, volts=1.0, metres=1.0, unit='V'):
+    _, voltage, moved = made(volts=volts, metres=metres)
+    return Record('mine', dt, voltage, moved, info=RecordInfo(input_unit=unit))
+
+
+@pytest.mark.parametrize(
+    ('changed', 'says'),
+    [
+        ({'metres': 1e-3}, 'in m or mm'),
+        ({'metres': 1e-6 * 20}, 'in m or mm'),
+        ({'metres': 50.0}, 'more than most'),
+        ({'volts': 1e4}, 'name it voltage_mV'),
+        ({'volts': 1e-3}, 'no gain of a piezo actuator'),
+        ({'dt': 1.0}, 'name the column time_ms'),
+        ({'dt': 1e-7}, 'name the column time_s'),
+    ],
+)
+def test_what_is_off_by_a_thousand_is_doubted(changed, says):
+    told = require_plausible([record(**changed)])
+    assert len(told) == 1
+    assert told[0].startswith('record mine: ')
+    assert says in told[0]
+
+
+@pytest.mark.parametrize(('metres', 'says'), [(1e-7, 'less than an atom'), (1e3, 'no piezo act')])
+def test_what_no_actuator_does_is_refused(metres, says):
+    with pytest.raises(IdentificationError, match=says):
+        require_plausible([record(metres=metres)])
+
+
+def test_usual_actuators_are_not_doubted():
+    """A bimorph behind its amplifier, a stack, a nanometre stage, a force."""
+    for usual in (
+        record(),
+        record(volts=150.0, metres=0.1),
+        record(dt=1e-5, volts=10.0, metres=0.01),
+        record(volts=1e-6, unit='N'),
+        record(dt=0.05),
+    ):
+        assert unit_findings(usual) == []
+
+
+def test_a_doubt_is_told_by_every_verb_that_reads_records(files, tmp_path, capsys):
+    time, voltage, moved = made()
+    data = write(tmp_path / 'slow.csv', 1e3 * time, voltage, 1e6 * moved)
+    for words in (
+        ['identify', str(data), '--model', 'classical'],
+        ['validate', str(data), '--model', str(files / 'model.yaml')],
+        ['discover', str(data), '--baseline', 'classical'],
+    ):
+        assert main([*words, '--out', str(tmp_path / words[0])]) == 0
+        assert 'name the column time_ms' in capsys.readouterr().err
+
+
+# --- settings -----------------------------------------------------------------------------------
+
+
+def test_values_that_agree_with_what_is_held_pass():
+    model = named('classical')
+    assert held_at(model, {'A1': 1e-4}, {'A1': 1e-4, 'A0': 0.0}).held['A1'] == 1e-4
+
+
+def test_a_frequency_goes_to_the_records_that_lack_one():
+    first, second = record(), replace(record(), info=RecordInfo(frequency=7.0))
+    assert [r.info.frequency for r in driven_at([first, second], 5.0)] == [5.0, 7.0]
+    assert driven_at([first, second], None) == [first, second]
+    assert [r.info.warm_up for r in warmed([first, second], 0.5)] == [0.5, 0.5]
