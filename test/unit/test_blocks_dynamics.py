@@ -41,23 +41,6 @@ def test_mode_is_the_exact_hold(frequency, zeta):
     np.testing.assert_allclose(y, expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize('late', [0, 3, 10, 14, 37, 990])
-def test_delayed_motion_is_that_of_a_late_command_on_a_finer_grid(late):
-    structure = {'natural_frequency': 84.0, 'damping_ratio': 0.02}
-    x = 1e-4 * np.sin(2 * np.pi * 43.0 * DT * np.arange(1500))
-    motion = respond('mode', x, structure)
-    y = respond('delayed_motion', motion, {'motion_delay': late * 0.1 * DT})
-    fine = np.concatenate([np.zeros(late), np.repeat(x, 10)])[: 10 * x.size]
-    expected = respond('mode', fine, structure, dt=0.1 * DT)[::10]
-    largest = np.abs(expected).max()
-    np.testing.assert_allclose(y, expected, atol=(2e-3 if late % 10 else 1e-12) * largest)
-    means = respond('mode', respond('transport_delay', x, {'delay': late * 0.1 * DT}), structure)
-    if late % 10:
-        settled = slice(50, None)
-        left = np.abs(y - expected)[settled].max()
-        assert np.abs(means - expected)[settled].max() > 20.0 * left, left / largest
-
-
 def test_mass_spring_and_full_share_are_the_same_mode():
     x = pulse()
     mode = respond('mode', x, {'natural_frequency': 68.0, 'damping_ratio': 0.02})
@@ -74,7 +57,8 @@ def test_mass_spring_and_full_share_are_the_same_mode():
         {'resonance_frequency': 68.0, 'resonance_damping': 0.02, 'resonance_share': 1.0},
     )
     np.testing.assert_allclose(mass, mode, atol=1e-15)
-    np.testing.assert_allclose(share, mode, atol=1e-18)
+    # the share of a displacement that may not have one is read at the end of the tick
+    np.testing.assert_allclose(share[:-1], mode[1:], atol=1e-18)
 
 
 def test_autoregression_of_000_holds_a_mode_at_68_hz():
@@ -96,8 +80,9 @@ def test_unstable_recursions_are_refused():
         named_block('exogenous3').pack({'c3': 0.5, 'c4': 0.5})
 
 
-def test_nonlinear_mode_against_an_ode_solver():
-    w, zeta, cubic = 2 * np.pi * 40.0, 0.05, 3e7
+@pytest.mark.parametrize('cubic', [3e7, -5e6])
+def test_nonlinear_mode_against_an_ode_solver(cubic):
+    w, zeta = 2 * np.pi * 40.0, 0.05
     drive = 1e-4
     y = respond(
         'nonlinear_mode',
@@ -108,7 +93,14 @@ def test_nonlinear_mode_against_an_ode_solver():
         lambda _, s: [s[1], w**2 * (drive - s[0] - cubic * s[0] ** 3) - 2 * zeta * w * s[1]],
         (0, 0.3), [0.0, 0.0], t_eval=np.arange(300) * DT, rtol=1e-10, atol=1e-14,
     )  # fmt: skip
-    assert np.abs(y - fine.y[0]).max() < 2e-3 * np.abs(y).max()
+    assert np.abs(y - fine.y[0]).max() < 1e-5 * np.abs(y).max()
+
+
+def test_a_softening_mode_that_is_pushed_over_stays_finite():
+    values = {'natural_frequency': 40.0, 'damping_ratio': 0.05, 'mode_cubic': -1e8}
+    y = respond('nonlinear_mode', np.full(5000, 5e-4), values)
+    assert np.isfinite(y).all()
+    assert y[-1] > 1e-4  # beyond 1/sqrt(1e8) m, where the spring would push it outwards
 
 
 def test_friction_in_the_mode_damps_small_motion_most():
@@ -149,7 +141,7 @@ def test_breaking_away_against_an_ode_solver():
         rates, (0, dt * n), [0.0] * 3, t_eval=np.arange(n) * dt, rtol=1e-7, atol=1e-11,
         max_step=0.5 * dt,
     )  # fmt: skip
-    assert np.abs(y - fine.y[0]).max() < 1e-2 * np.abs(y).max()
+    assert np.abs(y - fine.y[0]).max() < 1e-4 * np.abs(y).max()
     assert np.abs(dahl - fine.y[0]).max() > 5e-2 * np.abs(y).max()
 
 
@@ -213,29 +205,21 @@ def test_oscillator_refines_its_steps_for_stiff_springs():
     assert y[-1] == pytest.approx(1e-6, rel=1e-6)
 
 
-def test_delay_shifts_by_whole_samples_and_interpolates_between():
+def test_a_delay_of_a_held_voltage_has_come_at_the_end_of_the_tick():
     x = pulse()
     np.testing.assert_array_equal(respond('transport_delay', x, {'delay': 3e-3})[3:], x[:-3])
-    half = respond('transport_delay', x, {'delay': 2.5e-3})
-    np.testing.assert_allclose(half[3:], 0.5 * (x[1:-2] + x[:-3]), atol=1e-18)
+    np.testing.assert_array_equal(respond('transport_delay', x, {'delay': 2.5e-3})[2:], x[:-2])
     ramp = np.arange(500.0)
     late = respond('transport_delay', ramp, {'delay': 0.1})
     np.testing.assert_allclose(late[101:], ramp[101:] - 100.0)
 
 
-@pytest.mark.parametrize('tau', [1e-5, 5e-4, 3e-3])
-def test_lag_delays_a_ramp_by_its_time_constant(tau):
-    ramp = np.arange(400.0)
-    late = respond('amplifier_lag', ramp, {'lag_time': tau})
-    assert ramp[-1] - late[-1] == pytest.approx(tau / DT, rel=1e-9)
-
-
-def test_lag_becomes_the_input_as_it_vanishes():
-    x = pulse()
-    gaps = [
-        np.abs(respond('amplifier_lag', x, {'lag_time': tau}) - x).max() for tau in (1e-6, 1e-9)
-    ]
-    assert gaps[0] / gaps[1] == pytest.approx(1000.0, rel=0.01)
+@pytest.mark.parametrize('name', ['amplifier_lag', 'sensor_lag'])
+def test_a_lag_goes_to_a_held_input_exponentially(name):
+    parameter = {'amplifier_lag': 'lag_time', 'sensor_lag': 'sensor_lag_time'}[name]
+    y = respond(name, np.ones(50), {parameter: 4e-3})
+    np.testing.assert_allclose(y, 1.0 - np.exp(-DT / 4e-3 * np.arange(1, 51)), rtol=1e-12)
+    np.testing.assert_array_equal(respond(name, pulse(), {parameter: 0.0}), pulse())
 
 
 def test_slew_limit_makes_triangles():
@@ -244,14 +228,6 @@ def test_slew_limit_makes_triangles():
     np.testing.assert_allclose(np.diff(y[:10]), 0.1)
     np.testing.assert_allclose(np.diff(y[50:70]), -0.1)
     assert y[-1] == -1.0
-
-
-def test_mean_of_a_slew_limit_is_that_of_fine_steps():
-    x, fine = np.sin(0.3 * np.arange(60)), 2000
-    exact = respond('slew_limit', np.repeat(x, fine), {'slew_rate': 150.0}, DT / fine)
-    y = respond('slew_limit_mean', x, {'mean_slew_rate': 150.0})
-    assert np.abs(np.diff(x)).max() > 0.15 > np.abs(np.diff(x)).min()
-    np.testing.assert_allclose(y, exact.reshape(-1, fine).mean(axis=1), atol=2e-4)
 
 
 def test_saturation_cuts_either_side():

@@ -17,13 +17,13 @@ def respond(name, x, values, dt=DT, frequency=0.0, start=0.0):
 
 
 def test_creep_after_a_step_is_exponential():
-    t = np.arange(1000) * DT
+    t = np.arange(1, 1001) * DT  # the ends of the ticks
     y = respond('creep', np.ones(1000), {'creep_share': 0.1, 'creep_time': 2.0})
     np.testing.assert_allclose(y, 1.0 + 0.1 * (1 - np.exp(-t / 2.0)), atol=1e-12)
 
 
 def test_the_elements_of_a_pair_creep_side_by_side():
-    t = np.arange(1000) * DT
+    t = np.arange(1, 1001) * DT
     values = {
         'creep_share': 0.1, 'creep_time': 0.2, 'slow_creep_share': 0.05, 'slow_creep_ratio': 20.0,
     }  # fmt: skip

@@ -87,15 +87,7 @@ def test_a_lag_before_a_fast_mode_is_right_between_the_samples() -> None:
     }
     plan = [{'kind': 'sine', 'frequency': 37.0, 'amplitude': 1.0, 'duration': 1.0}]
     (record,) = simulate('generic_bouc_wen', plan, hidden, 1)
-    left = {}
-    for names in (
-        ('amplifier_lag', 'bouc_wen_exact', 'mode'),
-        ('amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode'),
-    ):
-        model = Model('chain', tuple(named_block(name) for name in names))
-        known = {**loop, **mode, 'lag_time': lag, 'sampled_lag_time': lag, 'ease_time': lag}
-        values = {k: v for k, v in known.items() if k in model.parameter_names}
-        error = record.displacement - answer(model, values, record.voltage)
-        left[names[0]] = float(np.std(error[300:]))
-    assert left['amplifier_lag_sampled'] < 0.5 * left['amplifier_lag']
-    assert left['amplifier_lag_sampled'] < 5e-3 * float(np.std(record.displacement))
+    model = Model('chain', tuple(map(named_block, ('amplifier_lag', 'bouc_wen_exact', 'mode'))))
+    error = record.displacement - answer(model, {**loop, **mode, 'lag_time': lag}, record.voltage)
+    # noise is off, the converter of the simulator is what is left
+    assert float(np.std(error[300:])) < 1e-3 * float(np.std(record.displacement))

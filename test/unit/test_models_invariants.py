@@ -106,6 +106,33 @@ def test_models_answer_alike_whole_and_stepwise(name):
     assert np.ptp(whole) > 0
 
 
+@pytest.mark.parametrize(
+    'names',
+    [
+        ('bouc_wen_exact', 'mode', 'creep', 'sensor_lag', 'offset'),
+        ('transport_delay', 'bouc_wen_exact', 'mode_pair', 'creep_pair'),
+        ('amplifier_lag', 'bouc_wen_exact', 'mode'),
+        ('transport_delay', 'slew_limit', 'bouc_wen_rate', 'nonlinear_mode', 'backlash', 'warming',
+         'logarithmic_creep', 'mains_hum'),
+        ('amplifier_lag', 'prandtl_ishlinskii', 'stiction', 'resonance', 'harmonic3'),
+        ('transport_delay', 'amplifier_lag', 'bouc_wen_oscillator', 'stiffness', 'sensor_lag'),
+    ],
+)  # fmt: skip
+def test_chains_that_move_between_the_ticks_answer_alike_whole_and_stepwise(names):
+    model = Model('chain', tuple(named_block(name) for name in names))
+    x, p = signal_for(model.blocks[0], 300), lively(model)
+    assert any(len(stage.blocks) > 1 for stage in model.stages)
+    whole = model.respond(x, p, DT, frequency=FREQUENCY, state=model.initial_state(DT, 0.3))
+    state = model.initial_state(DT, 0.3)
+    single = [
+        model.respond(x[k : k + 1], p, DT, state=state, frequency=FREQUENCY)[0]
+        for k in range(x.size)
+    ]
+    np.testing.assert_array_equal(single, whole)
+    assert np.isfinite(whole).all()
+    assert np.ptp(whole) > 0
+
+
 @pytest.mark.parametrize('name', RATE_INDEPENDENT)
 def test_time_does_not_matter_to_rate_independent_blocks(name):
     """The answer at the reversals is the same however many samples lie between them."""

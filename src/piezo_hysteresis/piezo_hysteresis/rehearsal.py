@@ -31,6 +31,25 @@ def blocks() -> None:
         block.respond(np.linspace(0.0, 1.0, 4), values, DT, state=block.initial_state(DT))
 
 
+def between_ticks() -> None:
+    """Follow every block that has a path of its own, and chains that need one."""
+    from piezo_hysteresis.blocks import BLOCKS
+    from piezo_hysteresis.models import Model
+
+    for block in BLOCKS.values():
+        if block.along is not None:
+            path, values = np.linspace(0.0, 1.0, 24), block.pack(block.defaults())
+            block.along(path, path.copy(), block.initial_state(DT), values, DT, 0.0, 12)
+    for names in (
+        ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),
+        ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'backlash', 'sensor_lag'),
+        ('amplifier_lag', 'bouc_wen_oscillator'),
+    ):
+        model = Model('path', tuple(BLOCKS[name] for name in names))
+        late = {'delay': 0.3 * DT} if 'transport_delay' in names else {}
+        model.respond(np.linspace(0.0, 1.0, 4), model.pack(late), DT)
+
+
 def derivatives() -> None:
     """Differentiate every block, by its kernel where it has one."""
     from piezo_hysteresis.blocks import BLOCKS
@@ -135,6 +154,7 @@ REHEARSALS = (
     fit,
     inverses,
     blocks,
+    between_ticks,
     derivatives,
     online_methods,
     laws,

@@ -2,7 +2,21 @@
 
 from math import cos, cosh, exp, sin, sinh, sqrt
 
+import numpy as np
+
+from piezo_hysteresis.blocks.base import System
 from piezo_hysteresis.jit import jit
+
+
+def mode_system(omega: float, damping_ratio: float) -> System:
+    """Return ``x'' + 2 zeta w x' + w^2 x = w^2 v`` with states (position, velocity)."""
+    square = omega * omega
+    return System(
+        np.array([[0.0, 1.0], [-square, -2.0 * damping_ratio * omega]]),
+        np.array([0.0, square]),
+        np.array([1.0, 0.0]),
+        0.0,
+    )
 
 
 @jit

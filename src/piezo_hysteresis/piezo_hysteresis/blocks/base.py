@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
+Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
 
 
 class Slot(StrEnum):
@@ -29,6 +31,41 @@ class Slot(StrEnum):
     SLOW = 'slow'
     SENSOR = 'sensor'
     ADDED = 'added'
+
+
+class Between(StrEnum):
+    """What a block makes of its input between two ticks; a chain is run accordingly.
+
+    A signal is held over a tick until a block of one of the moving kinds (LINEAR, INNER, CLOCK)
+    stands in its way; from there on the chain runs on the path between the ticks.
+    """
+
+    INSTANT = 'instant'  # a function of the input at the same instant
+    PATH = 'path'  # a function of the path of the input, however fast it was gone
+    LINEAR = 'linear'  # a linear system with a state of its own, see `Block.system`
+    INNER = 'inner'  # moves by itself under a held input, see `Block.along`
+    CLOCK = 'clock'  # adds or multiplies by a function of the time
+    DELAY = 'delay'  # the input later
+    TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its answer
+
+
+class System(NamedTuple):
+    """A linear system ``x' = a x + b u, y = c x + d u`` with one input and one output.
+
+    Attributes
+    ----------
+    a : ndarray, shape (n, n)
+        Dynamics [1/s].
+    b, c : ndarray, shape (n,)
+        Input and output.
+    d : float
+        Feedthrough.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: float
 
 
 @dataclass(frozen=True)
@@ -102,6 +139,31 @@ class Block:
         the same voltage, and its answer is added.
     parts : tuple of Block
         The blocks that stand side by side in this one; empty for a single block.
+    between : Between
+        What it makes of its input between the ticks. The kernel takes one number per tick, held
+        over it, and answers at the end of the tick, or where there is inertia at its start.
+    inertia : bool
+        Whether it is a mass: its position at a tick knows nothing of the input of that tick.
+    system : callable or None
+        ``system(p)`` returns the continuous system of a LINEAR block, or the gain of a linear
+        INSTANT one; its states are those of the kernel.
+    along : callable or None
+        ``along(x, y, state, p, dt, frequency, points)``, compiled: the answer along a path of
+        `points` values per tick, three to each step: at its start, in its middle, at its end.
+        Every INNER block has one, and every PATH block that wants to know the tick or a jump.
+    one_way : bool
+        Whether it goes one way, without a jump, as long as its input is held.
+    pace : callable or None
+        ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
+    least_steps : int
+        Steps per tick that its path needs at least; more where it has corners.
+    count : int or None
+        Place in the state of a CLOCK block of the number of samples so far.
+    joins : callable or None
+        ``joins(p)`` returns how the block takes its input to go from tick to tick where that is
+        measured and not commanded: 0 held, 1 joined by lines, 2 band-limited.
+    step_bound : bool
+        Whether its step is that of the samples (forward Euler): right to first order only.
     """
 
     name: str
@@ -115,6 +177,16 @@ class Block:
     clocked: bool = False
     beside: bool = False
     parts: tuple[Block, ...] = ()
+    between: Between = Between.TICK
+    inertia: bool = False
+    system: Callable[[FloatArray], System] | None = None
+    along: Along | None = None
+    one_way: bool = False
+    pace: Callable[[FloatArray], float] | None = None
+    least_steps: int = 8
+    count: int | None = None
+    joins: Callable[[FloatArray], float] | None = None
+    step_bound: bool = False
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the memory of the block at rest, shape (state_size,).

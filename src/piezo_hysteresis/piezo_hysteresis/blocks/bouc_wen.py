@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -30,6 +30,8 @@ BLOCK = Block(
     parameters=PARAMETERS,
     kernel=kernel,
     state_size=2,
+    between=Between.PATH,
+    step_bound=True,
     description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',
     source='000 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; 001 (18)',
     check=check,

@@ -4,7 +4,7 @@ from math import expm1, log1p
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -71,6 +71,7 @@ BLOCK = Block(
     parameters=PARAMETERS,
     kernel=kernel,
     state_size=2,
+    between=Between.PATH,
     description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
     source='003 (1), 000 (1); exact step for exponent 1',
     check=check,

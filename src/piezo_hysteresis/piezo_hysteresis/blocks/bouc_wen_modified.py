@@ -4,33 +4,44 @@ from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, felt, quickening
 from piezo_hysteresis.jit import jit
 
 
 @jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
+def along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
     """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
 
-    Exact but for the voltage in the bias term, which is that of the middle of the step.
+    Exact but for the voltage in the bias term, which is that of the middle of the step; the rate
+    is that of the tick.
     """
     a1, a, beta, gamma, epsilon, bias = p[0], p[1], p[2], p[3], p[4], p[5]
     last, h, rate = state[0], state[1], state[2]
-    for k in range(x.size):
-        du = x[k] - last
-        leaning = epsilon * (last + 0.5 * du - bias)
-        last = x[k]
-        rate = felt(rate, du, dt, p[8])
+    for tick in range(0, x.size, points):
+        rate = felt(rate, x[tick + points - 1] - last, dt, p[8])
         eta = quickening(rate, p[6], p[7])
-        h = exact_step(h, du * eta, a, leaning, beta, gamma)
-        y[k] = a1 * last - h
+        for k in range(tick, tick + points):
+            du = x[k] - last
+            leaning = epsilon * (last + 0.5 * du - bias)
+            last = x[k]
+            h = exact_step(h, du * eta, a, leaning, beta, gamma)
+            y[k] = a1 * last - h
     state[0] = last
     state[1] = h
     state[2] = rate
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer at every tick."""
+    along(x, y, state, p, dt, frequency, 1)
 
 
 def check(values: Mapping[str, float]) -> str:
@@ -68,6 +79,8 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=3,
+    between=Between.PATH,
+    along=along,
     description=(
         'Bouc-Wen hysteresis with a bias term and a factor eta = (1 + |du/dt|/rate_corner)^'
         'rate_exponent on the whole growth of h.'

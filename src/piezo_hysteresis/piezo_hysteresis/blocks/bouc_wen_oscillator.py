@@ -6,7 +6,7 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_square
@@ -14,7 +14,7 @@ from piezo_hysteresis.numerics.linalg import solve_square
 _PHASES = 20  # points between two samples at which the force is interpolated
 _TAPS = 12  # samples that the interpolation looks back
 _BAND = 0.45  # of the Nyquist frequency, up to which it is right
-_STRIDE = 0.35  # longest step in units of the fastest time constant
+_STRIDE = 0.15  # longest step in units of the fastest time constant
 
 
 def _interpolator() -> FloatArray:
@@ -93,15 +93,20 @@ def advance(
 
 
 @jit
+def fastest(p: FloatArray) -> float:
+    """Return the fastest rate of the oscillator [1/s]."""
+    return float(sqrt((p[2] + abs(p[3])) / p[0]) + p[1] / p[0])
+
+
+@jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
     """Answer the displacement at each sample; state is (x, v, z, last inputs, newest first)."""
     scale = abs(p[4]) + abs(p[5])
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
-    fastest = sqrt((p[2] + abs(p[3])) / p[0]) + p[1] / p[0]
     # as many steps between two interpolated forces as the structure needs
-    finer = max(1, ceil(min(fastest * dt / (_PHASES // 2 * _STRIDE), 10000.0)))
+    finer = max(1, ceil(min(fastest(p) * dt / (_PHASES // 2 * _STRIDE), 10000.0)))
     h = dt / (_PHASES // 2 * finer)
     share = 1.0 / finer
     q = p.copy()
@@ -130,6 +135,50 @@ def kernel(
     state[0] = position
     state[1] = velocity
     state[2] = z
+
+
+@jit
+def along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Answer the displacement along a path of the force, three points to a step."""
+    scale = abs(p[4]) + abs(p[5])
+    height = abs(p[3]) / scale if scale > 0.0 else 0.0
+    steps = points // 3
+    finer = max(1, ceil(min(fastest(p) * dt / (steps * _STRIDE), 10000.0)))
+    share = 1.0 / finer
+    h = dt / steps * share
+    q = p.copy()
+    q[0] = 1.0 / p[0]
+    position, velocity, z = state[0], state[1], state[2]
+    for k in range(0, x.size, 3):
+        f0, slope = x[k], x[k + 2] - x[k]
+        bend = 2.0 * (x[k + 2] - 2.0 * x[k + 1] + x[k])
+        y[k] = position
+        for part in range(finer):
+            t0 = part * share
+            t1, t2 = t0 + 0.5 * share, t0 + share
+            between = (
+                f0 + t0 * (slope - bend * (1.0 - t0)),
+                f0 + t1 * (slope - bend * (1.0 - t1)),
+                f0 + t2 * (slope - bend * (1.0 - t2)),
+            )
+            before, speed = position, velocity
+            position, velocity, z = advance(position, velocity, z, between, h, q, height)
+            if 2 * part + 2 == finer:
+                y[k + 1] = position
+            elif 2 * part + 1 == finer:
+                y[k + 1] = 0.5 * (before + position) + 0.125 * h * (speed - velocity)
+        y[k + 2] = position
+    state[0] = position
+    state[1] = velocity
+    state[2] = z
+
+
+def joins(p: FloatArray) -> float:
+    """Return how the force goes from sample to sample."""
+    return float(p[7])
 
 
 def check(values: Mapping[str, float]) -> str:
@@ -173,6 +222,11 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=3 + _TAPS,
+    between=Between.INNER,
+    inertia=True,
+    along=along,
+    pace=fastest,
+    joins=joins,
     description=(
         "m x'' + c x' + k x + z = F with z' = z_alpha x' - (z_beta |x'| z + z_gamma x' |z|) "
         '|z/z_s|^(z_exponent - 1), z_s = |z_alpha|/(|z_beta| + |z_gamma|).'

@@ -4,7 +4,7 @@ from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -149,6 +149,7 @@ BLOCKS = (
         parameters=_PARAMETERS,
         kernel=kernel,
         state_size=2,
+        between=Between.PATH,
         description=_DESCRIPTION,
         source='002 (1): beta_002 = beta h_sat^(1-n), gamma_002 likewise',
         check=check,
@@ -159,6 +160,8 @@ BLOCKS = (
         parameters=_PARAMETERS,
         kernel=euler_kernel,
         state_size=2,
+        between=Between.PATH,
+        step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
         source='002 (1), 000 (3)',
         check=check,

@@ -4,7 +4,7 @@ from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -24,19 +24,54 @@ def quickening(rate: float, corner: float, exponent: float) -> float:
 
 
 @jit
+def along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
+
+    The rate of a tick is that of the line from where the voltage was to where it goes: a held
+    voltage has no other.
+    """
+    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+    last, h, rate = state[0], state[1], state[2]
+    for tick in range(0, x.size, points):
+        rate = felt(rate, x[tick + points - 1] - last, dt, p[7])
+        factor = quickening(rate, p[5], p[6])
+        for k in range(tick, tick + points):
+            h = exact_step(h, x[k] - last, a, a0, beta * factor, gamma * factor)
+            last = x[k]
+            y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+    state[2] = rate
+
+
+@jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s])."""
+    """Answer at every tick."""
+    along(x, y, state, p, dt, frequency, 1)
+
+
+@jit
+def euler_along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Answer ``A1 u - h`` by the Euler step; state as in the exact one."""
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
-    for k in range(x.size):
-        du = x[k] - last
-        last = x[k]
-        rate = felt(rate, du, dt, p[7])
+    for tick in range(0, x.size, points):
+        rate = felt(rate, x[tick + points - 1] - last, dt, p[7])
         factor = quickening(rate, p[5], p[6])
-        h = exact_step(h, du, a, a0, beta * factor, gamma * factor)
-        y[k] = a1 * last - h
+        for k in range(tick, tick + points):
+            du = x[k] - last
+            last = x[k]
+            rise = abs(du)
+            h += a * du + a0 * rise - factor * gamma * abs(h) * du - factor * beta * rise * h
+            y[k] = a1 * last - h
     state[0] = last
     state[1] = h
     state[2] = rate
@@ -46,20 +81,8 @@ def kernel(
 def euler_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h`` by the Euler step; state as in the exact kernel."""
-    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h, rate = state[0], state[1], state[2]
-    for k in range(x.size):
-        du = x[k] - last
-        last = x[k]
-        rise = abs(du)
-        rate = felt(rate, du, dt, p[7])
-        factor = quickening(rate, p[5], p[6])
-        h += a * du + a0 * rise - factor * gamma * abs(h) * du - factor * beta * rise * h
-        y[k] = a1 * last - h
-    state[0] = last
-    state[1] = h
-    state[2] = rate
+    """Answer at every tick by the Euler step."""
+    euler_along(x, y, state, p, dt, frequency, 1)
 
 
 RATE_PARAMETERS = (
@@ -103,6 +126,8 @@ BLOCKS = (
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
         kernel=kernel,
         state_size=3,
+        between=Between.PATH,
+        along=along,
         description=_DESCRIPTION,
         source='our reading of 004: constant below a corner, dependent on the rate above it',
         check=check,
@@ -113,6 +138,9 @@ BLOCKS = (
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
         kernel=euler_kernel,
         state_size=3,
+        between=Between.PATH,
+        along=euler_along,
+        step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
         source='as bouc_wen_rate, with the step of 000 (3)',
         check=check,

@@ -4,7 +4,7 @@ from math import log1p
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import felt
 from piezo_hysteresis.blocks.effect import Effect
@@ -14,40 +14,58 @@ from piezo_hysteresis.jit import jit
 @jit
 def widen(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
-    power: float,
+    power: float, points: int,
 ) -> None:  # fmt: skip
     """Answer ``A1 u - w h``, w by a power of the rate, or where that is 0 by its logarithm.
 
-    State is (last voltage [V], h [m], felt rate [V/s]).
+    State is (last voltage [V], h [m], felt rate [V/s]); the rate is that of the tick.
     """
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
-    for k in range(x.size):
-        du = x[k] - last
-        last = x[k]
-        rate = felt(rate, du, dt, memory)
-        h = exact_step(h, du, a, a0, beta, gamma)
+    for tick in range(0, x.size, points):
+        rate = felt(rate, x[tick + points - 1] - last, dt, memory)
         growth = (rate / p[6]) ** power if power > 0.0 else log1p(rate / p[6])
-        y[k] = a1 * last - (1.0 + p[5] * growth) * h
+        for k in range(tick, tick + points):
+            h = exact_step(h, x[k] - last, a, a0, beta, gamma)
+            last = x[k]
+            y[k] = a1 * last - (1.0 + p[5] * growth) * h
     state[0] = last
     state[1] = h
     state[2] = rate
 
 
 @jit
+def along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Widen with the logarithm of the rate."""
+    widen(x, y, state, p, dt, p[7], 0.0, points)
+
+
+@jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Widen with the logarithm of the rate."""
-    widen(x, y, state, p, dt, p[7], 0.0)
+    """Widen with the logarithm of the rate, at every tick."""
+    along(x, y, state, p, dt, frequency, 1)
+
+
+@jit
+def power_along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Widen with a power of the rate."""
+    widen(x, y, state, p, dt, p[8], p[7], points)
 
 
 @jit
 def power_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Widen with a power of the rate."""
-    widen(x, y, state, p, dt, p[8], p[7])
+    """Widen with a power of the rate, at every tick."""
+    power_along(x, y, state, p, dt, frequency, 1)
 
 
 _LOGARITHM = Block(
@@ -65,6 +83,8 @@ _LOGARITHM = Block(
     ),
     kernel=kernel,
     state_size=3,
+    between=Between.PATH,
+    along=along,
     description=(
         'Bouc-Wen hysteresis; h is multiplied by 1 + widening log(1 + |du/dt|/widening_corner), '
         'the rate smoothed over widening_memory.'
@@ -91,6 +111,8 @@ _POWER = Block(
     ),
     kernel=power_kernel,
     state_size=3,
+    between=Between.PATH,
+    along=power_along,
     description=(
         'Bouc-Wen hysteresis; h is multiplied by 1 + power_widening '
         '(|du/dt|/power_reference)^widening_power, the rate smoothed over power_memory.'

@@ -2,8 +2,10 @@
 
 from math import expm1, sqrt
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -28,8 +30,8 @@ def element(
     rest = -expm1(-dt / tau)
     crept = state[place]
     for k in range(x.size):
-        y[k] = (x[k] if place == 0 else y[k]) + crept
         crept += rest * (share * x[k] - crept)
+        y[k] = (x[k] if place == 0 else y[k]) + crept
     state[place] = crept
 
 
@@ -37,7 +39,7 @@ def element(
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + c``; state is c [m] at the next sample."""
+    """Answer ``v + c`` at the end of the tick; state is c [m] there."""
     element(x, y, state, 0, p[0], p[1], dt)
 
 
@@ -45,7 +47,7 @@ def kernel(
 def pair_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + c1 + c2``; state is c1, c2 [m] at the next sample."""
+    """Answer ``v + c1 + c2`` at the end of the tick; state is c1, c2 [m] there."""
     element(x, y, state, 0, p[0], p[1], dt)
     element(x, y, state, 1, p[2], p[1] * p[3], dt)
 
@@ -61,6 +63,30 @@ def logarithmic_kernel(
     for i in range(_ELEMENTS):
         element(x, y, state, i, share, tau, dt)
         tau *= spacing
+
+
+def _elements(shares: list[float], times: list[float]) -> System:
+    rates = 1.0 / np.asarray(times)
+    return System(np.diag(-rates), rates * np.asarray(shares), np.ones(rates.size), 1.0)
+
+
+def system(p: FloatArray) -> System:
+    """Return the element as a linear system."""
+    return _elements([p[0]], [p[1]])
+
+
+def pair_system(p: FloatArray) -> System:
+    """Return both elements as one linear system."""
+    return _elements([p[0], p[2]], [p[1], p[1] * p[3]])
+
+
+def logarithmic_system(p: FloatArray) -> System:
+    """Return the bank as a linear system."""
+    spacing = 10.0 ** (1.0 / _PER_DECADE)
+    first = p[1] * _FIRST * sqrt(spacing)
+    return _elements(
+        [p[0] / _PER_DECADE] * _ELEMENTS, [first * spacing**i for i in range(_ELEMENTS)]
+    )
 
 
 _ELEMENT = (
@@ -83,6 +109,8 @@ BLOCKS = (
         parameters=_ELEMENT,
         kernel=kernel,
         state_size=1,
+        between=Between.LINEAR,
+        system=system,
         description='One Kelvin-Voigt element in series.',
         source='Kelvin-Voigt creep',
     ),
@@ -112,6 +140,8 @@ BLOCKS = (
         ),
         kernel=pair_kernel,
         state_size=2,
+        between=Between.LINEAR,
+        system=pair_system,
         description='Two Kelvin-Voigt elements in series, each of which sees the displacement.',
         source='Kelvin-Voigt creep',
     ),
@@ -132,6 +162,8 @@ BLOCKS = (
         ),
         kernel=logarithmic_kernel,
         state_size=_ELEMENTS,
+        between=Between.LINEAR,
+        system=logarithmic_system,
         description=(
             'Creep by creep_per_decade log10(1 + t/creep_onset) after a step, as a bank of '
             'Kelvin-Voigt elements over seven decades from the onset.'

@@ -3,7 +3,7 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -49,6 +49,8 @@ BLOCKS = (
         ),
         kernel=kernel,
         state_size=1,
+        between=Between.CLOCK,
+        count=0,
         description='Constant drift, independent of the drive.',
         source='thermal drift, first order in time',
     ),
@@ -61,6 +63,8 @@ BLOCKS = (
         ),
         kernel=warming_kernel,
         state_size=1,
+        between=Between.CLOCK,
+        count=0,
         description='Drift that settles, independent of the drive.',
         source='thermal expansion of the mount',
     ),

@@ -68,9 +68,6 @@ class Effect:
         Names of the blocks one of which `block` takes the place of; empty where it is added.
     absorbs : tuple of str
         Blocks that the model must have and that leave the chain with the replaced one.
-    also : (str, Block) or None
-        A block that the model must have, and one of the same and further parameters that takes
-        its place besides: what is added changes how the two answer one another.
     requires : tuple of str
         Blocks one of which the model must have; empty where any model will do.
     first : bool
@@ -103,7 +100,6 @@ class Effect:
     mistaken_for: tuple[str, ...] = ()
     replaces: tuple[str, ...] = ()
     absorbs: tuple[str, ...] = ()
-    also: tuple[str, Block] | None = None
     requires: tuple[str, ...] = ()
     first: bool = False
     frees: tuple[str, ...] = ()

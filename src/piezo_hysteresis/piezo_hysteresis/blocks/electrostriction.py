@@ -1,7 +1,7 @@
 """Strain that grows with the square of the voltage."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -41,6 +41,7 @@ BLOCKS = (
         ),
         kernel=kernel,
         state_size=0,
+        between=Between.INSTANT,
         description='Square law of the voltage beside the piezo effect and its hysteresis.',
         source='strain of the square of the field',
         beside=True,
@@ -55,6 +56,7 @@ BLOCKS = (
         ),
         kernel=input_kernel,
         state_size=0,
+        between=Between.INSTANT,
         description='Square law of the amplifier, before the hysteresis.',
         source='amplifier whose gain depends on the voltage',
     ),

@@ -1,8 +1,10 @@
 """Dry friction in the structure: backlash (play) and stick-slip."""
 
+from math import ceil
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import play
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -25,6 +27,28 @@ def stiction_kernel(
     for k in range(x.size):
         if abs(x[k] - state[0]) > p[0] or p[0] == 0.0:
             state[0] = x[k]
+        y[k] = state[0]
+
+
+@jit
+def stiction_along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Answer stick-slip along a path; state is the last position [m].
+
+    A drive that jumps, as it may at a tick, is caught up with; one that moves is let go by the
+    break-away distance every time it has run ahead by that.
+    """
+    reach = p[0]
+    for k in range(x.size):
+        ahead = x[k] - state[0]
+        if k % points == 0 or reach == 0.0:
+            if abs(ahead) > reach:
+                state[0] = x[k]
+        elif abs(ahead) > reach:
+            slips = ceil(abs(ahead) / reach) - 1.0
+            state[0] += slips * (reach if ahead > 0.0 else -reach)
         y[k] = state[0]
 
 
@@ -54,6 +78,7 @@ BLOCKS = (
         ),
         kernel=backlash_kernel,
         state_size=1,
+        between=Between.PATH,
         description='Play between drive and output: friction against a soft drive.',
         source='Coulomb friction between a soft drive and the output, quasi-static',
     ),
@@ -73,6 +98,8 @@ BLOCKS = (
         ),
         kernel=stiction_kernel,
         state_size=1,
+        between=Between.PATH,
+        along=stiction_along,
         description='Stick-slip: the output stands still, then jumps to the drive.',
         source='Coulomb friction with break-away, quasi-static',
     ),

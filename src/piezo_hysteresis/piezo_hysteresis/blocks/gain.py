@@ -1,8 +1,10 @@
 """Linear gain: an actuator without hysteresis."""
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import LINEAR_GAIN
-from piezo_hysteresis.blocks.base import Block, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -15,12 +17,19 @@ def kernel(
         y[k] = p[0] * x[k]
 
 
+def system(p: FloatArray) -> System:
+    """Return the gain as a linear system."""
+    return System(np.zeros((0, 0)), np.zeros(0), np.zeros(0), float(p[0]))
+
+
 BLOCK = Block(
     name='gain',
     slot=Slot.HYSTERESIS,
     parameters=(LINEAR_GAIN,),
     kernel=kernel,
     state_size=0,
+    between=Between.INSTANT,
+    system=system,
     description='Linear gain without memory.',
     source='000 (2) with h = 0',
 )

@@ -7,7 +7,7 @@ law is the compensator; solved for the displacement at every sample it is also a
 from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit
 
@@ -86,31 +86,43 @@ def at_slope(p: FloatArray, first: int, slope: float, span: float) -> float:
 
 
 @jit
-def selector_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
+def selector_along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
     """Answer the displacement; state is (displacement [m], h [V], voltage of the law [V], slope).
 
-    The slope is that of the last step. Voltage and h are kept when the parameters change.
+    The slope is that of the last tick. Voltage and h are kept when the parameters change.
     """
     span = p[0]
     position, h, voltage, slope = state[0], state[1], state[2], state[3]
-    for k in range(x.size):
+    for tick in range(0, x.size, points):
         gain = at_slope(p, 1, slope, span)
         a = at_slope(p, 1 + KNOTS, slope, span)
         beta = at_slope(p, 1 + 2 * KNOTS, slope, span)
         gamma = at_slope(p, 1 + 3 * KNOTS, slope, span)
-        d = solve_step(x[k] - voltage, h, gain, a, 0.0, beta, gamma)
-        moved = exact_step(h, d, a, 0.0, beta, gamma)
-        voltage += gain * d - (moved - h)
-        h = moved
-        position += d
-        slope = abs(d) / dt
-        y[k] = position
+        travel = 0.0
+        for k in range(tick, tick + points):
+            d = solve_step(x[k] - voltage, h, gain, a, 0.0, beta, gamma)
+            moved = exact_step(h, d, a, 0.0, beta, gamma)
+            voltage += gain * d - (moved - h)
+            h = moved
+            position += d
+            travel += d
+            y[k] = position
+        slope = abs(travel) / dt
     state[0] = position
     state[1] = h
     state[2] = voltage
     state[3] = slope
+
+
+@jit
+def selector_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer at every tick."""
+    selector_along(x, y, state, p, dt, frequency, 1)
 
 
 def monotone(gain: float, a: float, beta: float, gamma: float) -> str:
@@ -180,6 +192,7 @@ BLOCKS = (
         parameters=PARAMETERS,
         kernel=kernel,
         state_size=2,
+        between=Between.PATH,
         description=(
             'u = inverse_gain y - h, dh = inverse_A dy - inverse_beta |dy| h - inverse_gamma dy '
             '|h|, solved for y.'
@@ -205,6 +218,8 @@ BLOCKS = (
         ),
         kernel=selector_kernel,
         state_size=4,
+        between=Between.PATH,
+        along=selector_along,
         description='Inverse Bouc-Wen whose parameters follow the slope of the displacement.',
         source='003 (selector between ten triangle fits)',
         check=selector_check,

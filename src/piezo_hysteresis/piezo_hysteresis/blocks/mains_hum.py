@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -61,6 +61,8 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=2,
+    between=Between.CLOCK,
+    count=1,
     description='Tone of fixed frequency, locked to the time of the record and not to the drive.',
     source='mains, pumps, fans',
     clocked=True,

@@ -3,8 +3,8 @@
 from math import sqrt
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks._second_order import hold, mode_system
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -27,6 +27,11 @@ def kernel(
     state[1] = velocity
 
 
+def system(p: FloatArray) -> System:
+    """Return the structure as a linear system."""
+    return mode_system(sqrt(p[2] / p[0]), 0.5 * p[1] / sqrt(p[0] * p[2]))
+
+
 BLOCK = Block(
     name='mass_spring',
     slot=Slot.STRUCTURE,
@@ -37,6 +42,9 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=2,
+    between=Between.LINEAR,
+    inertia=True,
+    system=system,
     description=(
         "m x'' + b x' + k x = k v by exact zero-order hold; voltage and displacement see the "
         'ratios m/k and b/k only, so the stiffness is held at the value of the data sheet.'

@@ -3,8 +3,8 @@
 from math import pi
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks._second_order import hold, mode_system
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -26,6 +26,11 @@ def kernel(
     state[1] = velocity
 
 
+def system(p: FloatArray) -> System:
+    """Return the mode as a linear system."""
+    return mode_system(2.0 * pi * p[0], p[1])
+
+
 BLOCK = Block(
     name='mode',
     slot=Slot.STRUCTURE,
@@ -43,6 +48,9 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=2,
+    between=Between.LINEAR,
+    inertia=True,
+    system=system,
     description='One mode of unit DC gain by exact zero-order hold.',
     source='002 (3) with unit DC gain',
 )

@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import bank
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -51,6 +51,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
         ),
         kernel=kernel,
         state_size=count,
+        between=Between.PATH,
         description=f'Bank of {count} play operators beside the hysteresis of the model.',
         source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen',
         beside=True,

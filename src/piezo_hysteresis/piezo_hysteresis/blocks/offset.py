@@ -1,7 +1,7 @@
 """Constant offset of the sensor."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -21,6 +21,7 @@ BLOCK = Block(
     parameters=(Parameter('offset', 'm', 0.0, -1.0, 1.0, 'Reading of the sensor at zero.', 1e-5),),
     kernel=kernel,
     state_size=0,
+    between=Between.INSTANT,
     description='Constant offset of the displacement.',
     source='missing in 000; without it the free run is off by 16 to 160 um',
 )

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.errors import ModelError
 
 SEPARATOR = '|'
@@ -29,6 +29,14 @@ def parts_of(block: Block) -> tuple[Block, ...]:
         single.append(replace(part, parameters=block.parameters[first:last]))
         first = last
     return tuple(single)
+
+
+def _together(parts: tuple[Block, ...]) -> Between:
+    """Return what a sum of these blocks makes of its input between the ticks."""
+    kinds = {part.between for part in parts}
+    if kinds <= {Between.INSTANT}:
+        return Between.INSTANT
+    return Between.PATH if kinds <= {Between.INSTANT, Between.PATH} else Between.TICK
 
 
 def side_by_side(*blocks: Block) -> Block:
@@ -67,6 +75,27 @@ def side_by_side(*blocks: Block) -> Block:
             y += answer
             begin += size
 
+    def along(
+        x: FloatArray,
+        y: FloatArray,
+        state: FloatArray,
+        p: FloatArray,
+        dt: float,
+        frequency: float,
+        points: int,
+    ) -> None:
+        y[:] = 0.0
+        answer = np.empty_like(y)
+        begin = 0
+        for i, (part, size) in enumerate(zip(parts, sizes(dt), strict=True)):
+            memory, own = state[begin : begin + size], p[counts[i] : counts[i + 1]]
+            if part.along is not None:
+                part.along(x, answer, memory, own, dt, frequency, points)
+            else:
+                part.kernel(x, answer, memory, own, dt, frequency)
+            y += answer
+            begin += size
+
     def check(values: Mapping[str, float]) -> str:
         for part in parts:
             own = {q.name: values[q.name] for q in part.parameters}
@@ -85,4 +114,8 @@ def side_by_side(*blocks: Block) -> Block:
         source=parts[0].source,
         check=check,
         parts=parts,
+        between=_together(parts),
+        inertia=any(part.inertia for part in parts),
+        along=along if any(part.along is not None for part in parts) else None,
+        step_bound=any(part.step_bound for part in parts),
     )

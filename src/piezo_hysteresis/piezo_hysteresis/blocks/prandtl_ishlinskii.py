@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import COUNT, bank
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.jit import jit
 
 
@@ -49,6 +49,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=COUNT,
+    between=Between.PATH,
     description='Bank of play operators: rate-independent hysteresis with nonlocal memory.',
     source='reference model; 001 and 004 name it as the alternative',
 )

@@ -6,11 +6,12 @@ from math import pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks._second_order import hold, mode_system
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.blocks.mode import kernel as mode_kernel
+from piezo_hysteresis.blocks.mode import system as series_system
 from piezo_hysteresis.jit import jit
 
 # Frequencies in samples^-1 from which fits may start: seven octaves, six each.
@@ -21,16 +22,16 @@ _GRID = tuple(0.45 * 2.0 ** (-k / 6.0) for k in range(1, 43))
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``(1 - share) v + share q``; state is (q [m], q' [m/s]) at the next sample."""
+    """Answer ``(1 - share) v + share q`` at the end of the tick; state is (q [m], q' [m/s])."""
     a11, a12, a21, a22 = hold(2.0 * pi * p[0], p[1], dt)
     b1, b2 = 1.0 - a11, -a21
     share = p[2]
     position, velocity = state[0], state[1]
     for k in range(x.size):
-        y[k] = x[k] + share * (position - x[k])
         moved = a11 * position + a12 * velocity + b1 * x[k]
         velocity = a21 * position + a22 * velocity + b2 * x[k]
         position = moved
+        y[k] = x[k] + share * (position - x[k])
     state[0] = position
     state[1] = velocity
 
@@ -55,6 +56,23 @@ def pair_kernel(
     state[1] = v1
     state[2] = q2
     state[3] = v2
+
+
+def system(p: FloatArray) -> System:
+    """Return the mode and what goes past it as a linear system."""
+    mode = mode_system(2.0 * pi * p[0], p[1])
+    return System(mode.a, mode.b, p[2] * mode.c, 1.0 - float(p[2]))
+
+
+def pair_system(p: FloatArray) -> System:
+    """Return both modes as one linear system."""
+    one, two = mode_system(2.0 * pi * p[0], p[1]), mode_system(2.0 * pi * p[2], p[3])
+    return System(
+        np.block([[one.a, np.zeros((2, 2))], [np.zeros((2, 2)), two.a]]),
+        np.concatenate([one.b, two.b]),
+        np.concatenate([(1.0 - p[4]) * one.c, p[4] * two.c]),
+        0.0,
+    )
 
 
 def guess(seen: Residual) -> list[dict[str, float]]:
@@ -124,6 +142,8 @@ _RESONANCE = Block(
     parameters=(_FREQUENCY, _DAMPING, _SHARE),
     kernel=kernel,
     state_size=2,
+    between=Between.LINEAR,
+    system=system,
     description='A further mode that carries a share of the static displacement.',
     source='002 (3); 000 where 14 and 23 Hz drives hit a mode near 68 Hz',
 )
@@ -134,6 +154,9 @@ _SERIES = Block(
     parameters=(_FREQUENCY, _DAMPING),
     kernel=mode_kernel,
     state_size=2,
+    between=Between.LINEAR,
+    inertia=True,
+    system=series_system,
     description='One mode of unit DC gain that carries the whole displacement.',
     source='002 (3) in the place of the autoregression of 000 (3)',
 )
@@ -144,6 +167,9 @@ _PAIR = Block(
     parameters=(*MODE.parameters, _FREQUENCY, _DAMPING, _SHARE),
     kernel=pair_kernel,
     state_size=4,
+    between=Between.LINEAR,
+    inertia=True,
+    system=pair_system,
     description='Two modes side by side that share the static displacement.',
     source='002 (3), two of them driven by the same force',
 )

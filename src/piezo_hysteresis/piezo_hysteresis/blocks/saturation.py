@@ -3,7 +3,7 @@
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -31,6 +31,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
+    between=Between.INSTANT,
     description='Hard limits of the voltage.',
     source='output range of the amplifier',
 )

@@ -1,7 +1,7 @@
 """A sensor that is not linear."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -26,6 +26,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
+    between=Between.INSTANT,
     description='Polynomial of third order in the displacement, before the offset.',
     source='calibration curve of the sensor',
 )

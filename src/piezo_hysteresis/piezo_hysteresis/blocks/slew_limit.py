@@ -1,9 +1,7 @@
 """An amplifier that runs out of current."""
 
-from collections.abc import Callable
-
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Kernel, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -14,7 +12,10 @@ NO_LIMIT = 1e12
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the voltage that follows no faster than the limit; state is the last voltage [V]."""
+    """Answer the voltage that follows no faster than the limit, at the end of each tick.
+
+    State is that voltage [V].
+    """
     most = p[0] * dt
     last = state[0]
     for k in range(x.size):
@@ -28,77 +29,73 @@ def kernel(
 
 
 @jit
-def mean_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Answer the mean of that voltage over each sample; state is the voltage at its end [V]."""
-    most = p[0] * dt
-    # what a sample that arrives in time loses of its mean; nothing at all without a limit
-    lost = 0.5 / most if 0.0 < p[0] < NO_LIMIT else 0.0
+def along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Answer along a path, three points to a step; state is the last voltage [V].
+
+    Where the limit is left behind within the first half of a step, its start is answered such
+    that the mean of the step by Simpson's rule is that of the ramp and of what follows it.
+    """
+    limited = p[0] < NO_LIMIT
+    step = 3.0 * dt / points
+    most = 0.5 * p[0] * step
     last = state[0]
-    for k in range(x.size):
+    for k in range(0, x.size, 3):
         gap = x[k] - last
-        if abs(gap) <= most:
-            y[k] = x[k] - lost * gap * abs(gap)
-            last = x[k]
+        away = x[k + 1] - last
+        reached = abs(away) <= most
+        y[k] = last
+        if reached:
+            y[k + 1] = x[k + 1]
+            left = gap
+            if limited and gap != 0.0:
+                # on a ramp of p[0] for the time that the gap takes
+                left = max(0.0, 1.0 - 1.5 * abs(gap) / most) * gap
+            y[k] = last + left
         else:
-            step = most if gap > 0.0 else -most
-            y[k] = last + 0.5 * step
-            last += step
+            y[k + 1] = last + (most if away > 0.0 else -most)
+        rest = x[k + 2] - y[k + 1]
+        last = x[k + 2] if abs(rest) <= most else y[k + 1] + (most if rest > 0.0 else -most)
+        y[k + 2] = last
     state[0] = last
 
 
-def _block(name: str, parameter: str, function: Kernel, what: str) -> Block:
-    return Block(
-        name=name,
-        slot=Slot.INPUT,
-        parameters=(
-            Parameter(
-                parameter, 'V/s', NO_LIMIT, 0.0, NO_LIMIT, 'Largest rate of the voltage.', 100.0
-            ),
+BLOCK = Block(
+    name='slew_limit',
+    slot=Slot.INPUT,
+    parameters=(
+        Parameter(
+            'slew_rate', 'V/s', NO_LIMIT, 0.0, NO_LIMIT, 'Largest rate of the voltage.', 100.0
         ),
-        kernel=function,
-        state_size=1,
-        description=what,
-        source='amplifier with limited current',
-    )
-
-
-BLOCKS = (
-    _block(
-        'slew_limit',
-        'slew_rate',
-        kernel,
-        'Limit of the rate of the voltage: the current limit into a capacitance.',
     ),
-    _block(
-        'slew_limit_mean',
-        'mean_slew_rate',
-        mean_kernel,
-        'The same limit, sample means: right before a structure that moves meanwhile.',
-    ),
+    kernel=kernel,
+    state_size=1,
+    description='Limit of the rate of the voltage: the current limit into a capacitance.',
+    source='amplifier with limited current',
+    between=Between.INNER,
+    along=along,
+    one_way=True,
+    least_steps=32,
 )
 
 
-def _guess(parameter: str) -> Callable[[Residual], dict[str, float]]:
-    def guess(seen: Residual) -> dict[str, float]:
-        """Return a limit a little below the largest rate that was commanded."""
-        fastest = float(abs(seen.voltage[1:] - seen.voltage[:-1]).max(initial=0.0)) / seen.dt
-        return {parameter: 0.8 * fastest} if fastest > 0.0 else {}
-
-    return guess
+def guess(seen: Residual) -> dict[str, float]:
+    """Return a limit a little below the largest rate that was commanded."""
+    fastest = float(abs(seen.voltage[1:] - seen.voltage[:-1]).max(initial=0.0)) / seen.dt
+    return {'slew_rate': 0.8 * fastest} if fastest > 0.0 else {}
 
 
-def _effect(block: Block) -> Effect:
-    rate = block.parameters[0].name
-    return Effect(
+EFFECTS = (
+    Effect(
         name='slew_limit',
-        variant=block.name,
-        block=block,
-        neutral={rate: NO_LIMIT},
-        start={rate: 100.0},
-        alternatives=({rate: 30.0}, {rate: 200.0}),
-        guess=_guess(rate),
+        variant='slew_limit',
+        block=BLOCK,
+        neutral={'slew_rate': NO_LIMIT},
+        start={'slew_rate': 100.0},
+        alternatives=({'slew_rate': 30.0}, {'slew_rate': 200.0}),
+        guess=guess,
         physics=(
             'The amplifier charges the capacitance of the actuator with a limited current; fast '
             'drives become triangles.'
@@ -108,7 +105,5 @@ def _effect(block: Block) -> Effect:
             'passes a threshold, then the fundamental shrinks and lags.'
         ),
         mistaken_for=('amplifier_lag', 'saturation', 'rate_dependence'),
-    )
-
-
-EFFECTS = tuple(_effect(block) for block in BLOCKS)
+    ),
+)

@@ -3,7 +3,7 @@
 from math import asin, asinh, sin, sinh, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -44,6 +44,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
+    between=Between.INSTANT,
     description='Static balance x + cubic_stiffness x^3 = v of a spring with a cubic term.',
     source='Duffing spring, quasi-static',
 )

@@ -3,39 +3,46 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
 LONGEST = 0.1  # s
+_ROUNDING = 1e-9  # of a tick, by which a delay of whole ticks may miss them
+
+
+@jit
+def in_ticks(delay: float, dt: float) -> tuple[int, float]:
+    """Return the whole ticks in `delay` [s] and the part of a tick that is left, 0..1."""
+    whole = int(delay / dt + _ROUNDING)
+    return whole, min(max(delay / dt - whole, 0.0), 1.0)
+
+
+@jit
+def shift(x: FloatArray, y: FloatArray, state: FloatArray, ticks: int) -> None:
+    """Answer `x` some `ticks` ago; state is the place to write and a ring of past values."""
+    length = state.size - 1
+    place = int(state[0])
+    for k in range(x.size):
+        state[1 + place] = x[k]
+        older = place - ticks
+        y[k] = state[1 + (older if older >= 0 else older + length)]
+        place = place + 1 if place + 1 < length else 0
+    state[0] = place
 
 
 @jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the delayed voltage; state is the place to write and a ring of past voltages [V].
+    """Answer the delayed voltage at the end of each tick; state is that of `shift` [V].
 
-    A delay between two samples gives the mean over the sample of the held voltage, which is linear
-    interpolation.
+    A held voltage that comes late by a part of a tick has come by its end.
     """
-    length = state.size - 1
-    shift = p[0] / dt
-    whole = int(shift)
-    part = shift - whole
-    place = int(state[0])
-    for k in range(x.size):
-        state[1 + place] = x[k]
-        newer = place - whole
-        if newer < 0:
-            newer += length
-        older = newer - 1 if newer > 0 else length - 1
-        y[k] = state[1 + newer] + part * (state[1 + older] - state[1 + newer])
-        place = place + 1 if place + 1 < length else 0
-    state[0] = place
+    shift(x, y, state, in_ticks(p[0], dt)[0])
 
 
-def state_size(dt: float) -> int:
+def ring_size(dt: float) -> int:
     """Return room for the longest delay."""
     return ceil(LONGEST / dt) + 4
 
@@ -47,9 +54,10 @@ BLOCK = Block(
         Parameter('delay', 's', 0.0, 0.0, LONGEST, 'Time before the command acts.', 1e-3),
     ),
     kernel=kernel,
-    state_size=state_size,
+    state_size=ring_size,
     description='Pure delay of the command, fractions of a sample included.',
     source='bus, converter and driver latency',
+    between=Between.DELAY,
 )
 
 EFFECTS = (
@@ -58,8 +66,8 @@ EFFECTS = (
         variant='transport_delay',
         block=BLOCK,
         neutral={'delay': 0.0},
-        start={'delay': 5e-4},
-        alternatives=({'delay': 4e-3},),
+        start={'delay': 2e-3},
+        alternatives=({'delay': 5e-4}, {'delay': 5e-3}),
         physics=(
             'Bus, converter or driver hand the command on late: the phase lag grows in proportion '
             'to the frequency at unchanged amplitude.'

@@ -81,16 +81,13 @@ def _bouc_wen_power_widening(v: Mapping[str, float]) -> SimulatorValues:
     }
 
 
-def _sensor_lag(name: str) -> Translation:
-    def translate(v: Mapping[str, float]) -> SimulatorValues:
-        if v[name] <= 0.0:
-            return {}
-        return {
-            'effects.sensor_bandwidth': True,
-            'sensor.bandwidth': 1.0 / (2.0 * pi * v[name]),
-        }
-
-    return translate
+def _sensor_lag(v: Mapping[str, float]) -> SimulatorValues:
+    if v['sensor_lag_time'] <= 0.0:
+        return {}
+    return {
+        'effects.sensor_bandwidth': True,
+        'sensor.bandwidth': 1.0 / (2.0 * pi * v['sensor_lag_time']),
+    }
 
 
 def _mode(v: Mapping[str, float]) -> SimulatorValues:
@@ -194,8 +191,6 @@ TABLE: dict[str, Translation] = {
     'bouc_wen_exact': _bouc_wen,
     'bouc_wen_power': _bouc_wen_power,
     'mode': _mode,
-    # how the voltage goes from tick to tick there is a matter of the amplifier
-    'eased_mode': _mode,
     'resonance': _resonance,
     'series_mode': _series_mode,
     'mode_pair': _mode_pair,
@@ -205,17 +200,11 @@ TABLE: dict[str, Translation] = {
     'creep_pair': _creep_pair,
     'offset': _offset,
     'transport_delay': _switched('transport_delay', delay='amplifier__delay'),
-    'delayed_motion': _switched('transport_delay', motion_delay='amplifier__delay'),
     'amplifier_lag': _switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),
-    'amplifier_lag_sampled': _switched(
-        'amplifier_lag', sampled_lag_time='amplifier__lag_time_constant'
-    ),
-    'sensor_lag': _sensor_lag('sensor_lag_time'),
-    'sensor_lag_sampled': _sensor_lag('sampled_sensor_lag_time'),
+    'sensor_lag': _sensor_lag,
     'bouc_wen_widening': _bouc_wen_widening,
     'bouc_wen_power_widening': _bouc_wen_power_widening,
     'slew_limit': _switched('slew_limit', slew_rate='amplifier__slew_rate'),
-    'slew_limit_mean': _switched('slew_limit', mean_slew_rate='amplifier__slew_rate'),
     'electrostriction': _electrostriction,
     'drift': _switched('drift', drift_rate='drift__rate'),
     'backlash': _switched('backlash', backlash='backlash__half_width'),

@@ -37,8 +37,7 @@ DOUBTS = 3.0
 EXACT = 0.02
 COARSE = 0.07
 COARSE_EFFECTS = ('nonlocal_memory', 'rate_dependence', 'hysteresis')
-# a slew limit hands a mode the ends or the means of its ramps, not the ramps
-COARSE_VARIANTS = ('in_mode', 'in_nonlinear_mode', 'slew_limit', 'slew_limit_mean')
+COARSE_VARIANTS = ('in_mode', 'in_nonlinear_mode')
 # Standard errors from which an improvement counts.
 SURE = 5.0
 # An effect without which the sum of squares grows by less than this share does nothing.

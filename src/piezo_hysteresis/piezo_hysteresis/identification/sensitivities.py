@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter
+from piezo_hysteresis.blocks.base import Between, Parameter
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.identification.tangents import TANGENTS
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
 
 _STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
 
@@ -28,7 +29,8 @@ def sensitivities(
     """Return the free run from rest and its derivatives.
 
     Blocks with a compiled tangent kernel are differentiated exactly, the others by differences of
-    that block alone, so that a chain costs little more than its slowest blocks.
+    that block alone, so that a chain costs little more than its slowest blocks. A run of blocks
+    that is followed between the ticks counts as one.
 
     Parameters
     ----------
@@ -54,17 +56,25 @@ def sensitivities(
     signal = np.ascontiguousarray(voltage, dtype=np.float64)
     tangent = np.empty((0, signal.size))
     columns: list[str] = []
-    first = 0
     clock = _Clock(dt, frequency, start)
-    for block in model.blocks:
-        answers = []
-        for part in parts_of(block):
-            last = first + len(part.parameters)
-            own = model.parameters[first:last]
-            answers.append(_through(part, own, packed[first:last], free, signal, tangent, clock))
-            columns += [each.name for each in own if each.name in free]
-            first = last
-        signal, tangent = _joined(answers, tangent.shape[0])
+    for stage in model.stages:
+        p = packed[stage.columns]
+        places = np.arange(packed.size)[stage.columns]
+        own = [model.parameters[place] for place in places]
+        if isinstance(stage, TickStage):
+            answers, first = [], 0
+            for part in parts_of(stage.block):
+                last = first + len(part.parameters)
+                single = TickStage(part, slice(0, 0), stage.ahead)
+                answers.append(
+                    _through(single, own[first:last], p[first:last], free, signal, tangent, clock)
+                )
+                first = last
+            signal, tangent = _joined(answers, tangent.shape[0])
+        else:
+            wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
+            signal, tangent = _differenced(stage, own, p, wanted, signal, tangent, clock)
+        columns += [each.name for each in own if each.name in free]
     order = [columns.index(name) for name in free]
     return signal, tangent if order == list(range(len(order))) else tangent[order]
 
@@ -88,7 +98,7 @@ def _joined(
 
 
 def _through(
-    block: Block,
+    stage: TickStage,
     own: Sequence[Parameter],
     p: FloatArray,
     free: Sequence[str],
@@ -96,6 +106,7 @@ def _through(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
+    block = stage.block
     wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
     incoming = tangent.shape[0]
     ranged = any(own[j].follows_range for j in wanted)
@@ -106,11 +117,11 @@ def _through(
         if len(wanted) == len(own):
             return output, every
         return output, every[[*range(incoming), *(incoming + j for j in wanted)]]
-    return _differenced(block, own, p, wanted, signal, tangent, clock)
+    return _differenced(stage, own, p, wanted, signal, tangent, clock)
 
 
 def _differenced(
-    block: Block,
+    stage: Stage,
     own: Sequence[Parameter],
     p: FloatArray,
     wanted: Sequence[int],
@@ -118,18 +129,24 @@ def _differenced(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a block by differences of the block alone."""
+    """Carry tangents through a stage by differences of the stage alone."""
+    # on one grid, so that a difference is that of the parameter alone
+    grid = {'steps': stage.run.steps(p, clock.dt)} if isinstance(stage, PathStage) else {}
 
     def run(x: FloatArray, values: FloatArray) -> FloatArray:
-        state = block.initial_state(clock.dt, clock.start)
-        return block.respond(x, values, clock.dt, state=state, frequency=clock.frequency)
+        state = stage.initial_state(clock.dt, clock.start)
+        return stage.respond(x, values, clock.dt, state=state, frequency=clock.frequency, **grid)
 
     output = run(signal, p)
     incoming = tangent.shape[0]
     result = np.empty((incoming + len(wanted), signal.size))
     span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
+    linear = isinstance(stage, LinearStage)
     for j in range(incoming):
         column = tangent[j]
+        if linear:
+            result[j] = run(column, p)
+            continue
         size = float(np.max(np.abs(column), initial=0.0))
         if size == 0.0:
             result[j] = 0.0
@@ -138,6 +155,9 @@ def _differenced(
         result[j] = (run(signal + step * column, p) - output) / step
     for place, j in enumerate(wanted, start=incoming):
         step = _parameter_step(own[j], p[j])
+        if isinstance(stage, TickStage) and stage.block.between is Between.DELAY:
+            # what is held moves with a delay by whole ticks only
+            step = clock.dt if p[j] + clock.dt <= own[j].high else -clock.dt
         moved = p.copy()
         moved[j] += step
         result[place] = (run(signal, moved) - output) / (moved[j] - p[j])

@@ -12,6 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
 from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.stages import Stage, stages_of
 
 State = list[FloatArray]
 
@@ -168,8 +169,13 @@ class Model:
         raise ModelError(f'model {self.name} has no block {block.name}')
 
     def initial_state(self, dt: float, start: float = 0.0) -> State:
-        """Return every block's memory at rest; `start` is the time of the first sample [s]."""
-        return [block.initial_state(dt, start) for block in self.blocks]
+        """Return every stage's memory at rest; `start` is the time of the first sample [s]."""
+        return [stage.initial_state(dt, start) for stage in self.stages]
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """How the chain is run: block by block where every signal in between is held."""
+        return stages_of(self.blocks)
 
     def respond(
         self,
@@ -180,7 +186,10 @@ class Model:
         state: State | None = None,
         frequency: float = 0.0,
     ) -> FloatArray:
-        """Free run: answer the displacement [m] to `voltage` [V].
+        """Free run: answer the displacement [m] to `voltage` [V], held from tick to tick.
+
+        A chain with inertia is answered at the tick, before its voltage acts; one without at the
+        end of the tick, just before the next voltage acts (see `answers_at_once`).
 
         Parameters
         ----------
@@ -197,13 +206,10 @@ class Model:
         """
         state = self.initial_state(dt) if state is None else state
         signal = np.ascontiguousarray(voltage, dtype=np.float64)
-        first = 0
-        for block, memory in zip(self.blocks, state, strict=True):
-            last = first + len(block.parameters)
-            signal = block.respond(
-                signal, packed[first:last], dt, state=memory, frequency=frequency
+        for stage, memory in zip(self.stages, state, strict=True):
+            signal = stage.respond(
+                signal, packed[stage.columns], dt, state=memory, frequency=frequency
             )
-            first = last
         return signal
 
     def hold(self, **values: float) -> Model:

@@ -103,8 +103,6 @@ def applicable(model: Model, effect: Effect) -> bool:
         return False
     if effect.replaces and not present & set(effect.replaces):
         return False
-    if effect.also is not None and effect.also[0] not in present:
-        return False
     alone = {block.name for block in model.blocks}
     if not set(effect.absorbs) <= alone or not set(effect.frees) <= set(model.held):
         return False
@@ -154,11 +152,6 @@ def add_effect(
     else:
         larger, renamed = _with_block(model, effect, name, ratios)
         own = {q.name: q for q in effect.block.parameters}
-    if effect.also is not None:
-        replaced, block = effect.also
-        larger = larger.with_replaced(replaced, suited(block, ratios), name)
-        renamed |= larger.names_of(block)
-        own |= {q.name: q for q in block.parameters}
     larger = Model(name, larger.blocks, larger.held)
 
     def named(values: Mapping[str, float]) -> dict[str, float]:

@@ -1,0 +1,207 @@
+"""Linear blocks that follow one another as one continuous system, discretised exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import System
+from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.linalg import exponential, solve_square, spectral_radius
+
+# From start, middle and end of a step to value, slope and curvature at its start, step by step.
+_PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
+
+_AT_ONCE = 1e8  # ratio of a step to a time constant from which it is taken as over at once
+
+
+class Step(NamedTuple):
+    """One step of a linear system with states x and input (start, middle, end) of a parabola.
+
+    Attributes
+    ----------
+    phi, gamma : ndarray, shapes (n, n) and (n, 3)
+        Next state: ``phi x + gamma u``; `phi` is transposed, one column after another.
+    rows, gains : ndarray, shapes (3, n) and (3, 3)
+        Output at start, middle and end: ``rows x + gains u``.
+    """
+
+    phi: FloatArray
+    gamma: FloatArray
+    rows: FloatArray
+    gains: FloatArray
+
+
+class Hold(NamedTuple):
+    """One tick of a linear system under a held input, read somewhere within it.
+
+    Attributes
+    ----------
+    phi, gamma : ndarray, shapes (n, n) and (n,)
+        Next state: ``phi x + gamma u``; `phi` is transposed.
+    row, gain : ndarray, shape (n,), and float
+        Reading: ``row x + gain u``.
+    """
+
+    phi: FloatArray
+    gamma: FloatArray
+    row: FloatArray
+    gain: float
+
+
+def in_series(systems: Sequence[System]) -> System:
+    """Return one system that stands for `systems`, one behind the other."""
+    whole = System(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0)
+    for each in systems:
+        a = np.block(
+            [
+                [whole.a, np.zeros((whole.b.size, each.b.size))],
+                [np.outer(each.b, whole.c), each.a],
+            ]
+        )
+        b = np.concatenate([whole.b, whole.d * each.b])
+        c = np.concatenate([each.d * whole.c, each.c])
+        whole = System(a, b, c, each.d * whole.d)
+    return whole
+
+
+def fastest(system: System) -> float:
+    """Return the largest magnitude of the poles [1/s]."""
+    return spectral_radius(system.a)
+
+
+def settled(system: System, dt: float) -> System:
+    """Return the system with lags of nearly nothing taken as over at once.
+
+    They would drown the rest in rounding. Their states stay where they are.
+    """
+    quick = np.abs(np.diagonal(system.a)) * dt > _AT_ONCE
+    if not np.any(quick):
+        return system
+    slow = ~quick
+    own = system.a[np.ix_(quick, quick)]
+    way = np.zeros((own.shape[0], int(np.sum(slow))))
+    for j, column in enumerate(system.a[np.ix_(quick, slow)].T):
+        way[:, j] = solve_square(own, column).values
+    come = solve_square(own, system.b[quick]).values
+    a, b, c = np.zeros_like(system.a), np.zeros_like(system.b), np.zeros_like(system.c)
+    across = system.a[np.ix_(slow, quick)]
+    a[np.ix_(slow, slow)] = system.a[np.ix_(slow, slow)] - across @ way
+    b[slow] = system.b[slow] - across @ come
+    c[slow] = system.c[slow] - system.c[quick] @ way
+    return System(a, b, c, system.d - float(system.c[quick] @ come))
+
+
+def step_of(system: System, h: float) -> Step:
+    """Return the exact step over `h` [s] for an input that is a parabola.
+
+    The start of the output is chosen such that the mean of the step by Simpson's rule is the exact
+    mean of the output: for anything slow that is the start itself, and for a lag that is over
+    within the step it is the input that it has come to.
+    """
+    system = settled(system, h)
+    n = system.b.size
+    # states, their integral, then value, slope and curvature of the input over one step
+    wide = np.zeros((n + 4, n + 4))
+    wide[:n, :n] = h * system.a
+    wide[:n, n + 1] = h * system.b
+    wide[n, :n] = system.c
+    wide[n, n + 1] = system.d
+    wide[n + 1, n + 2] = wide[n + 2, n + 3] = 1.0
+    full, half = exponential(wide), exponential(0.5 * wide)
+    known = np.zeros((n + 3, n + 3))
+    known[:n, :n] = np.eye(n)
+    known[n:, n:] = _PARABOLA
+    keep = [*range(n), n + 1, n + 2, n + 3]
+    gamma = full[:n][:, keep] @ known
+    output = np.concatenate([system.c, [0.0]])
+    direct = np.zeros((2, n + 3))
+    direct[0, n + 1] = direct[1, n + 2] = system.d
+    middle = output @ half[: n + 1][:, keep] @ known + direct[0]
+    end = output @ full[: n + 1][:, keep] @ known + direct[1]
+    mean = full[n][keep] @ known
+    outputs = np.array([6.0 * mean - 4.0 * middle - end, middle, end])
+    return Step(
+        np.ascontiguousarray(gamma[:, :n].T),
+        np.ascontiguousarray(gamma[:, n:]),
+        np.ascontiguousarray(outputs[:, :n]),
+        np.ascontiguousarray(outputs[:, n:]),
+    )
+
+
+def hold_of(system: System, dt: float, part: float) -> Hold:
+    """Return the exact hold over `dt` [s], read after `part` of it."""
+    system = settled(system, dt)
+    n = system.b.size
+    wide = np.zeros((n + 1, n + 1))
+    wide[:n, :n] = dt * system.a
+    wide[:n, n] = dt * system.b
+    full = exponential(wide)
+    there = exponential(part * wide)[:n]
+    return Hold(
+        np.ascontiguousarray(full[:n, :n].T),
+        np.ascontiguousarray(full[:n, n]),
+        system.c @ there[:, :n],
+        float(system.c @ there[:, n] + system.d),
+    )
+
+
+@jit
+def run_held(
+    x: FloatArray,
+    y: FloatArray,
+    state: FloatArray,
+    phi: FloatArray,
+    gamma: FloatArray,
+    row: FloatArray,
+    gain: float,
+) -> None:
+    """Answer a held input, one value per tick; `state` in place."""
+    n = state.size
+    new = np.empty(n)
+    for k in range(x.size):
+        u = x[k]
+        total = gain * u
+        for i in range(n):
+            total += row[i] * state[i]
+            new[i] = gamma[i] * u
+        y[k] = total
+        for j in range(n):
+            now = state[j]
+            for i in range(n):
+                new[i] += phi[j, i] * now
+        for i in range(n):
+            state[i] = new[i]
+
+
+@jit
+def run_path(
+    x: FloatArray,
+    y: FloatArray,
+    state: FloatArray,
+    phi: FloatArray,
+    gamma: FloatArray,
+    rows: FloatArray,
+    gains: FloatArray,
+) -> None:
+    """Answer a path, three points to a step; `state` in place."""
+    n = state.size
+    new = np.empty(n)
+    for k in range(0, x.size, 3):
+        u0, u1, u2 = x[k], x[k + 1], x[k + 2]
+        for r in range(3):
+            total = gains[r, 0] * u0 + gains[r, 1] * u1 + gains[r, 2] * u2
+            for i in range(n):
+                total += rows[r, i] * state[i]
+            y[k + r] = total
+        for i in range(n):
+            new[i] = gamma[i, 0] * u0 + gamma[i, 1] * u1 + gamma[i, 2] * u2
+        for j in range(n):
+            now = state[j]
+            for i in range(n):
+                new[i] += phi[j, i] * now
+        for i in range(n):
+            state[i] = new[i]

@@ -1,0 +1,121 @@
+"""The path of a signal between the ticks: made of held values, followed by blocks, read again.
+
+A path has `points` values per tick, three to each of its steps: at the start of the step, just
+after the signal may have jumped, in its middle and at its end. Between them it is a parabola.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate
+from piezo_hysteresis.jit import jit
+
+#: Samples that a joined path looks back, and its steps per tick.
+PAST: int = WEIGHTS.shape[0]
+JOINED_STEPS: int = (WEIGHTS.shape[1] - 1) // 2
+
+
+@jit
+def joined(x: FloatArray, path: FloatArray, past: FloatArray, order: float) -> None:
+    """Fill the path from the last but one to the last of the samples `x`, one after another."""
+    forces = np.empty(WEIGHTS.shape[1])
+    points = 3 * JOINED_STEPS
+    for k in range(x.size):
+        for j in range(PAST - 1, 0, -1):
+            past[j] = past[j - 1]
+        past[0] = x[k]
+        interpolate(past, order, forces)
+        for i in range(JOINED_STEPS):
+            for j in range(3):
+                path[k * points + 3 * i + j] = forces[2 * i + j]
+
+
+@jit
+def with_turns(x: FloatArray, wide: FloatArray, late: BoolArray) -> None:
+    """Fill `wide`, four points to a step, with `x` and where its parabola turns.
+
+    `late` says of every step whether it turns in its second half. A step that does not turn has
+    its middle twice.
+    """
+    for step in range(x.size // 3):
+        start, middle, end = x[3 * step], x[3 * step + 1], x[3 * step + 2]
+        slope = -3.0 * start + 4.0 * middle - end
+        bend = 2.0 * (start - 2.0 * middle + end)
+        place = 0.5
+        if slope * bend < 0.0 and abs(slope) < 2.0 * abs(bend):
+            place = -0.5 * slope / bend
+        turn = middle if place == 0.5 else start + place * (slope + place * bend)
+        late[step] = place > 0.5
+        wide[4 * step] = start
+        wide[4 * step + 1] = middle if late[step] else turn
+        wide[4 * step + 2] = turn if late[step] else middle
+        wide[4 * step + 3] = end
+
+
+@jit
+def without_turns(wide: FloatArray, late: BoolArray, y: FloatArray) -> None:
+    """Fill `y`, three points to a step, with what `wide` has at the points of `with_turns`."""
+    for step in range(late.size):
+        y[3 * step] = wide[4 * step]
+        y[3 * step + 1] = wide[4 * step + (1 if late[step] else 2)]
+        y[3 * step + 2] = wide[4 * step + 3]
+
+
+def follow(
+    block: Block, path: FloatArray, p: FloatArray, state: FloatArray, dt: float, *, turns: bool
+) -> FloatArray:
+    """Return what a block that knows the path and not the time makes of it."""
+    if not turns:
+        return block.respond(path, p, dt, state=state)
+    wide = np.empty(path.size // 3 * 4)
+    late = np.empty(path.size // 3, dtype=np.bool_)
+    with_turns(path, wide, late)
+    answer = block.respond(wide, p, dt, state=state)
+    output = np.empty_like(path)
+    without_turns(answer, late, output)
+    return output
+
+
+def on_the_clock(
+    block: Block,
+    path: FloatArray,
+    p: FloatArray,
+    state: FloatArray,
+    dt: float,
+    *,
+    points: int,
+    ahead: float,
+) -> FloatArray:
+    """Return what a function of the time makes of a path.
+
+    Parameters
+    ----------
+    ahead : float
+        Ticks by which the time at the start of the path is ahead of the count in `state`.
+    """
+    assert block.count is not None
+    steps = points // 3
+    output = np.empty_like(path)
+    for place in range(3):
+        memory = state.copy()
+        memory[block.count] = (state[block.count] + ahead) * steps + 0.5 * place
+        part = np.ascontiguousarray(path[place::3])
+        output[place::3] = block.respond(part, p, dt / steps, state=memory)
+    state[block.count] += path.size // points
+    return output
+
+
+@jit
+def read(path: FloatArray, y: FloatArray, points: int, part: float) -> None:
+    """Read every tick of a path after `part` of it, 0 < part <= 1."""
+    steps = points // 3
+    step = min(int(part * steps), steps - 1)
+    t = part * steps - step
+    for k in range(y.size):
+        at = k * points + 3 * step
+        slope = -3.0 * path[at] + 4.0 * path[at + 1] - path[at + 2]
+        bend = 2.0 * (path[at] - 2.0 * path[at + 1] + path[at + 2])
+        y[k] = path[at] + t * (slope + t * bend)

@@ -1,0 +1,284 @@
+"""How a chain is run: its blocks in stages, each on one number per tick or on the path between.
+
+A held voltage stays held through every block that knows no time. The first block that moves
+between the ticks needs no path either where only its value at the ticks counts; where something
+that is not linear, or has a memory of its own, follows it, the run of blocks is followed on the
+path.
+
+A chain with inertia is read at the tick, before its voltage acts; one without at the end of the
+tick, which is just before the next voltage acts.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.transport_delay import ring_size, shift
+from piezo_hysteresis.models.linear_runs import Hold, hold_of, in_series, run_held
+from piezo_hysteresis.models.path_runs import Part, PathRun, delay_of
+
+# What leaves a held signal held.
+_HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)
+
+
+class Stage(Protocol):
+    """Some blocks of a chain that are run together.
+
+    Attributes
+    ----------
+    blocks : tuple of Block
+        In the order of the chain.
+    columns : slice or ndarray of int
+        Where their parameters stand among those of the chain, in the order of `respond`.
+    """
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Its blocks."""
+
+    @property
+    def columns(self) -> slice | IntArray:
+        """Its parameters."""
+
+    def initial_state(self, dt: float, start: float) -> FloatArray:
+        """Return the memory at rest; `start` is the time of the first sample [s]."""
+
+    def respond(
+        self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
+    ) -> FloatArray:
+        """Answer one number per tick, shape (n,), updating `state` in place."""
+
+
+@dataclass(frozen=True)
+class TickStage:
+    """One block on one number per tick.
+
+    Attributes
+    ----------
+    block : Block
+        The block.
+    columns : slice
+        Its parameters.
+    ahead : bool
+        Whether the chain is read at the end of the tick.
+    """
+
+    block: Block
+    columns: slice
+    ahead: bool
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The block alone."""
+        return (self.block,)
+
+    def initial_state(self, dt: float, start: float) -> FloatArray:
+        """Return the memory at rest."""
+        state = self.block.initial_state(dt, start)
+        if self.ahead and self.block.count is not None:
+            state[self.block.count] += 1.0
+        return state
+
+    def respond(
+        self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
+    ) -> FloatArray:
+        """Answer one number per tick."""
+        return self.block.respond(signal, p, dt, state=state, frequency=frequency)
+
+
+@dataclass(frozen=True)
+class LinearStage:
+    """Linear blocks behind a held input, delayed or not, as one exact recursion.
+
+    A delay passes through a chain that does not change with time: what comes late by a part of a
+    tick is the undelayed answer read that much earlier.
+
+    Attributes
+    ----------
+    parts : tuple
+        Blocks and their parameters in `columns`, delays first.
+    columns : ndarray of int
+        Parameters of the stage in the chain.
+    delays : int
+        How many of the parts are delays.
+    ahead : bool
+        Whether the chain is read at the end of the tick.
+    """
+
+    parts: tuple[Part, ...]
+    columns: IntArray
+    delays: int
+    ahead: bool
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Delays first, then the linear blocks."""
+        return tuple(part.block for part in self.parts)
+
+    def initial_state(self, dt: float, start: float) -> FloatArray:
+        """Return the memory at rest: the ring of the delays, then the states of the blocks."""
+        ring = self.delays * ring_size(dt) + 1 if self.delays else 0
+        return np.concatenate(
+            [np.zeros(ring), *(p.block.initial_state(dt) for p in self.parts[self.delays :])]
+        )
+
+    def respond(
+        self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
+    ) -> FloatArray:
+        """Answer one number per tick."""
+        whole, hold = self._hold(p, dt)
+        ring = self.delays * ring_size(dt) + 1 if self.delays else 0
+        if ring:
+            late = np.empty_like(signal)
+            shift(signal, late, state[:ring], whole)
+            signal = late
+        output = np.empty_like(signal)
+        run_held(signal, output, state[ring:], *hold)
+        return output
+
+    def _hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
+        """Return ticks to wait and the recursion, made anew where the parameters are new."""
+        key = (p.tobytes(), dt)
+        known: tuple[object, tuple[int, Hold]] | None = self.__dict__.get('_last')
+        if known is not None and known[0] == key:
+            return known[1]
+        whole, part = delay_of(p[: self.delays], dt, self.ahead)
+        systems = [
+            part.block.system(p[part.span])
+            for part in self.parts[self.delays :]
+            if part.block.system is not None
+        ]
+        made = whole, hold_of(in_series(systems), dt, part)
+        self.__dict__['_last'] = (key, made)
+        return made
+
+
+@dataclass(frozen=True)
+class PathStage:
+    """Blocks that are followed between the ticks; see `PathRun`.
+
+    Attributes
+    ----------
+    run : PathRun
+        What follows them.
+    columns : ndarray of int
+        Parameters of the stage in the chain.
+    """
+
+    run: PathRun
+    columns: IntArray
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Delays first, then the others in order."""
+        return self.run.blocks
+
+    def initial_state(self, dt: float, start: float) -> FloatArray:
+        """Return the memory at rest."""
+        return self.run.initial_state(dt, start)
+
+    def respond(
+        self,
+        signal: FloatArray,
+        p: FloatArray,
+        dt: float,
+        *,
+        state: FloatArray,
+        frequency: float,
+        steps: int | None = None,
+    ) -> FloatArray:
+        """Answer one number per tick; `steps` of a tick as many as `p` needs, or as given."""
+        return self.run.respond(signal, p, dt, state=state, frequency=frequency, steps=steps)
+
+
+def stages_of(blocks: Sequence[Block]) -> tuple[Stage, ...]:
+    """Return how a chain of `blocks` is run."""
+    return _Planner(blocks).plan()
+
+
+class _Planner:
+    """Walks along a chain and decides where a path is needed."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self._blocks = tuple(blocks)
+        self._ahead = not any(block.inertia for block in blocks)
+        counts = np.cumsum([0, *(len(block.parameters) for block in blocks)])
+        self._spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(counts)]
+        self._waiting: list[int] = []  # delays that no moving block has taken up yet
+        self._stages: dict[int, Stage] = {}
+
+    def plan(self) -> tuple[Stage, ...]:
+        """Return the stages in order."""
+        place = 0
+        while place < len(self._blocks):
+            kind = self._blocks[place].between
+            if kind in _HOLDS:
+                self._alone(place)
+                self._waiting += [place] if kind is Between.DELAY else []
+                place += 1
+            else:
+                place = self._run_from(place)
+        return tuple(self._stages[place] for place in sorted(self._stages))
+
+    def _alone(self, place: int) -> None:
+        self._stages[place] = TickStage(self._blocks[place], self._spans[place], self._ahead)
+
+    def _run_from(self, first: int) -> int:
+        """Plan the run that begins with a moving block; return the place behind it."""
+        end = first
+        while end < len(self._blocks) and self._blocks[end].between is not Between.TICK:
+            end += 1
+        later = [i for i in range(first, end) if self._blocks[i].between is Between.DELAY]
+        inside = [i for i in range(first, end) if i not in later]
+        delays = [*self._waiting, *later]
+        last = self._needed(inside, bool(delays))
+        if last:
+            for place in self._waiting:
+                del self._stages[place]
+            self._waiting = []
+            self._follow(delays, inside[:last])
+        for place in inside[last:]:
+            self._alone(place)
+        return end
+
+    def _needed(self, inside: Sequence[int], late: bool) -> int:
+        """Return how many of the blocks must be run together; the rest follow their readings."""
+        kinds = [self._blocks[i].between for i in inside]
+        last = len(inside)
+        while last and kinds[last - 1] in (Between.INSTANT, Between.CLOCK):
+            last -= 1
+        # what goes one way from reading to reading shows a memory nothing that these do not
+        first, behind = self._blocks[inside[0]], [self._blocks[i] for i in inside[1:last]]
+        if first.one_way and behind and self._ahead and not late:
+            *static, memory = behind
+            kinds = [block.between for block in static]
+            if memory.between is Between.PATH and memory.along is None:
+                return 1 if set(kinds) <= {Between.INSTANT} else last
+        return last
+
+    def _follow(self, delays: Sequence[int], needed: Sequence[int]) -> None:
+        blocks = [self._blocks[i] for i in needed]
+        single = len(blocks) == 1 and blocks[0].between is not Between.CLOCK
+        if single and not delays and blocks[0].inertia is not self._ahead:
+            self._alone(needed[0])
+            return
+        parts: list[Part] = []
+        columns: list[int] = []
+        for place in (*delays, *needed):
+            span = self._spans[place]
+            own = list(range(span.start, span.stop))
+            parts.append(Part(self._blocks[place], slice(len(columns), len(columns) + len(own))))
+            columns += own
+        places = np.array(columns, dtype=np.int64)
+        if all(block.system is not None for block in blocks):
+            stage: Stage = LinearStage(tuple(parts), places, len(delays), self._ahead)
+        else:
+            stage = PathStage(PathRun(tuple(parts), len(delays), self._ahead), places)
+        self._stages[needed[0]] = stage
