@@ -133,3 +133,52 @@ def test_held_parameters_are_marked_and_left_alone():
     assert suited.defaults()['w0'] == pytest.approx(1e-4 * 20 / 130 / 150)
     known = model.hold(pi_range=75.0)
     assert models.for_range(known, 150.0, 20e-6).held == {'pi_range': 75.0}
+
+
+FORMER = {
+    'chain': ['amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode', 'delayed_motion', 'offset'],
+    'values': {'sampled_lag_time': 4e-4, 'natural_frequency': 80.0, 'damping_ratio': 0.03,
+               'ease_time': 4e-4, 'motion_delay': 1.3e-3, 'A1': 1.4e-4, 'A': 5e-5, 'A0': 0.0,
+               'beta': 1.0, 'gamma': 0.1, 'offset': 2e-6},
+}  # fmt: skip
+
+
+def test_blocks_of_former_versions_are_read_as_those_of_today():
+    rows = {name: {'value': value} for name, value in FORMER['values'].items()}
+    rows['motion_delay'] |= {'unit': 's', 'std': 1e-6}
+    rows['A0']['held'] = True
+    text = yaml.safe_dump(
+        {'schema': 'piezo_hysteresis/model/1', 'chain': FORMER['chain'], 'parameters': rows}
+    )
+    with pytest.warns(models.FormerModelWarning, match='delayed_motion as transport_delay'):
+        read = ModelFile.parse(text)
+    chain = ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'offset')
+    assert read.model.block_names == chain
+    assert read.values['delay'] == 1.3e-3
+    assert read.values['lag_time'] == 4e-4
+    assert read.values['natural_frequency'] == 80.0
+    assert read.deviations == {'delay': 1e-6}
+    assert dict(read.model.held) == {'A0': 0.0}
+
+
+def test_repeated_blocks_of_former_versions_keep_their_own_numbers():
+    chain = ['amplifier_lag', 'amplifier_lag_sampled', 'slew_limit_mean', 'gain', 'offset']
+    parameters = {'lag_time': 1e-3, 'sampled_lag_time': 2e-3, 'mean_slew_rate': 50.0, 'A1': 1e-4,
+                  'offset': 0.0}  # fmt: skip
+    with pytest.warns(models.FormerModelWarning):
+        read = ModelFile.from_ros_parameters(
+            {'model.chain': chain, **{f'model.{k}': v for k, v in parameters.items()}}
+        )
+    assert read.values['lag_time'] == 1e-3
+    assert read.values['lag_time_2'] == 2e-3
+    assert read.values['slew_rate'] == 50.0
+
+
+def test_a_stray_parameter_beside_a_former_block_is_still_refused():
+    rows = {'mean_slew_rate': {'value': 1.0}, 'A1': {'value': 1e-4}, 'ghost': {'value': 1.0}}
+    text = yaml.safe_dump(
+        {'schema': 'piezo_hysteresis/model/1', 'chain': ['slew_limit_mean', 'gain'],
+         'parameters': rows}
+    )  # fmt: skip
+    with pytest.warns(models.FormerModelWarning), pytest.raises(ModelError, match='ghost'):
+        ModelFile.parse(text)

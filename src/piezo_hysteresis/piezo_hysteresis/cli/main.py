@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+import warnings
 from collections.abc import Sequence
 from types import ModuleType
+from typing import TextIO
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.errors import PiezoError
@@ -52,13 +54,27 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
     if verb is not None:
         words = [verb, *words]
     try:
-        return _run(words)
+        with warnings.catch_warnings():
+            warnings.showwarning = _say
+            return _run(words)
     except PiezoError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print('interrupted', file=sys.stderr)
         return 130
+
+
+def _say(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning as one line, without the place in the code that gave it."""
+    print(f'warning: {message}', file=file or sys.stderr)
 
 
 def _run(words: list[str]) -> int:

@@ -9,6 +9,7 @@ from piezo_hysteresis.models.effects import (
     candidates,
     described,
 )
+from piezo_hysteresis.models.former import FormerModelWarning
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
 from piezo_hysteresis.models.named import NAMES, RECIPES, named
 from piezo_hysteresis.models.scaling import for_range
@@ -19,6 +20,7 @@ __all__ = [
     'NAMES',
     'RECIPES',
     'Candidate',
+    'FormerModelWarning',
     'Model',
     'ModelFile',
     'Provenance',

@@ -13,6 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
+from piezo_hysteresis.models.former import of_today
 from piezo_hysteresis.models.plain import mapping, number, read_yaml, refuse_stray, write_yaml
 
 SCHEMA = 'piezo_hysteresis/model/1'
@@ -224,8 +225,10 @@ def _from_dict(content: object) -> ModelFile:
     chain = whole.get('chain')
     if not isinstance(chain, list) or not chain:
         raise ModelError('chain must be a list of block names, from the voltage to the sensor')
-    model = Model(str(whole.get('name', '')), tuple(named_block(str(each)) for each in chain))
-    rows = mapping(whole.get('parameters'), 'parameters')
+    chain, rows = of_today(
+        [str(each) for each in chain], mapping(whole.get('parameters'), 'parameters')
+    )
+    model = Model(str(whole.get('name', '')), tuple(named_block(each) for each in chain))
     refuse_stray(rows, set(model.parameter_names), f'parameters of model {model.name}')
     values, deviations, held = {}, {}, {}
     for parameter in model.parameters:

@@ -1,0 +1,85 @@
+"""Model files of former versions: blocks that are one with another block today.
+
+A chain once passed one number per tick, and blocks that move between the ticks had variants for
+what stood before or behind them. They are read as the block whose physics they meant.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.models.chain import Model
+
+
+class FormerModelWarning(UserWarning):
+    """A model of a former version has been read as one of today."""
+
+
+class _Former(NamedTuple):
+    """Today's block and what today's parameters were called; `dropped` ones are not needed."""
+
+    block: str
+    names: Mapping[str, str]
+    dropped: tuple[str, ...] = ()
+    first: bool = False
+
+
+_FORMER = {
+    'amplifier_lag_sampled': _Former('amplifier_lag', {'lag_time': 'sampled_lag_time'}),
+    'sensor_lag_sampled': _Former('sensor_lag', {'sensor_lag_time': 'sampled_sensor_lag_time'}),
+    'slew_limit_mean': _Former('slew_limit', {'slew_rate': 'mean_slew_rate'}),
+    'delayed_motion': _Former('transport_delay', {'delay': 'motion_delay'}, first=True),
+    'eased_mode': _Former(
+        'mode',
+        {'natural_frequency': 'natural_frequency', 'damping_ratio': 'damping_ratio'},
+        ('ease_time',),
+    ),
+}
+
+
+def of_today(chain: Sequence[str], rows: Mapping[str, Any]) -> tuple[list[str], dict[str, Any]]:
+    """Return chain and parameters with blocks of former versions translated, and say so.
+
+    Parameters
+    ----------
+    chain : sequence of str
+        Names of blocks.
+    rows : mapping
+        What belongs to each parameter, by its name in the model.
+    """
+    if not set(chain) & set(_FORMER):
+        return list(chain), dict(rows)
+    counts: dict[str, int] = {}
+    moved: list[tuple[str, list[str]]] = []
+    known: set[str] = set()
+    for name in chain:
+        former = _FORMER.get(name)
+        if former is None:
+            now, own = name, [q.name for q in named_block(name).parameters]
+        else:
+            now = former.block
+            own = [former.names[q.name] for q in named_block(now).parameters]
+        own = [_numbered(each, counts) for each in own]
+        known |= set(own)
+        known |= {_numbered(each, counts) for each in (former.dropped if former else ())}
+        moved.insert(0 if former is not None and former.first else len(moved), (now, own))
+    model = Model('', tuple(named_block(name) for name, _ in moved))
+    before = [name for _, own in moved for name in own]
+    after = model.parameter_names
+    translated = {new: rows[old] for new, old in zip(after, before, strict=True) if old in rows}
+    stray = {name: row for name, row in rows.items() if name not in known}
+    said = ', '.join(f'{name} as {_FORMER[name].block}' for name in chain if name in _FORMER)
+    warnings.warn(
+        f'the model is of a former version and read anew: {said}; fit it again to be exact',
+        FormerModelWarning,
+        stacklevel=4,
+    )
+    return [name for name, _ in moved], {**translated, **stray}
+
+
+def _numbered(name: str, counts: dict[str, int]) -> str:
+    count = counts[name] = counts.get(name, 0) + 1
+    return name if count == 1 else f'{name}_{count}'
