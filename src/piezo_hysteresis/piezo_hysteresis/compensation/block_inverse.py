@@ -6,6 +6,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.models.linear_runs import run_path, step_of
 
 # The share of the first slope below which a slope counts as none.
 _LEAST_SLOPE = 0.1
@@ -106,3 +107,35 @@ class BlockInverse:
         return float(
             self._root(lambda x: self.trial(x) - target, near, far, xtol=1e-18, rtol=1e-14)
         )
+
+
+class JoinedInverse(BlockInverse):
+    """The same for a linear block behind a moving structure, whose input is joined by lines.
+
+    Parameters
+    ----------
+    block, values, dt, scale
+        As for `BlockInverse`.
+    """
+
+    def __init__(self, block: Block, values: FloatArray, dt: float, scale: float) -> None:
+        assert block.system is not None
+        self._step = step_of(block.system(values), dt)
+        self._line, self._answer = np.zeros(3), np.zeros(3)
+        super().__init__(block, values, dt, scale)
+
+    def trial(self, x: float) -> float:
+        """Answer the output for the input `x` without remembering it."""
+        self._scratch[:] = self._state
+        return self._along(x, self._scratch)
+
+    def commit(self, x: float) -> float:
+        """Answer the output for the input `x` and remember it."""
+        answer = self._along(x, self._state)
+        self._last = x
+        return answer
+
+    def _along(self, x: float, state: FloatArray) -> float:
+        self._line[:] = self._last, 0.5 * (self._last + x), x
+        run_path(self._line, self._answer, state, *self._step)
+        return float(self._answer[2])

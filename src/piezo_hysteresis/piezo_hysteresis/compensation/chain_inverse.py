@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Slot
-from piezo_hysteresis.blocks.nonlinear_mode import rubbed
+from piezo_hysteresis.blocks.base import Between, Block, Slot, System
+from piezo_hysteresis.blocks.nonlinear_mode import rubbed, spring
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.block_inverse import BlockInverse
+from piezo_hysteresis.compensation.block_inverse import BlockInverse, JoinedInverse
 from piezo_hysteresis.compensation.inverse import InverseLink
 from piezo_hysteresis.compensation.physical import structure_coefficients
 from piezo_hysteresis.compensation.structure_inverse import (
@@ -24,10 +24,7 @@ from piezo_hysteresis.compensation.structure_inverse import (
 )
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
-
-# Blocks that move the structure: inverted on the derivatives of the reference.
-_DYNAMIC = ('mode', 'mass_spring', 'resonance', 'nonlinear_mode', 'mode_pair', 'eased_mode')
-_DELAYS = ('transport_delay', 'delayed_motion')
+from piezo_hysteresis.numerics.linalg import solve_square
 
 
 class _Spring(NamedTuple):
@@ -73,15 +70,14 @@ class _Stages:
 
     def restoring_force(self, x: float) -> float:
         """Answer what a nonlinear spring and friction add to the target at `x` [m]."""
-        cubic, friction, presliding, breakaway, stribeck = self.spring
-        stretch = cubic * x * x
-        if stretch < 0.0:
-            stretch = 0.8 * stretch / (0.8 - stretch)
-        if friction > 0.0 and x != self.moved:
+        own = self.spring
+        if own.friction > 0.0 and x != self.moved:
             move = x - self.moved
-            self.bristle = rubbed(self.bristle, move, self.dt, presliding, breakaway, stribeck)
+            self.bristle = rubbed(
+                self.bristle, move, self.dt, own.presliding, own.breakaway, own.stribeck
+            )
         self.moved = x
-        return stretch * x + friction * self.bristle
+        return spring(x, own.cubic, math.inf) + own.friction * self.bristle
 
     @property
     def solvers(self) -> list[BlockInverse]:
@@ -91,62 +87,84 @@ class _Stages:
 
 def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _Stages:
     stages = _Stages(dt)
+    inertia = any(block.inertia for block in model.blocks)
     first = 0
     for block in model.blocks:
         own = packed[first : first + len(block.parameters)].copy()
         first += len(block.parameters)
         if block.slot is Slot.ADDED:
             continue
-        if block.name in _DELAYS:
-            stages.lead += float(own[0])
-        elif block.name in _DYNAMIC:
-            share, k1, k2 = _structure(block, own)
-            stages.k1 += share * k1
-            stages.k2 += share * k2
-            stages.lead += share * 0.5 * dt
-            if block.name == 'eased_mode' and own[2] > 0.0:
-                # dt / expm1(dt / ease) in a form that does not overflow for a fast ease
-                steps = dt / float(own[2])
-                stages.lead += float(own[2]) + dt * math.exp(-steps) / math.expm1(-steps)
-            if block.name == 'nonlinear_mode':
-                stages.spring = _Spring(*own[2:].tolist())
+        values = dict(zip((q.name for q in block.parameters), own.tolist(), strict=True))
+        if block.between is Between.DELAY:
+            stages.lead += sum(values.values())
+        elif block.slot is Slot.STRUCTURE and block.between in (Between.LINEAR, Between.INNER):
+            # read at the start of the tick that the voltage is held over, or at its end
+            held = 0.5 * dt if inertia else -0.5 * dt
+            _take_structure(stages, block, own, values, held)
         else:
-            solver = BlockInverse(block, own, dt, 1e-4 * scale)
+            behind = stages.k2 > 0.0 or block.slot in (Slot.SLOW, Slot.SENSOR)
+            moves = behind and inertia and block.between is Between.LINEAR
+            solver = (JoinedInverse if moves else BlockInverse)(block, own, dt, 1e-4 * scale)
             if not (math.isfinite(solver.first_slope) and solver.first_slope > 0.0):
                 raise CompensationError(
                     f'block {block.name} does not rise with its input at rest (slope '
                     f'{solver.first_slope:g}), so the model has no inverse; identify with bounds '
                     'that keep it rising'
                 )
-            behind = stages.k2 > 0.0 or block.slot in (Slot.SLOW, Slot.SENSOR)
+            if inertia and block.one_way and block.system is not None:
+                stages.lead += _end_before_mean(block.system(own), dt)
             (stages.back if behind else stages.front).append(solver)
             stages.rest = solver.trial(stages.rest)
             scale *= solver.first_slope
     return stages
 
 
-def _structure(block: Block, own: FloatArray) -> tuple[float, float, float]:
-    """Return the share that a dynamic block carries and its k1 and k2.
+def _take_structure(
+    stages: _Stages, block: Block, own: FloatArray, values: Mapping[str, float], held: float
+) -> None:
+    """Count a block that moves the structure; it is inverted on the reference's derivatives.
 
-    Several blocks count by the sum of these, each with the half sample that its hold takes: exact
-    for one, right to second order in frequency over natural frequency for more.
+    Several count by the sum of their coefficients: exact for one, right to second order in
+    frequency over natural frequency for more. `held` is the lead that the hold asks for [s].
     """
-    values = [float(value) for value in own]
-    if block.name == 'mode_pair':
-        share = values[4]
-        both = [
-            structure_coefficients({'natural_frequency': f, 'damping_ratio': damping})
-            for f, damping in (values[:2], values[2:4])
-        ]
-        k1, k2 = ((1.0 - share) * a + share * b for a, b in zip(*both, strict=True))
-        return 1.0, k1, k2
-    if block.name in ('resonance', 'nonlinear_mode', 'eased_mode'):
-        k1, k2 = structure_coefficients(
-            {'natural_frequency': values[0], 'damping_ratio': values[1]}
+    if 'mode_cubic' in values:
+        stages.spring = _Spring(
+            cubic=values['mode_cubic'],
+            friction=values['mode_friction'],
+            presliding=values['presliding'],
+            breakaway=values['breakaway'],
+            stribeck=values['stribeck_speed'],
         )
-        return (values[2] if block.name == 'resonance' else 1.0), k1, k2
-    names = (parameter.name for parameter in block.parameters)
-    return 1.0, *structure_coefficients(dict(zip(names, values, strict=True)))
+    share = values.get('resonance_share', 1.0) if not block.inertia else 1.0
+    k1, k2 = _inverse_of(block, own, values)
+    stages.k1 += k1
+    stages.k2 += k2
+    stages.lead += share * held
+
+
+def _end_before_mean(lag: System, dt: float) -> float:
+    """Return how far the end of a tick is ahead of the mean that a structure sees of a lag [s].
+
+    Where the end of the tick is made to be the target, the mean over the hold comes that much
+    early.
+    """
+    rate = -float(lag.a[0, 0])
+    # dt / (exp(rate dt) - 1) in a form that does not overflow for a fast lag
+    return 1.0 / rate + dt * math.exp(-rate * dt) / math.expm1(-rate * dt)
+
+
+def _inverse_of(block: Block, own: FloatArray, values: Mapping[str, float]) -> tuple[float, float]:
+    """Return k1 [s] and k2 [s^2] of ``v = y + k1 y' + k2 y''`` for slow motion of a block."""
+    if block.system is None:
+        return structure_coefficients(values)
+    a, b, c, d = block.system(own)
+    # moments of the response: gain, and its first two derivatives by i omega, over the gain
+    once = solve_square(a, b).values
+    twice = solve_square(a, once).values
+    thrice = solve_square(a, twice).values
+    gain = d - float(c @ once)
+    first, second = -float(c @ twice) / gain, -float(c @ thrice) / gain
+    return -first, first * first - second
 
 
 class ChainInverse(InverseLink):

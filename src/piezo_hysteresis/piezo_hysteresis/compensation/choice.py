@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Slot
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.blocks.base import Between, Slot
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.chain_inverse import ChainInverse
 from piezo_hysteresis.compensation.feedforward import ExtendedInverse
@@ -28,7 +29,6 @@ _LAWS: dict[str, Law] = {
 }
 _EASY = ('transport_delay', 'offset')
 _STRUCTURES = ('mode', 'mass_spring')
-_FRICTION = ('backlash', 'stiction')
 
 
 def inverse_for(
@@ -121,24 +121,11 @@ class ModelGain:
         amplitude: float = 1.0,
         seconds: float = 3.0,
     ) -> None:
-        packed = model.pack(values)
-        slope, pulse = 1.0, np.zeros(round(seconds / dt))
+        pulse = np.zeros(round(seconds / dt))
         pulse[0] = 1e-3 * amplitude
-        response, rest = pulse, np.zeros_like(pulse)
-        first = 0
-        for block in model.blocks:
-            own = packed[first : first + len(block.parameters)]
-            first += len(block.parameters)
-            if block.slot is Slot.ADDED or block.name in _FRICTION:
-                continue
-            if block.slot is Slot.HYSTERESIS:
-                single = Model(block.name, (block,))
-                slope *= _mean_slope(single, own, amplitude, dt)
-                response, rest = slope * response, slope * rest
-                slope = 1.0
-                continue
-            response = block.respond(response, own, dt, state=block.initial_state(dt))
-            rest = block.respond(rest, own, dt, state=block.initial_state(dt))
+        small, packed = _for_small_tones(model, model.pack(values), amplitude, dt)
+        response = small.respond(pulse, packed, dt)
+        rest = small.respond(np.zeros_like(pulse), packed, dt)
         self._dt = dt
         self._pulse: FloatArray = (response - rest) / pulse[0]
         self._at = functools.lru_cache(maxsize=512)(self._transform)
@@ -150,6 +137,25 @@ class ModelGain:
     def _transform(self, frequency: float) -> complex:
         turns = np.exp(-2j * np.pi * frequency * self._dt * np.arange(self._pulse.size))
         return complex(self._pulse @ turns)
+
+
+def _for_small_tones(
+    model: Model, packed: FloatArray, amplitude: float, dt: float
+) -> tuple[Model, FloatArray]:
+    """Return the chain with its hysteresis as a gain and without friction and tones."""
+    blocks, values = [], []
+    first = 0
+    for block in model.blocks:
+        own = packed[first : first + len(block.parameters)]
+        first += len(block.parameters)
+        if block.slot is Slot.HYSTERESIS:
+            slope = _mean_slope(Model(block.name, (block,)), own, amplitude, dt)
+            block, own = named_block('gain'), np.array([slope])
+        elif block.slot is Slot.ADDED or block.between is Between.PATH:
+            continue
+        blocks.append(block)
+        values.append(own)
+    return Model(model.name, tuple(blocks)), np.concatenate(values)
 
 
 def _mean_slope(model: Model, packed: FloatArray, amplitude: float, dt: float) -> float:
