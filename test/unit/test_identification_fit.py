@@ -328,3 +328,36 @@ def test_the_solver_finds_the_valley_and_the_bound() -> None:
     np.testing.assert_allclose(bounded.x, [0.5, 0.25], atol=1e-7)
     assert bounded.at_bound == (True, False)
     assert list(bounded.history) == sorted(bounded.history, reverse=True)
+
+
+@pytest.mark.parametrize(
+    'names',
+    [
+        ('transport_delay', 'bouc_wen_exact', 'mode', 'creep', 'sensor_lag', 'offset'),
+        ('amplifier_lag', 'bouc_wen_exact', 'mode', 'offset'),
+        ('slew_limit', 'prandtl_ishlinskii', 'nonlinear_mode', 'gain_decay', 'creep'),
+    ],
+)
+def test_runs_between_the_ticks_are_differentiated(names):
+    """Against central differences of the whole chain, twice as coarse as those of the run."""
+    model = Model('chain', tuple(named_block(name) for name in names))
+    t = np.arange(800) * 1e-3
+    voltage = np.sin(2 * np.pi * 11.0 * t) * (1 - 0.3 * t)
+    values = {**model.defaults(), 'A1': 1.5e-4, 'A': 5e-5, 'delay': 1.3e-3, 'lag_time': 4e-4,
+              'slew_rate': 45.0, 'mode_friction': 1e-6, 'breakaway': 1.2, 'creep_share': 0.05,
+              'creep_time': 0.1, 'mode_cubic': 1e6,
+              'sensor_lag_time': 7e-4, 'natural_frequency': 70.0, 'gain_loss': 0.1}  # fmt: skip
+    values = {name: values[name] for name in model.parameter_names}
+    free = [name for name in model.free_names if name != 'pi_range']
+    y, rows = sensitivities(model, model.pack(values), free, voltage, 1e-3)
+    expected = model.respond(voltage, model.pack(values), 1e-3)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12 * np.ptp(expected))
+    for name, row in zip(free, rows, strict=True):
+        q = next(q for q in model.parameters if q.name == name)
+        step = 1e-5 * max(abs(values[name]), 0.1 * q.scale)
+        above = model.pack({**values, name: values[name] + step}, checked=False)
+        below = model.pack({**values, name: values[name] - step}, checked=False)
+        difference = model.respond(voltage, above, 1e-3) - model.respond(voltage, below, 1e-3)
+        difference /= 2.0 * step
+        size = np.abs(difference).max()
+        np.testing.assert_allclose(row, difference, atol=2e-3 * size + 1e-16, err_msg=name)

@@ -10,7 +10,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.numerics.linalg import exponential, solve_square, spectral_radius
+from piezo_hysteresis.numerics.exponential import exponential, pace
+from piezo_hysteresis.numerics.linalg import solve_square
 
 # From start, middle and end of a step to value, slope and curvature at its start, step by step.
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
@@ -69,8 +70,8 @@ def in_series(systems: Sequence[System]) -> System:
 
 
 def fastest(system: System) -> float:
-    """Return the largest magnitude of the poles [1/s]."""
-    return spectral_radius(system.a)
+    """Return about how fast the fastest pole is [1/s]."""
+    return float(pace(system.a)) if np.all(np.isfinite(system.a)) else np.inf
 
 
 def settled(system: System, dt: float) -> System:
@@ -111,7 +112,7 @@ def step_of(system: System, h: float) -> Step:
     wide[n, :n] = system.c
     wide[n, n + 1] = system.d
     wide[n + 1, n + 2] = wide[n + 2, n + 3] = 1.0
-    full, half = exponential(wide), exponential(0.5 * wide)
+    full, half = _exponential(wide), _exponential(0.5 * wide)
     known = np.zeros((n + 3, n + 3))
     known[:n, :n] = np.eye(n)
     known[n:, n:] = _PARABOLA
@@ -139,14 +140,21 @@ def hold_of(system: System, dt: float, part: float) -> Hold:
     wide = np.zeros((n + 1, n + 1))
     wide[:n, :n] = dt * system.a
     wide[:n, n] = dt * system.b
-    full = exponential(wide)
-    there = exponential(part * wide)[:n]
+    full = _exponential(wide)
+    there = _exponential(part * wide)[:n]
     return Hold(
         np.ascontiguousarray(full[:n, :n].T),
         np.ascontiguousarray(full[:n, n]),
         system.c @ there[:, :n],
         float(system.c @ there[:, n] + system.d),
     )
+
+
+def _exponential(matrix: FloatArray) -> FloatArray:
+    if not np.all(np.isfinite(matrix)):
+        return np.full_like(matrix, np.nan)
+    with np.errstate(over='ignore', invalid='ignore'):
+        return exponential(matrix)
 
 
 @jit

@@ -126,6 +126,14 @@ class PathRun:
 
     def steps(self, p: FloatArray, dt: float) -> int:
         """Return how many steps per tick these parameters need."""
+        key = (p.tobytes(), dt)
+        known: tuple[object, int] | None = self.__dict__.get('_steps')
+        if known is None or known[0] != key:
+            known = (key, self._count(p, dt))
+            self.__dict__['_steps'] = known
+        return known[1]
+
+    def _count(self, p: FloatArray, dt: float) -> int:
         if self._order(p) > 0.0:
             return JOINED_STEPS
         pace = max(_pace(parts, p) for parts, _, _ in self._groups)

@@ -117,41 +117,6 @@ def right_singular(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     return None if found is None else (found[0], found[1])
 
 
-def spectral_radius(matrix: FloatArray) -> float:
-    """Return the largest magnitude of the eigenvalues; infinite where there are none.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        May be empty, which has the radius 0.
-    """
-    if not matrix.size:
-        return 0.0
-    found = _attempt(lambda: (np.abs(np.linalg.eigvals(matrix)),), (matrix,))
-    return np.inf if found is None else float(found[0].max())
-
-
-def exponential(matrix: FloatArray) -> FloatArray:
-    """Return the matrix exponential; not a number in every entry where it is not finite.
-
-    Balanced first, because rates and their squares stand side by side in a mode.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-    """
-    found = _attempt(lambda: (_balanced_exponential(matrix),), (matrix,))
-    return np.full_like(matrix, np.nan) if found is None else found[0]
-
-
-def _balanced_exponential(matrix: FloatArray) -> FloatArray:
-    # SciPy takes long to import and few callers need it
-    from scipy.linalg import expm, matrix_balance
-
-    balanced, (scale, _) = matrix_balance(matrix, permute=False, separate=True)
-    return np.asarray(scale[:, None] * expm(balanced) / scale)
-
-
 def column_norms(matrix: FloatArray) -> FloatArray:
     """Return the length of every column, also where its square is no number any more.
 
