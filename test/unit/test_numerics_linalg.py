@@ -7,12 +7,12 @@ import pytest
 
 from piezo_hysteresis.compensation.harmonics import solve_lines
 from piezo_hysteresis.discovery.annotate import sine_frequency
-from piezo_hysteresis.discovery.locate import harmonics
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.estimate import scaled_condition
 from piezo_hysteresis.identification.solver import bounded_step, solve
 from piezo_hysteresis.identification.uncertainty import covariance
 from piezo_hysteresis.numerics import linalg
+from piezo_hysteresis.numerics.harmonics import harmonics
 
 BAD = (np.nan, np.inf, -np.inf)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from piezo_hysteresis.arrays import largest_if_unknown
@@ -73,6 +74,8 @@ class Identify:
         Seconds that errors leave out; those of the records where not given.
     frequency : float, optional
         Of the drive [Hz], for records that do not say theirs.
+    held_out : sequence of str
+        Data that are not fitted: the discrepancy of the model is judged on them.
     options : mapping
         Further arguments of the method.
     actuator : str, optional
@@ -87,6 +90,7 @@ class Identify:
     before: Sequence[float] = ()
     warm_up: float | None = None
     frequency: float | None = None
+    held_out: Sequence[str] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     actuator: str | None = None
 
@@ -94,8 +98,8 @@ class Identify:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The model file, where the model is one."""
-        return (self.model,) if _is_file(self.model) else ()
+        """The model file, where the model is one, and what is held out."""
+        return (*((self.model,) if _is_file(self.model) else ()), *self.held_out)
 
     def settings(self) -> dict[str, Any]:
         """Return all fields."""
@@ -115,12 +119,14 @@ class Identify:
         """
         from piezo_hysteresis.identification import METHODS, identify
         from piezo_hysteresis.identification.history import preceded
+        from piezo_hysteresis.identification.identify import judged_on
         from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.folder import check_folder
         from piezo_hysteresis.reporting.identification_folder import write_identification
 
         check_folder(out, self.verb)
+        _require_apart(data, self.held_out)
         if self.method not in METHODS:
             raise IdentificationError(
                 f'method {self.method!r} is unknown; choose one of {", ".join(METHODS)}'
@@ -136,6 +142,9 @@ class Identify:
         found = identify(
             records, model, method=self.method, seed=self.seed, progress=progress, **options
         )
+        if self.held_out:
+            unseen = warmed(load(self.held_out, actuator=self.actuator), self.warm_up)
+            found = judged_on(found, driven_at(unseen, self.frequency))
         write_identification(out, found, records, data)
         return found
 
@@ -251,6 +260,13 @@ def discovery_row(found: Discovery) -> Row:
         'noise_floor_rms_m': _finite(verdict.noise_floor_rms_m),
         'unexplained': verdict.unexplained.description,
     }
+
+
+def _require_apart(data: Sequence[str], held_out: Sequence[str]) -> None:
+    """Refuse data that are fitted and held out."""
+    both = {Path(each).resolve() for each in data} & {Path(each).resolve() for each in held_out}
+    if both:
+        raise IdentificationError(f'{min(both).name} is fitted and held out; give it once')
 
 
 def _is_file(word: str) -> bool:

@@ -55,6 +55,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='V',
         help='extremes of the voltage before each record: its remanence',
     )
+    add(
+        '--held-out',
+        nargs='+',
+        default=[],
+        metavar='DATA',
+        help='data that are not fitted: what the model misses is judged on them',
+    )
     add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
     add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
     add('--weights', choices=('equal', 'relative'), help='errors in metres, or relative')
@@ -91,6 +98,7 @@ def task_of(arguments: argparse.Namespace) -> Identify:
         before=tuple(arguments.before),
         warm_up=arguments.warm_up,
         frequency=arguments.frequency,
+        held_out=tuple(arguments.held_out),
         options=_options(arguments),
         actuator=arguments.actuator,
     )
@@ -141,6 +149,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _tell(found: Any, out: str) -> None:
     """Print parameters with the digits they have, errors and warnings."""
+    from piezo_hysteresis.identification.discrepancy import discrepancy_words
     from piezo_hysteresis.identification.uncertainty import digits
 
     print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
@@ -157,6 +166,8 @@ def _tell(found: Any, out: str) -> None:
         )
     if found.noise_floor > 0:
         print(f'  noise floor {1e6 * found.noise_floor:.4g} um')
+    if found.discrepancy is not None:
+        print(f'  {discrepancy_words(found.discrepancy)}')
     print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
         print(f'warning: {warning}', file=sys.stderr)

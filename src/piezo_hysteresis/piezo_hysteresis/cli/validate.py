@@ -1,7 +1,7 @@
-"""Run a saved model over records and say how far it is off.
+"""Run a saved model over records and say how far it is off, and whether that is more than known.
 
-Writes summary.json and figures. Records that were not used to identify the model are the ones that
-count.
+Writes summary.json, figures and model.yaml: the model with what it misses on these records as its
+discrepancy. Records that were not used to identify the model are the ones that count.
 """
 
 from __future__ import annotations
@@ -31,6 +31,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
+    from dataclasses import replace
+
+    from piezo_hysteresis.identification.comparison import (
+        compared,
+        comparison_summary,
+        comparison_words,
+    )
+    from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
     from piezo_hysteresis.identification.errors import errors_of, free_run
     from piezo_hysteresis.identification.identify import record_summary
     from piezo_hysteresis.identification.result import pooled_noise
@@ -54,6 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
         r.name: free_run(saved.model, saved.values, r, late, steady=steady) for r in records
     }
     noise = pooled_noise(targets_of(records))
+    left = residuals_of(saved.model, saved.values, records, late, noise)
+    known = compared(left, saved.discrepancy) if saved.discrepancy is not None else []
+    judged = replace(saved, discrepancy=discrepancy_of(left, held_out=True))
     summary = {
         'model': saved.model.name,
         'method': 'validate',
@@ -68,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         'records': [record_summary(row) for row in rows],
         'noise_floor_rms_m': noise if noise > 0 else None,
         'sampling_offset_s': late,
+        'discrepancy': comparison_summary(known, saved.discrepancy),
         'warnings': warnings,
         'seconds': time.perf_counter() - begun,
     }
@@ -75,6 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.out,
         {
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
+            'model.yaml': judged.text(),
             **figures(records, simulated, rows, noise_floor=noise),
         },
         'validate',
@@ -84,6 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
             f'{row.record}: free run {1e6 * row.free_run_rms:.4g} um '
             f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} um'
         )
+    print(comparison_words(known, saved.discrepancy))
     print(f'written to {arguments.out}')
     for warning in warnings:
         print(f'warning: {warning}', file=sys.stderr)

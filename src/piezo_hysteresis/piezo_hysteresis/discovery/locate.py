@@ -10,9 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.linalg import solve_least_squares
-
-HIGHEST_ORDER = 12
+from piezo_hysteresis.numerics.harmonics import harmonics
 
 
 @dataclass(frozen=True)
@@ -62,20 +60,3 @@ def _of_view(view: Target, error: FloatArray, period: int) -> list[Place]:
         for order, size in zip(orders, sizes, strict=True)
     ]
     return [*rows, Place(view.name, view.frequency, -1, left)]
-
-
-def harmonics(
-    error: FloatArray, frequency: float, dt: float
-) -> tuple[list[int], FloatArray, float]:
-    """Fit the harmonics of `frequency` to `error`; return orders, phasors and the rms left."""
-    highest = min(HIGHEST_ORDER, int(0.45 / (frequency * dt)))
-    orders = list(range(highest + 1))
-    phase = 2.0 * np.pi * frequency * dt * np.arange(error.size)
-    columns = [np.ones_like(phase)]
-    for order in orders[1:]:
-        columns += [np.cos(order * phase), np.sin(order * phase)]
-    basis = np.column_stack(columns)
-    solution = solve_least_squares(basis, error).values
-    left = error - basis @ solution
-    phasors = np.concatenate([[solution[0]], solution[1::2] - 1j * solution[2::2]])
-    return orders, phasors, float(np.sqrt(np.mean(left**2)))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.locate import harmonics
 from piezo_hysteresis.identification.objective import shifted
 from piezo_hysteresis.models import ModelFile, answers_at_once
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
+from piezo_hysteresis.numerics.harmonics import harmonics
 
 # Above the floor by this factor in this many windows running, the gap is real.
 BEYOND = 1.3

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.discovery.compete import Arena, Contest
-from piezo_hysteresis.discovery.locate import HIGHEST_ORDER, harmonics
 from piezo_hysteresis.discovery.trial import Added, Trial
 from piezo_hysteresis.discovery.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.models import described
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, harmonics
 
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery.settle import Step

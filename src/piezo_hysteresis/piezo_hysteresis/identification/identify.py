@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
 from piezo_hysteresis.identification.errors import RecordErrors, errors_of
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.output_error import output_error
@@ -22,7 +23,7 @@ from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import targets_of
-from piezo_hysteresis.models import Model, ModelFile, Provenance
+from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.records import Record
 
 METHODS = ('output_error', *ONLINE_METHODS, *SEARCHES)
@@ -66,6 +67,8 @@ class Identification:
         Time it took.
     fit : FitResult or None
         More of it, for methods that simulate.
+    discrepancy : Discrepancy or None
+        What the model misses; on the fitted records, as long as no others were given.
     """
 
     model: Model
@@ -84,6 +87,7 @@ class Identification:
     history: tuple[float, ...]
     seconds: float
     fit: FitResult | None = field(default=None, repr=False)
+    discrepancy: Discrepancy | None = field(default=None, repr=False)
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -109,7 +113,10 @@ class Identification:
             },
         )
         try:
-            return ModelFile(self.model, self.values, finite, provenance)
+            together = Correlation.among(self.names, self.correlation, tuple(finite))
+            return ModelFile(
+                self.model, self.values, finite, provenance, together, self.discrepancy
+            )
         except ModelError as error:
             raise IdentificationError(
                 f'what {self.method} found is no model that can be used ({error}); use '
@@ -139,6 +146,7 @@ class Identification:
                 'matrix': [[round(float(v), 6) for v in row] for row in self.correlation],
             },
             'noise_floor_rms_m': _finite(self.noise_floor),
+            'discrepancy': self.discrepancy.to_dict() if self.discrepancy else None,
             'sampling_offset_s': float(self.sampling_offset),
             'warnings': list(self.warnings),
             'seconds': self.seconds,
@@ -264,7 +272,37 @@ def from_fit(
         history=fit.history,
         seconds=time.perf_counter() - begun,
         fit=fit,
+        discrepancy=_discrepancy(fit.model, fit.values, records, fit.sampling_offset, fit.noise),
     )
+
+
+def _discrepancy(
+    model: Model,
+    values: Mapping[str, float],
+    records: Sequence[Record],
+    sampling_offset: float,
+    noise: float,
+    *,
+    held_out: bool = False,
+) -> Discrepancy | None:
+    left = residuals_of(model, values, records, sampling_offset, noise)
+    return discrepancy_of(left, held_out=held_out)
+
+
+def judged_on(found: Identification, records: Sequence[Record]) -> Identification:
+    """Return an identification whose discrepancy is that on records that it has not seen.
+
+    Raises
+    ------
+    IdentificationError
+        If the records can tell nothing.
+    """
+    require_usable(records)
+    noise = pooled_noise(targets_of(records))
+    left = _discrepancy(
+        found.model, found.values, records, found.sampling_offset, noise, held_out=True
+    )
+    return replace(found, discrepancy=left)
 
 
 def _misfit(rows: Sequence[RecordErrors], noise: float) -> list[str]:
@@ -322,4 +360,5 @@ def _online(
         sampling_offset=0.0,
         history=history,
         seconds=time.perf_counter() - begun,
+        discrepancy=_discrepancy(chain, values, records, 0.0, noise),
     )

@@ -1,6 +1,8 @@
 """Named chains of blocks: classical, modified, extended, enhanced, second order, ..."""
 
 from piezo_hysteresis.models.chain import Model, State
+from piezo_hysteresis.models.correlation import Correlation
+from piezo_hysteresis.models.discrepancy import Condition, Discrepancy
 from piezo_hysteresis.models.effects import (
     EFFECT_NAMES,
     Candidate,
@@ -20,6 +22,9 @@ __all__ = [
     'NAMES',
     'RECIPES',
     'Candidate',
+    'Condition',
+    'Correlation',
+    'Discrepancy',
     'FormerModelWarning',
     'Model',
     'ModelFile',

@@ -7,16 +7,28 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
+from piezo_hysteresis.models.correlation import Correlation
+from piezo_hysteresis.models.discrepancy import Discrepancy
 from piezo_hysteresis.models.former import of_today
-from piezo_hysteresis.models.plain import mapping, number, read_yaml, refuse_stray, write_yaml
+from piezo_hysteresis.models.plain import (
+    mapping,
+    number,
+    read_yaml,
+    refuse_stray,
+    write_yaml,
+    yaml_text,
+)
 
-SCHEMA = 'piezo_hysteresis/model/1'
+SCHEMA = 'piezo_hysteresis/model/2'
+#: Earlier ones, which lack correlation and discrepancy and are read as they are.
+READ = (SCHEMA, 'piezo_hysteresis/model/1')
 #: Note on when the fitted data had sampled the displacement, later than our convention [s].
 OFFSET_NOTE = 'sampling_offset_s'
 
@@ -68,6 +80,10 @@ class ModelFile:
         Standard deviations of the parameters that were fitted, in the unit of the parameter.
     provenance : Provenance
         Where the numbers come from.
+    correlation : Correlation or None
+        Of the values that were fitted together.
+    discrepancy : Discrepancy or None
+        What the model is known to miss.
 
     Raises
     ------
@@ -79,6 +95,8 @@ class ModelFile:
     values: Mapping[str, float]
     deviations: Mapping[str, float] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=Provenance)
+    correlation: Correlation | None = None
+    discrepancy: Discrepancy | None = None
 
     def __post_init__(self) -> None:
         missing = sorted(set(self.model.parameter_names) - set(self.values))
@@ -93,7 +111,30 @@ class ModelFile:
                 f'model {self.model.name} has no parameter {", ".join(stray)} to have a standard '
                 'deviation; remove it'
             )
+        lost = set(self.correlation.names if self.correlation else ()) - set(self.deviations)
+        if lost:
+            raise ModelError(
+                f'the correlation names {", ".join(sorted(lost))} without a standard deviation; '
+                'remove it or identify again'
+            )
         self.model.pack(self.values)
+
+    def covariance(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Return names and covariance of the values that were fitted, in SI units.
+
+        Returns
+        -------
+        names : tuple of str
+            Those with a standard deviation, in the order of the model.
+        matrix : ndarray, shape (p, p)
+            Diagonal where the file does not tell the correlation.
+        """
+        names = tuple(name for name in self.model.parameter_names if name in self.deviations)
+        matrix = np.diag([float(self.deviations[name]) ** 2 for name in names])
+        if self.correlation is not None:
+            at = [names.index(name) for name in self.correlation.names]
+            matrix[np.ix_(at, at)] = self.correlation.covariance(self.deviations)
+        return names, matrix
 
     @property
     def packed(self) -> FloatArray:
@@ -116,13 +157,23 @@ class ModelFile:
         provenance = asdict(self.provenance)
         provenance['data'] = list(self.provenance.data)
         provenance['notes'] = dict(self.provenance.notes)
+        more: dict[str, Any] = {}
+        if self.correlation is not None:
+            more['correlation'] = self.correlation.to_dict()
+        if self.discrepancy is not None:
+            more['discrepancy'] = self.discrepancy.to_dict()
         return {
             'schema': SCHEMA,
             'name': self.model.name,
             'chain': [block.name for block in self.model.blocks],
             'parameters': parameters,
+            **more,
             'provenance': {k: v for k, v in provenance.items() if v not in (None, '', [], {})},
         }
+
+    def text(self) -> str:
+        """Return the model as YAML."""
+        return yaml_text(self.to_dict())
 
     def save(self, path: str | Path) -> None:
         """Write the model as YAML, whole or not at all.
@@ -217,10 +268,13 @@ class ModelFile:
         return _from_dict({**content, **({'provenance': provenance} if provenance else {})})
 
 
+_KEYS = {'schema', 'name', 'chain', 'parameters', 'correlation', 'discrepancy', 'provenance'}
+
+
 def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
-    refuse_stray(whole, {'schema', 'name', 'chain', 'parameters', 'provenance'}, 'the model file')
-    if whole.get('schema') != SCHEMA:
+    refuse_stray(whole, _KEYS, 'the model file')
+    if whole.get('schema') not in READ:
         raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it anew')
     chain = whole.get('chain')
     if not isinstance(chain, list) or not chain:
@@ -246,7 +300,12 @@ def _from_dict(content: object) -> ModelFile:
         if row.get('held'):
             held[parameter.name] = values[parameter.name]
     return ModelFile(
-        model.hold(**held), values, deviations, _provenance(whole.get('provenance', {}))
+        model.hold(**held),
+        values,
+        deviations,
+        _provenance(whole.get('provenance', {})),
+        Correlation.parse(whole['correlation']) if 'correlation' in whole else None,
+        Discrepancy.parse(whole['discrepancy']) if 'discrepancy' in whole else None,
     )
 
 

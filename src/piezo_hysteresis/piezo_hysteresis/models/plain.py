@@ -13,6 +13,44 @@ import yaml
 from piezo_hysteresis.errors import ModelError
 
 
+class _Line(list[Any]):
+    """A list in one line."""
+
+
+class _LineMap(dict[Any, Any]):
+    """A mapping in one line."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes plain types."""
+
+
+_Dumper.add_representer(
+    _Line, lambda d, v: d.represent_sequence('tag:yaml.org,2002:seq', list(v), flow_style=True)
+)
+_Dumper.add_representer(
+    _LineMap,
+    lambda d, v: d.represent_mapping('tag:yaml.org,2002:map', dict(v), flow_style=True),
+)
+
+
+def _compact(content: object) -> object:
+    """Return `content` with lists of numbers, and the rows of a table, in one line each."""
+    if isinstance(content, dict):
+        return {key: _compact(value) for key, value in content.items()}
+    if isinstance(content, list):
+        if all(isinstance(each, (int, float)) for each in content):
+            return _Line(content)
+        return [_LineMap(each) if isinstance(each, dict) else _compact(each) for each in content]
+    return content
+
+
+def yaml_text(content: Mapping[str, Any]) -> str:
+    """Return `content` as YAML, in its order."""
+    plain = _compact(dict(content))
+    return str(yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99))
+
+
 def read_yaml(path: str | Path) -> object:
     """Return the content of a YAML file, of plain types only.
 
@@ -37,7 +75,7 @@ def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
         If the file cannot be written.
     """
     target = Path(path)
-    text = yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=99)
+    text = yaml_text(content)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')

@@ -61,7 +61,7 @@ def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ())
         out,
         {
             'verdict.json': verdict + '\n',
-            'model.yaml': yaml.safe_dump(saved.to_dict(), sort_keys=False, allow_unicode=True),
+            'model.yaml': saved.text(),
             'params.yaml': yaml.safe_dump(ros, sort_keys=False),
             'simulator.yaml': note + yaml.safe_dump(simulator.to_ros(), sort_keys=False),
             'report.html': discovery_page(found),

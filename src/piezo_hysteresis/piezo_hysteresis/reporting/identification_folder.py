@@ -48,7 +48,7 @@ def write_identification(
     write_folder(
         out,
         {
-            'model.yaml': yaml.safe_dump(saved.to_dict(), sort_keys=False, allow_unicode=True),
+            'model.yaml': saved.text(),
             'params.yaml': yaml.safe_dump(ros, sort_keys=False),
             'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
             'report.html': identification_page(records, found, data=data),

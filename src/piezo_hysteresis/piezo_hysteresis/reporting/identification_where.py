@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
@@ -46,6 +47,8 @@ def where_section(
             ' From period to period the measurement repeats itself within '
             f'{micrometres(found.noise_floor)} µm rms: the noise floor, below which no model gets.'
         )
+    if found.discrepancy is not None:
+        text += f' `model.yaml` keeps that the model {discrepancy_words(found.discrepancy, "µm")}.'
     return Section('Where is the model wrong?', text, tuple(figures), (_table(rows),))
 
 

@@ -1,0 +1,192 @@
+"""What a model misses on records: its discrepancy, from the residuals of its free run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan, sqrt
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.checks import main_frequency
+from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.models import Condition, Discrepancy, Model
+from piezo_hysteresis.numerics.harmonics import harmonics
+from piezo_hysteresis.records import Record
+
+# Lines and bands with less than this of the power of a residual are not told.
+_LEAST_POWER = 1e-3
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What is left of one record after its warm-up.
+
+    Attributes
+    ----------
+    name : str
+        Of the record.
+    error : ndarray, shape (n,)
+        Measured minus simulated [m].
+    dt : float
+        Sampling interval [s].
+    frequency : float
+        Of the drive [Hz]; 0 where it is not periodic.
+    amplitude : float
+        Half the range of the input [V or N].
+    stroke : float
+        Range of the measured displacement [m].
+    noise : float
+        Rms of the noise in it [m]; NaN where it is not known.
+    """
+
+    name: str
+    error: FloatArray
+    dt: float
+    frequency: float
+    amplitude: float
+    stroke: float
+    noise: float = nan
+
+
+def residuals_of(
+    model: Model,
+    values: Mapping[str, float],
+    records: Sequence[Record],
+    sampling_offset: float = 0.0,
+    noise: float = nan,
+) -> list[Residual]:
+    """Return what a model leaves of records.
+
+    Parameters
+    ----------
+    model, values : Model, mapping of str to float
+        The chain and its parameters.
+    records : sequence of Record
+        Each is run from its start and judged after its warm-up.
+    sampling_offset : float
+        By how much later than our convention the displacement was sampled [s].
+    noise : float
+        Rms of the noise of one sample [m]; NaN where it is not known.
+    """
+    return [
+        _of_record(
+            record,
+            record.displacement - free_run(model, values, record, sampling_offset, checked=False),
+            noise,
+        )
+        for record in records
+    ]
+
+
+def _of_record(record: Record, error: FloatArray, noise: float) -> Residual:
+    kept = slice(record.warm_up_samples, None)
+    return Residual(
+        name=record.name,
+        error=error[kept],
+        dt=record.dt,
+        frequency=record.info.frequency or main_frequency(record),
+        amplitude=0.5 * float(np.ptp(record.voltage)),
+        stroke=float(np.ptp(record.displacement[kept])),
+        noise=noise,
+    )
+
+
+def discrepancy_of(residuals: Iterable[Residual], *, held_out: bool) -> Discrepancy | None:
+    """Return what a model misses by frequency, harmonic and amplitude.
+
+    Parameters
+    ----------
+    residuals : iterable of Residual
+        What it left; records at rest, and those on which it diverges, tell nothing.
+    held_out : bool
+        Whether the records had no part in the fit.
+
+    Returns
+    -------
+    Discrepancy or None
+        None where no record tells anything.
+    """
+    groups: dict[tuple[str, str], list[Condition]] = {}
+    for residual in residuals:
+        if residual.stroke > 0.0 and np.all(np.isfinite(residual.error)):
+            condition = condition_of(residual)
+            key = (f'{condition.frequency:.3g}', f'{condition.amplitude:.3g}')
+            groups.setdefault(key, []).append(condition)
+    found = sorted(map(_together, groups.values()), key=lambda c: (c.frequency, c.amplitude))
+    return Discrepancy(held_out, tuple(found)) if found else None
+
+
+def condition_of(residual: Residual) -> Condition:
+    """Return what one record shows."""
+    error = residual.error
+    rms = float(np.sqrt(np.mean(error**2)))
+    periodic = residual.frequency > 0.0 and error.size * residual.dt * residual.frequency >= 1.0
+    least = _LEAST_POWER * rms**2
+    return Condition(
+        frequency=residual.frequency if periodic else 0.0,
+        amplitude=residual.amplitude,
+        stroke=residual.stroke,
+        rms=rms,
+        noise=residual.noise if isfinite(residual.noise) else None,
+        harmonics=_harmonics(residual, least) if periodic else {},
+        bands={} if periodic else _octaves(residual, least),
+    )
+
+
+def _harmonics(residual: Residual, least: float) -> dict[int, float]:
+    orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
+    power = np.abs(phasors) ** 2 / 2.0
+    power[0] *= 2.0
+    return {n: sqrt(float(p)) for n, p in zip(orders, power, strict=True) if p > least}
+
+
+def _octaves(residual: Residual, least: float) -> dict[float, float]:
+    """Return the rms in octaves from the lowest frequency that the record shows."""
+    error = residual.error
+    mean = float(np.mean(error))
+    power = 2.0 * np.abs(np.fft.rfft(error - mean)) ** 2 / error.size**2
+    lowest = 1.0 / (error.size * residual.dt)
+    found = {0.0: abs(mean)} if mean**2 > least else {}
+    first = 1
+    while first < power.size:
+        part = float(np.sum(power[first : 2 * first]))
+        if part > least:
+            found[first * lowest] = sqrt(part)
+        first *= 2
+    return found
+
+
+def _together(conditions: Sequence[Condition]) -> Condition:
+    """Return repeats of one condition as one."""
+    if len(conditions) == 1:
+        return conditions[0]
+    noises = [c.noise for c in conditions if c.noise is not None]
+
+    def joined(tables: Sequence[Mapping[float, float]]) -> dict[float, float]:
+        keys = sorted({key for table in tables for key in table})
+        return {key: _mean(table.get(key, 0.0) for table in tables) for key in keys}
+
+    return Condition(
+        conditions[0].frequency,
+        conditions[0].amplitude,
+        max(c.stroke for c in conditions),
+        _mean(c.rms for c in conditions),
+        _mean(noises) if noises else None,
+        {int(n): rms for n, rms in joined([c.harmonics for c in conditions]).items()},  # type: ignore[misc]
+        joined([c.bands for c in conditions]),
+    )
+
+
+def _mean(sizes: Iterable[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(list(sizes)))))
+
+
+def discrepancy_words(known: Discrepancy, unit: str = 'um') -> str:
+    """Return in a sentence how much a model misses, and on what that was judged."""
+    where = 'records that were not fitted' if known.held_out else 'the fitted records'
+    return (
+        f'misses {1e6 * known.missed:.3g} {unit} rms beyond the noise, {100 * known.share:.2g} % '
+        f'of the stroke, on {where}'
+    )

@@ -1,0 +1,251 @@
+"""What a model is known to miss: how much, at which frequency, harmonic and amplitude.
+
+No model of a real actuator ends at the noise. What it left on the records on which it was judged
+belongs to the model as its values do: an error of that size on other records is no news.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import isfinite, log2, sqrt
+from typing import Any
+
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.plain import mapping, number, refuse_stray
+
+_DIGITS = 4
+# Conditions nearer than this are the same; beyond it they count by distance to the power -4, so
+# that known conditions are met exactly and those in between by their neighbours [octaves].
+_NEAR = 0.02
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a model misses at one frequency and amplitude of the drive.
+
+    Attributes
+    ----------
+    frequency : float
+        Of the drive [Hz]; 0 where it is not periodic.
+    amplitude : float
+        Half the range of the input [V or N].
+    stroke : float
+        Range of the measured displacement [m].
+    rms : float
+        Of the free-run error [m], noise included.
+    noise : float or None
+        Rms of the noise in it [m], where it is known.
+    harmonics : mapping of int to float
+        Rms of the error at the mean (0) and at each harmonic that holds a part of it [m].
+    bands : mapping of float to float
+        For a drive that is not periodic: rms of the error in the octave from each frequency
+        [Hz] on [m]; 0 is the mean.
+    """
+
+    frequency: float
+    amplitude: float
+    stroke: float
+    rms: float
+    noise: float | None = None
+    harmonics: Mapping[int, float] = field(default_factory=dict)
+    bands: Mapping[float, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        numbers = [self.frequency, self.amplitude, self.rms, self.noise or 0.0]
+        numbers += [*self.harmonics.values(), *self.bands.values(), *self.bands]
+        if not all(isfinite(x) and x >= 0.0 for x in numbers) or not self.stroke > 0.0:
+            raise ModelError('a discrepancy holds sizes, which are finite and not negative')
+
+    @property
+    def missed(self) -> float:
+        """Rms of the error beyond the noise, where that is known [m]."""
+        return sqrt(max(self.rms**2 - (self.noise or 0.0) ** 2, 0.0))
+
+    @property
+    def share(self) -> float:
+        """What is missed as a part of the stroke."""
+        return self.missed / self.stroke
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a row of plain numbers; what is empty is left out."""
+        row: dict[str, Any] = {
+            'frequency': _short(self.frequency),
+            'amplitude': _short(self.amplitude),
+            'stroke': _short(self.stroke),
+            'rms': _short(self.rms),
+            'share': _short(self.share),
+        }
+        if self.noise is not None:
+            row['noise'] = _short(self.noise)
+        if self.harmonics:
+            row['harmonics'] = {k: _short(v) for k, v in self.harmonics.items()}
+        if self.bands:
+            row['bands'] = {_short(k): _short(v) for k, v in self.bands.items()}
+        return row
+
+    @classmethod
+    def parse(cls, content: object) -> Condition:
+        """Read a row that `to_dict` gave.
+
+        Raises
+        ------
+        ModelError
+            If anything is unknown, missing or impossible.
+        """
+        row = mapping(content, 'a row of the discrepancy')
+        refuse_stray(row, {*cls.__dataclass_fields__, 'share'}, 'a row of the discrepancy')
+
+        def size(name: str) -> float:
+            return number(row.get(name), f'discrepancy {name}')
+
+        def table(name: str) -> dict[float, float]:
+            rows = mapping(row.get(name, {}), f'discrepancy {name}')
+            return {
+                number(key, f'discrepancy {name}'): number(value, f'discrepancy {name}')
+                for key, value in rows.items()
+            }
+
+        return cls(
+            size('frequency'),
+            size('amplitude'),
+            size('stroke'),
+            size('rms'),
+            size('noise') if 'noise' in row else None,
+            {int(order): rms for order, rms in table('harmonics').items()},
+            table('bands'),
+        )
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """What a model is known to miss.
+
+    Attributes
+    ----------
+    held_out : bool
+        Whether it was judged on records that had no part in the fit; else on the fitted ones,
+        where it is smaller than elsewhere.
+    conditions : tuple of Condition
+        By frequency and amplitude; not empty.
+
+    Raises
+    ------
+    ModelError
+        If there is no condition.
+    """
+
+    held_out: bool
+    conditions: tuple[Condition, ...]
+
+    def __post_init__(self) -> None:
+        if not self.conditions:
+            raise ModelError('a discrepancy needs at least one row; remove it or identify again')
+
+    @property
+    def rms(self) -> float:
+        """Over all conditions alike [m], noise included."""
+        return _rms(c.rms for c in self.conditions)
+
+    @property
+    def missed(self) -> float:
+        """The same beyond the noise [m]."""
+        return _rms(c.missed for c in self.conditions)
+
+    @property
+    def share(self) -> float:
+        """What is missed as a part of the stroke of each condition."""
+        return _rms(c.share for c in self.conditions)
+
+    def by_frequency(self) -> dict[float, float]:
+        """Return the rms [m] at each frequency of the drive [Hz], over all amplitudes."""
+        return self._by(lambda c: c.frequency)
+
+    def by_amplitude(self) -> dict[float, float]:
+        """Return the rms [m] at each amplitude of the drive [V or N], over all frequencies."""
+        return self._by(lambda c: c.amplitude)
+
+    def by_harmonic(self) -> dict[int, float]:
+        """Return the rms [m] at each harmonic, over all conditions with a periodic drive."""
+        periodic = [c for c in self.conditions if c.frequency > 0.0]
+        orders = sorted({order for c in periodic for order in c.harmonics})
+        return {n: _rms(c.harmonics.get(n, 0.0) for c in periodic) for n in orders}
+
+    def _by(self, key: Callable[[Condition], float]) -> dict[float, float]:
+        keys = sorted({key(c) for c in self.conditions})
+        return {k: _rms(c.rms for c in self.conditions if key(c) == k) for k in keys}
+
+    def expected(
+        self, frequency: float, amplitude: float, stroke: float, noise: float | None = None
+    ) -> float:
+        """Return the error that is no news under other conditions [m].
+
+        What is missed of the stroke under all conditions, weighed by how near they are in
+        frequency and amplitude (a drive that is not periodic is near to none more than to
+        another), and the noise.
+
+        Parameters
+        ----------
+        frequency : float
+            Of the drive [Hz]; 0 where it is not periodic.
+        amplitude : float
+            Half the range of the input [V or N].
+        stroke : float
+            Range of the displacement [m].
+        noise : float, optional
+            Rms of the noise [m]; that under the known conditions where not given.
+        """
+        if noise is None:
+            noise = _rms(c.noise or 0.0 for c in self.conditions)
+        weights = [
+            (_NEAR**2 + _apart(c.frequency, frequency) ** 2 + _apart(c.amplitude, amplitude) ** 2)
+            ** -2
+            for c in self.conditions
+        ]
+        pairs = zip(weights, self.conditions, strict=True)
+        share = sqrt(sum(w * c.share**2 for w, c in pairs) / sum(weights))
+        return sqrt((share * stroke) ** 2 + noise**2)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is written, of plain types only."""
+        return {
+            'judged_on': 'held-out' if self.held_out else 'fitted',
+            'rms': _short(self.rms),
+            'share': _short(self.share),
+            'conditions': [c.to_dict() for c in self.conditions],
+        }
+
+    @classmethod
+    def parse(cls, content: object) -> Discrepancy:
+        """Read what `to_dict` gave; what follows from the conditions is computed anew.
+
+        Raises
+        ------
+        ModelError
+            If anything is unknown, missing or impossible.
+        """
+        whole = mapping(content, 'discrepancy')
+        refuse_stray(whole, {'judged_on', 'rms', 'share', 'conditions'}, 'discrepancy')
+        judged = whole.get('judged_on')
+        if judged not in ('held-out', 'fitted'):
+            raise ModelError(f'discrepancy is judged on held-out or fitted data, got {judged!r}')
+        rows = whole.get('conditions')
+        if not isinstance(rows, list):
+            raise ModelError('the conditions of the discrepancy must be a list')
+        return cls(judged == 'held-out', tuple(Condition.parse(row) for row in rows))
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.{_DIGITS}g}')
+
+
+def _rms(values: Any) -> float:
+    squares = [float(value) ** 2 for value in values]
+    return sqrt(sum(squares) / len(squares)) if squares else 0.0
+
+
+def _apart(one: float, other: float) -> float:
+    """Return how far apart two frequencies or amplitudes are [octaves]."""
+    if one == other:
+        return 0.0
+    return abs(log2(one / other)) if one > 0.0 and other > 0.0 else 4.0
