@@ -94,7 +94,7 @@ def stack_links(kind: str, frequency: float, selector: Mapping[str, float]) -> l
         chain = [inverse_for(model, values, dt, limits=limits, scale=50.0)]
     if kind.endswith('H-infinity'):
         plant = transfer_function(XIAO_NUMERATOR, XIAO_DENOMINATOR)
-        controller, _ = design(plant, HInfinityWeights(200.0), dt)
+        controller = design(plant, HInfinityWeights(200.0), dt).controller
         chain.append(HInfinity(controller, dt, limits=limits))
     if kind.endswith('repetitive'):
         model, values = loops.stack_model()

@@ -73,7 +73,7 @@ def make_fuzzy(**options):
 
 def make_hinf(**options):
     plant = transfer_function([100e-6 * 3000.0], [1.0, 3000.0])
-    controller, _ = design(plant, HInfinityWeights(20.0, control=1.0), DT)
+    controller = design(plant, HInfinityWeights(20.0, control=1.0), DT).controller
     return HInfinity(controller, DT, limits=LIMITS, **options)
 
 
@@ -302,11 +302,34 @@ def test_impossible_problems_are_refused():
         HInfinityWeights(bandwidth=0.0)
 
 
+@pytest.mark.parametrize(
+    ('weights', 'says'),
+    [
+        (HInfinityWeights(500.0), 'beyond half the sampling rate, 500 Hz'),
+        (HInfinityWeights(200.0), 'gamma is 2.08 and should be 1 or less; lower the bandwidth'),
+        (HInfinityWeights(20.0, control=0.1), 'unstable by itself .a pole at 1.08'),
+    ],
+)
+def test_a_controller_that_does_less_than_was_asked_is_refused(weights, says):
+    with pytest.raises(CompensationError, match=says):
+        design(xiao(), weights, DT).require_usable()
+
+
+def test_a_design_tells_gamma_and_poles():
+    found = design(xiao(), HInfinityWeights(20.0), DT)
+    assert found.met
+    assert found.stable
+    assert found.gamma == pytest.approx(0.765, abs=0.01)
+    assert np.all(np.diff(np.abs(found.poles)) <= 0)
+    assert found.words().startswith('H-infinity: gamma 0.76')
+
+
 def test_h_infinity_on_003s_plant_keeps_gamma_and_beats_feedforward():
     dt = 1e-4
-    controller, gamma = design(xiao(), HInfinityWeights(150.0), dt)
-    assert gamma < 1.1
-    problem = mixed_sensitivity(xiao(), HInfinityWeights(150.0), dt)
+    found = design(xiao(), HInfinityWeights(120.0), dt).require_usable()
+    controller = found.controller
+    assert 'weights met' in found.words()
+    problem = mixed_sensitivity(xiao(), HInfinityWeights(120.0), dt)
     assert problem.d21.shape == (1, 1)
 
     class Linear:

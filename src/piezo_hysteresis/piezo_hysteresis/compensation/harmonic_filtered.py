@@ -6,10 +6,10 @@ import cmath
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.harmonic_rls import rls_update
-from piezo_hysteresis.compensation.harmonics import ComplexArray, Harmonic, folded
+from piezo_hysteresis.compensation.harmonics import Harmonic, folded
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 
 

@@ -7,13 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares, solve_square
-
-ComplexArray = npt.NDArray[np.complex128]
 
 
 class Harmonic(NamedTuple):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, signal
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.feedback import FeedbackLink
 from piezo_hysteresis.compensation.hinf_synthesis import (
@@ -59,6 +59,70 @@ class HInfinityWeights:
             raise CompensationError('delay_ticks must be a whole number from 0')
 
 
+@dataclass(frozen=True)
+class HInfinityDesign:
+    """A controller, and what it is worth.
+
+    Attributes
+    ----------
+    controller : StateSpace
+        Discrete, from the error [m] to the voltage [V].
+    gamma : float
+        Bound on the weighted gains of the loop; up to 1 the weights are met.
+    weights : HInfinityWeights
+        What was asked for.
+    """
+
+    controller: StateSpace
+    gamma: float
+    weights: HInfinityWeights
+
+    @property
+    def poles(self) -> ComplexArray:
+        """Poles of the controller in z, the largest first."""
+        found = np.linalg.eigvals(self.controller.a)
+        return np.asarray(found[np.argsort(-np.abs(found))], dtype=np.complex128)
+
+    @property
+    def met(self) -> bool:
+        """Whether the loop does what the weights ask for."""
+        return self.gamma <= 1.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether the controller stays finite by itself, without a plant or while it is cut."""
+        return bool(abs(self.poles[0]) < 1.0)
+
+    def words(self) -> str:
+        """Return gamma and poles in a sentence."""
+        largest = ', '.join(f'{abs(pole):.6g}' for pole in self.poles[:3])
+        met = 'weights met' if self.met else 'weights missed'
+        return f'H-infinity: gamma {self.gamma:.3g} ({met}), largest poles of the controller {largest}'
+
+    def require_usable(self) -> HInfinityDesign:
+        """Return the design, or refuse one that does less than was asked for.
+
+        Raises
+        ------
+        CompensationError
+            If the weights are missed or the controller is unstable.
+        """
+        asked = self.weights
+        if not self.met:
+            raise CompensationError(
+                f'no H-infinity controller reaches {asked.bandwidth:g} Hz with these weights: '
+                f'gamma is {self.gamma:.3g} and should be 1 or less; lower the bandwidth, or '
+                'raise peak or steady_error'
+            )
+        if not self.stable:
+            raise CompensationError(
+                f'the H-infinity controller would be unstable by itself (a pole at '
+                f'{abs(self.poles[0]):.4g}) and run away when the sensor or the voltage stands '
+                'still; raise control or lower the bandwidth'
+            )
+        return self
+
+
 def transfer_function(numerator: Sequence[float], denominator: Sequence[float]) -> StateSpace:
     """Return ``numerator(s) / denominator(s)`` in state space (companion form).
 
@@ -106,7 +170,7 @@ def mixed_sensitivity(plant: StateSpace, weights: HInfinityWeights, dt: float) -
     )
 
 
-def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> tuple[StateSpace, float]:
+def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinityDesign:
     """Design a discrete controller from the error [m] to the voltage [V].
 
     Parameters
@@ -120,21 +184,25 @@ def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> tuple[Sta
 
     Returns
     -------
-    controller : StateSpace
-        Discrete, by the bilinear rule.
-    gamma : float
-        Bound on the weighted gains of the continuous loop.
+    HInfinityDesign
+        Discrete by the bilinear rule; whether it is of use says `HInfinityDesign.require_usable`.
 
     Raises
     ------
     CompensationError
-        If the plant is not stable or not strictly proper, or there is no controller.
+        If the plant is not stable or not strictly proper, the bandwidth lies beyond half the
+        sampling rate, or there is no controller.
     """
+    if weights.bandwidth >= 0.5 / dt:
+        raise CompensationError(
+            f'a bandwidth of {weights.bandwidth:g} Hz lies beyond half the sampling rate, '
+            f'{0.5 / dt:g} Hz; lower it'
+        )
     with failing_as(ill_conditioned()):
         return _design(plant, weights, dt)
 
 
-def _design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> tuple[StateSpace, float]:
+def _design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinityDesign:
     if np.abs(plant.d).max() > 0:
         raise CompensationError('the H-infinity design needs a strictly proper plant')
     if np.linalg.eigvals(plant.a).real.max() >= 0:
@@ -151,7 +219,7 @@ def _design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> tuple[St
     a, b, c, d, _ = signal.cont2discrete(
         (controller.a, controller.b, controller.c, controller.d), dt, method='bilinear'
     )
-    return StateSpace(a, b, c, d), gamma
+    return HInfinityDesign(StateSpace(a, b, c, d), gamma, weights)
 
 
 class HInfinity(FeedbackLink):
@@ -165,6 +233,8 @@ class HInfinity(FeedbackLink):
         Sampling interval [s].
     limits : Limits, optional
         As in `FeedbackLink`; while the voltage is cut off the state follows the limit.
+    words : str
+        What is told of it when it comes into force.
     """
 
     def __init__(
@@ -173,8 +243,10 @@ class HInfinity(FeedbackLink):
         dt: float,
         *,
         limits: Limits | None = None,
+        words: str = '',
     ) -> None:
         super().__init__(dt, limits)
+        self.words = words
         self._controller = controller
         self._observer = _observer_gain(controller)
         self._state: FloatArray = np.zeros(len(controller.a))

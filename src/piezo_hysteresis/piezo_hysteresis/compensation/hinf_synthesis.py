@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.harmonics import ComplexArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.numerics.linalg import failing_as
 

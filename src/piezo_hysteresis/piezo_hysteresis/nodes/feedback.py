@@ -86,7 +86,8 @@ def _h_infinity(weights: dict[str, Any], plant: Polynomials, dt: float, limits: 
     # SciPy takes long to import, and only this method needs it.
     from piezo_hysteresis.compensation.hinf import HInfinity
 
-    return HInfinity(_designed(tuple(weights.items()), plant, dt), dt, limits=limits)
+    found = _designed(tuple(weights.items()), plant, dt)
+    return HInfinity(found.controller, dt, limits=limits, words=found.words())
 
 
 @functools.lru_cache(maxsize=8)
@@ -99,7 +100,7 @@ def _designed(weights: tuple[tuple[str, Any], ...], plant: Polynomials, dt: floa
         raise CompensationError(
             'plant.numerator / plant.denominator is no proper transfer function'
         ) from None
-    return hinf.design(system, hinf.HInfinityWeights(**dict(weights)), dt)[0]
+    return hinf.design(system, hinf.HInfinityWeights(**dict(weights)), dt).require_usable()
 
 
 def main() -> None:

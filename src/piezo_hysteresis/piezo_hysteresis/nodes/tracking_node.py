@@ -62,7 +62,7 @@ class TrackingNode(LinkNode):
     ) -> None:
         super().__init__(name, table, output)
         try:
-            self.law = self._ready(self.build({}))
+            self._install(self.build({}))
         except PiezoError as error:
             self.give_up(str(error))
         self._book: TickBook[bytes] = TickBook()
@@ -129,8 +129,15 @@ class TrackingNode(LinkNode):
         super().apply(changes)
         own = {name: value for name, value in changes.items() if self.shapes(name)}
         if own and not self.adjust(own):
-            self.law = self._ready(self.build({}))
+            self._install(self.build({}))
             self.go_over()
+
+    def _install(self, law: Law | None) -> None:
+        """Put a law into force, and say what is to be known of it."""
+        self.law = self._ready(law)
+        words = getattr(law, 'words', '')
+        if words:
+            self.get_logger().info(words)
 
     @staticmethod
     def _ready(law: Law | None) -> Law | None:
