@@ -97,7 +97,7 @@ class HInfinityDesign:
         """Return gamma and poles in a sentence."""
         largest = ', '.join(f'{abs(pole):.6g}' for pole in self.poles[:3])
         met = 'weights met' if self.met else 'weights missed'
-        return f'H-infinity: gamma {self.gamma:.3g} ({met}), largest poles of the controller {largest}'
+        return f'H-infinity: gamma {self.gamma:.3g} ({met}), largest controller poles {largest}'
 
     def require_usable(self) -> HInfinityDesign:
         """Return the design, or refuse one that does less than was asked for.
