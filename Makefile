@@ -1,8 +1,8 @@
 # make demo   sets up and runs the main job: record, identify, compensate, report
 # make test   sets up, checks the style and runs every test
-# make setup  only sets up;  make clean  removes what was made
+# make setup  only sets up;  make dev  with what tests need;  make clean  removes what was made
 
-.PHONY: demo test lint setup build clean
+.PHONY: demo test lint setup build dev clean
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -15,10 +15,13 @@ help:
 setup build:
 	@bash tools/setup.sh
 
+dev:
+	@bash tools/setup.sh dev
+
 demo: setup
 	@$(run) python -m piezo_hysteresis demo $(if $(DATA),--data '$(DATA)') --out out/demo
 
-lint: setup
+lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
 
 test: lint

@@ -1,10 +1,13 @@
 #!/usr/bin/env bash
-# Makes the workspace usable: tools checked, .venv filled, interfaces and nodes built.
-# Called by the Makefile; a second call finds everything done and returns at once.
+# Makes the workspace usable: tools checked, .venv filled, interfaces and nodes built, kernels
+# compiled. `setup.sh dev` installs what tests and lint need besides. Called by the Makefile; a
+# second call finds everything done and returns at once.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 fail() { echo "setup: $*" >&2; exit 1; }
+stage() { echo "setup $*"; }
+stamp_of() { cat "$@" | cksum | cut -d' ' -f1; }
 
 find_python() {
   local candidate
@@ -29,6 +32,8 @@ check_tools() {
     fail 'a C compiler is missing: install gcc'
 }
 
+# --- .venv -----------------------------------------------------------------------------------------
+
 install_with_ros() {  # a sourced ROS 2 Jazzy brings rclpy, the messages and (mostly) colcon
   "$python" -m venv --system-site-packages .venv
   # The messages of a ROS installation are compiled for the numpy 1 of its distribution.
@@ -40,7 +45,7 @@ install_with_ros() {  # a sourced ROS 2 Jazzy brings rclpy, the messages and (mo
 
 install_with_wheels() {
   "$python" -m venv .venv
-  .venv/bin/pip install -qq --disable-pip-version-check \
+  .venv/bin/python tools/install_wheels.py \
     -r requirements.txt -r requirements-ros.txt -c constraints-ros.txt
   .venv/bin/python tools/repair_wheels.py
   cat >.venv/local_setup.bash <<'SETUP'
@@ -56,48 +61,87 @@ SETUP
   sed 's/"${BASH_SOURCE\[0\]}"/"${BASH_SOURCE:-$0}"/' .venv/local_setup.bash >.venv/local_setup.sh
 }
 
-stamp_of() { cat "$@" | cksum | cut -d' ' -f1; }
-
 install() {
-  local wanted
-  wanted="${ROS_DISTRO:-wheels} $(stamp_of requirements*.txt constraints-ros.txt tools/repair_wheels.py)"
+  local wanted begun=$SECONDS
+  wanted="${ROS_DISTRO:-wheels} $(stamp_of requirements.txt requirements-ros.txt \
+    constraints-ros.txt tools/repair_wheels.py)"
   [ "$(cat .venv/.ready 2>/dev/null)" = "$wanted" ] && return
   check_tools
-  echo 'setup: installing into .venv (once, about a minute)'
+  stage '1/2: packages into .venv (once; about 250 MB to load, 800 MB there)'
   rm -rf .venv build install log
   if [ "${ROS_DISTRO:-}" = jazzy ]; then install_with_ros; else install_with_wheels; fi
   echo "$wanted" >.venv/.ready
+  echo "  in $((SECONDS - begun)) s"
+}
+
+install_for_developers() {
+  local wanted
+  wanted=$(stamp_of requirements-dev.txt .venv/.ready)
+  [ "$(cat .venv/.ready-dev 2>/dev/null)" = "$wanted" ] && return
+  stage 'dev: packages for tests and lint (once)'
+  .venv/bin/python tools/install_wheels.py -r requirements-dev.txt \
+    $([ -f .venv/local_setup.bash ] && echo -c constraints-ros.txt)
+  echo "$wanted" >.venv/.ready-dev
+}
+
+# --- the workspace ---------------------------------------------------------------------------------
+
+build_stamp() {  # what is not a symbolic link in the install space; Python sources are linked
+  stamp_of $(find src config -type f \( -path 'src/piezo_interfaces/*' -o -path 'config/*' \
+    -o -name 'setup.*' -o -name package.xml -o -path '*/launch/*' \) -not -name '*.pyc' | sort)
+  { find config -type f; find src -path "*/launch/*" -o -name __init__.py; } | sort | cksum
+}
+
+kernel_stamp() {  # machine code is for one kind of processor
+  grep -m 2 -E '^(model name|flags)' /proc/cpuinfo | cksum
+  stamp_of $(find src/piezo_kernels src/piezo_sim src/piezo_hysteresis -name '*.py' \
+    -not -path '*/nodes/*' | sort)
 }
 
 build() {
-  local wanted
-  # What is not a symbolic link in the install space decides; Python sources are linked.
-  wanted=$(stamp_of $(find src config -type f \( -path 'src/piezo_interfaces/*' -o -path 'config/*' \
-    -o -name 'setup.*' -o -name package.xml -o -path '*/launch/*' \) -not -name '*.pyc' | sort)
-    { find config -type f; find src -path "*/launch/*" -o -name __init__.py; } | sort | cksum)
-  [ "$(cat install/.built 2>/dev/null)" = "$wanted" ] && return
-  echo 'setup: building the workspace with colcon'
-  if [ -f .venv/local_setup.bash ]; then set +u; source .venv/local_setup.bash; set -u; fi
-  mkdir -p log
-  .venv/bin/python -m colcon build --symlink-install --event-handlers console_direct- \
-    --base-paths src --cmake-args -DPython3_EXECUTABLE="$PWD/.venv/bin/python" \
-    -DBUILD_TESTING=OFF >log/build.txt 2>&1 || { tail -n 40 log/build.txt >&2
+  local together=OFF
+  if [ -f .venv/local_setup.bash ]; then
+    set +u; source .venv/local_setup.bash; set -u
+    together=ON  # the generators are those that it was tried with
+  fi
+  # Without -j make looks at the load of the machine, and goes one by one beside busy neighbours.
+  MAKEFLAGS="${MAKEFLAGS:--j$(nproc)}" .venv/bin/python -m colcon build --symlink-install \
+    --event-handlers console_direct- --base-paths src --cmake-args \
+    -DPython3_EXECUTABLE="$PWD/.venv/bin/python" -DBUILD_TESTING=OFF -DPIEZO_TOGETHER=$together \
+    >log/build.txt 2>&1 || { tail -n 40 log/build.txt >&2
     fail 'the build failed; the whole output is in log/build.txt'; }
-  echo "$wanted" >install/.built
+  build_stamp >install/.built
 }
 
-compile_kernels() {  # so that no node or test waits for one; see piezo_kernels
-  local wanted machine
-  machine=$(grep -m 2 -E '^(model name|flags)' /proc/cpuinfo | cksum)
-  wanted="$machine $(stamp_of $(find src/piezo_kernels src/piezo_sim src/piezo_hysteresis \
-    -name '*.py' -not -path '*/nodes/*' | sort))"
-  [ "$(cat install/.compiled 2>/dev/null)" = "$wanted" ] && return
-  echo 'setup: compiling the kernels'
-  set +u; source setup.bash; set -u
-  python -m piezo_kernels
-  echo "$wanted" >install/.compiled
+compile_kernels() {  # from the sources, so that the build need not be awaited; see piezo_kernels
+  PYTHONPATH="src/piezo_kernels:src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
+    .venv/bin/python -m piezo_kernels
+  kernel_stamp >install/.compiled
 }
 
+make_workspace() {
+  local begun=$SECONDS builds='' compiles='' words=()
+  [ "$(cat install/.built 2>/dev/null)" = "$(build_stamp)" ] || words+=('building the workspace')
+  [ "${#words[@]}" = 0 ] || builds=yes
+  if [ "$(cat install/.compiled 2>/dev/null)" != "$(kernel_stamp)" ]; then
+    compiles=yes
+    words+=('compiling the kernels')
+  fi
+  [ "${#words[@]}" = 0 ] && return
+  stage "2/2: ${words[0]}${words[1]:+ and ${words[1]}}"
+  mkdir -p log install
+  if [ -n "$builds" ]; then build & fi
+  local building=${builds:+$!}
+  if [ -n "$compiles" ]; then
+    compile_kernels || echo 'setup: kernels are compiled when they are first used instead' >&2
+  fi
+  if [ -n "$building" ]; then wait "$building" || exit 1; fi
+  echo "  in $((SECONDS - begun)) s"
+}
+
+# Two at a time would be in each other's way.
+exec 9<tools/setup.sh
+! command -v flock >/dev/null || flock -n 9 || { echo 'setup: waits for another one'; flock 9; }
 install
-build
-compile_kernels
+if [ "${1:-}" = dev ]; then install_for_developers; fi
+make_workspace

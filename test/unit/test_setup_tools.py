@@ -1,0 +1,87 @@
+"""What set-up does to the virtual environment, and how it asks for packages."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'tools'))
+
+import install_wheels
+import repair_wheels
+
+
+def test_uv_is_told_what_pip_was_told() -> None:
+    config = r"""
+        global.index-url='https://index.example/simple'
+        global.extra-index-url='\nhttps://one.example\nhttps://two.example'
+        install.find-links='/wheels /more'
+        :env:.cert='/my.pem'
+        freeze.timeout='10'
+    """
+    assert install_wheels.told(config) == {
+        'UV_INDEX_STRATEGY': 'unsafe-best-match',
+        'UV_DEFAULT_INDEX': 'https://index.example/simple',
+        'UV_INDEX': 'https://one.example https://two.example',
+        'UV_FIND_LINKS': '/wheels,/more',
+        'SSL_CERT_FILE': '/my.pem',
+    }
+
+
+@pytest.mark.parametrize('line', ["global.proxy='http://x'", "global.trusted-host='x'"])
+def test_pip_is_left_to_what_only_pip_was_told(line: str) -> None:
+    assert install_wheels.told(line) is None
+
+
+def test_pip_takes_over_where_uv_fails(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ran: list[list[str]] = []
+
+    def run(words: list[object], environment: object = None) -> bool:
+        ran.append([str(word) for word in words])
+        return 'uv' not in Path(ran[-1][0]).name
+
+    monkeypatch.setattr(install_wheels, 'run', run)
+    monkeypatch.setattr(install_wheels, 'told', lambda config: {})
+    assert install_wheels.main(['-r', 'some.txt']) == 0
+    assert ran[-1][1:3] == ['-m', 'pip']
+    assert ran[-1][-2:] == ['-r', 'some.txt']
+    assert 'pip takes longer' in capsys.readouterr().err
+
+
+def test_copies_of_libraries_become_links_to_the_version(tmp_path: Path) -> None:
+    content = os.urandom(repair_wheels.LARGE)
+    for name in ('lib/libx.so', 'lib/libx.so.2', 'lib/libx.so.2.1', 'other.libs/libx.so'):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
+    (tmp_path / 'lib' / 'liby.so').write_bytes(content[::-1])
+    (tmp_path / 'lib' / 'small.so').write_bytes(b'x')
+    (tmp_path / 'lib' / 'small.so.1').write_bytes(b'x')
+    cached = tmp_path / 'cache'  # the installer's own copy is the same file
+    cached.hardlink_to(tmp_path / 'lib' / 'libx.so')
+    assert repair_wheels.link_copies(tmp_path) == 3 * repair_wheels.LARGE
+    links = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob('*') if p.is_symlink()}
+    assert links == {'lib/libx.so', 'lib/libx.so.2', 'other.libs/libx.so'}
+    assert (tmp_path / 'other.libs' / 'libx.so').resolve() == tmp_path / 'lib' / 'libx.so.2.1'
+    assert all((tmp_path / name).read_bytes() == content for name in links)
+    assert not cached.is_symlink()
+    assert cached.read_bytes() == content
+    assert repair_wheels.link_copies(tmp_path) == 0
+
+
+def test_exports_are_mended_without_touching_the_cache_of_the_installer(tmp_path: Path) -> None:
+    export = tmp_path / 'share' / 'x' / 'cmake' / 'xExport.cmake'
+    export.parent.mkdir(parents=True)
+    export.write_text('set(a "/opt/python/cp311/include/python3.11;/usr/include")')
+    cached = tmp_path / 'cached'
+    cached.hardlink_to(export)
+    assert repair_wheels.mend_exports(tmp_path) == 1
+    assert '/opt/python' not in export.read_text()
+    assert '/usr/include' in export.read_text()
+    assert '/opt/python' in cached.read_text()
+    assert repair_wheels.mend_exports(tmp_path) == 0
