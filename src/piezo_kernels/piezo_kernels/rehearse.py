@@ -67,7 +67,8 @@ def rehearse(which: tuple[str, str]) -> Done:
 def rehearse_all(packages: Sequence[str], workers: int) -> Iterator[Done]:
     """Run every rehearsal, several at a time in processes of their own."""
     found = rehearsals(packages)
-    with multiprocessing.get_context('spawn').Pool(workers) as pool:
+    # forked: numba is imported once, and nothing has been started that a fork would break
+    with multiprocessing.get_context('fork').Pool(workers) as pool:
         yield from pool.imap_unordered(rehearse, found)
 
 
