@@ -17,6 +17,7 @@ from piezo_sim.errors import SimulationError, SweepError
 from piezo_sim.output import check_target, labels, write_labels, write_records
 from piezo_sim.plant import Plant
 from piezo_sim.presets import load_preset, preset_names
+from piezo_sim.stage import configure_stage
 from piezo_sim.sweep import grid, simulate
 
 
@@ -42,6 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
     _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
     verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
+    configure_stage(verbs.add_parser('stage', help='a flexure stage from its dimensions'))
     describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
     describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
     describe.set_defaults(run=_describe)

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from piezo_sim.errors import PresetError
+from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS
 from piezo_sim.table import NOMINAL_DISPLACEMENT, NOMINAL_VOLTAGE, Parameter
 
@@ -40,6 +41,10 @@ class Preset:
         Numbers that differ from the scaled defaults.
     effects : tuple of str
         Effects that are on.
+    flexure : Flexure or None
+        The guide that the actuator bends, where the preset gives its dimensions: the stiffness
+        of the load, and the free gain of the actuator from the one measured with the guide, come
+        from it.
     """
 
     name: str = 'straight_line'
@@ -51,6 +56,7 @@ class Preset:
     rate: float = 1000.0
     parameters: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
+    flexure: Flexure | None = None
 
     def table(self) -> tuple[Parameter, ...]:
         """Return every parameter with the default it has for this actuator."""
@@ -130,14 +136,51 @@ def _from_content(file: Path, content: dict[str, Any]) -> Preset:
     _check_names(file, 'effect', effects, {effect.name for effect in EFFECTS})
     _check_names(file, 'parameter', list(parameters), {row.name for row in PARAMETERS})
     parameters = {key: _number(file, key, value) for key, value in parameters.items()}
+    flexure = None
+    if 'flexure' in content:
+        flexure, bent = _flexure(file, content['flexure'], parameters)
+        parameters = {**parameters, **bent}
     return Preset(
         name=file.stem,
         description=str(content.get('description', '')).strip(),
         source=str(content.get('source', '')).strip(),
         parameters=parameters,
         effects=tuple(effects),
+        flexure=flexure,
         **{key: _number(file, key, content[key]) for key in _NUMBERS if key in content},
     )
+
+
+def _flexure(
+    file: Path, content: Any, parameters: Mapping[str, float]
+) -> tuple[Flexure, dict[str, float]]:
+    """Return the guide, and the parameters that follow from it."""
+    if not isinstance(content, dict):
+        raise PresetError(f'preset {file.name}: flexure is a mapping of dimensions')
+    given = {str(key): _number(file, f'flexure {key}', value) for key, value in content.items()}
+    loaded = given.pop('loaded_gain', None)
+    known = set(Flexure.__dataclass_fields__)
+    wrong = sorted((known - {'hinges'} - set(given)) | (set(given) - known))
+    if wrong:
+        raise PresetError(
+            f'preset {file.name}: flexure lacks or does not know {", ".join(wrong)}; it has '
+            f'{", ".join(sorted(known))} and loaded_gain'
+        )
+    try:
+        guide = Flexure(**{**given, 'hinges': int(given.get('hinges', 8))})  # type: ignore[arg-type]
+    except FlexureError as error:
+        raise PresetError(f'preset {file.name}: {error}') from error
+    bent = {'structure.load_stiffness': guide.stiffness}
+    if loaded is not None:
+        if 'structure.stiffness' not in parameters:
+            raise PresetError(f'preset {file.name}: loaded_gain takes structure.stiffness')
+        bent['actuator.gain'] = loaded / guide.left(parameters['structure.stiffness'])
+    doubled = sorted(set(bent) & set(parameters))
+    if doubled:
+        raise PresetError(
+            f'preset {file.name}: {", ".join(doubled)} follows from the flexure; give one of them'
+        )
+    return guide, bent
 
 
 _NUMBERS = ('voltage', 'displacement', 'bias', 'rate')

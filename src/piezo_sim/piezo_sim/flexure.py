@@ -1,0 +1,104 @@
+"""A guide of circular flexure hinges: from its dimensions to the spring that an actuator bends.
+
+The design of Fang et al. 2019: links of length L between two hinges each turn by theta = x / L
+when the stage moves by x, and the work of the force is the energy in the hinges, so that
+ke = n Kr / L^2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from piezo_sim.errors import SimulationError
+
+
+class FlexureError(SimulationError):
+    """A flexure guide with these dimensions cannot be built."""
+
+
+@dataclass(frozen=True)
+class Flexure:
+    """A parallel guide of right circular hinges; every length in m.
+
+    Attributes
+    ----------
+    modulus : float
+        Young's modulus of the material [Pa].
+    depth : float
+        Of the hinges, along their axis (b).
+    thickness : float
+        Where they are thinnest (t).
+    radius : float
+        Of the circles (R).
+    link : float
+        Between the two hinges of a link (L).
+    hinges : int
+        How many bend.
+
+    Raises
+    ------
+    FlexureError
+        If a dimension is not positive, or there is no hinge.
+    """
+
+    modulus: float
+    depth: float
+    thickness: float
+    radius: float
+    link: float
+    hinges: int = 8
+
+    def __post_init__(self) -> None:
+        for name in ('modulus', 'depth', 'thickness', 'radius', 'link'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise FlexureError(f'the {name} of the flexure must be positive, got {value:g}')
+        if self.hinges < 1 or self.hinges != int(self.hinges):
+            raise FlexureError(f'a flexure guide has 1 or more hinges, got {self.hinges}')
+
+    @property
+    def hinge_stiffness(self) -> float:
+        """Kr = 2 E b t^(5/2) / (9 pi R^(1/2)) [N m/rad]: for thicknesses small beside R."""
+        e, b, t, r = self.modulus, self.depth, self.thickness, self.radius
+        return 2.0 * e * b * math.pow(t, 2.5) / (9.0 * math.pi * math.sqrt(r))
+
+    @property
+    def exact_hinge_stiffness(self) -> float:
+        """Kr by bending of the whole circle, without that approximation [N m/rad].
+
+        The integral of 12 / (E b h(x)^3) over the hinge with h = t + 2 R - 2 sqrt(R^2 - x^2).
+        """
+        s = self.thickness / (2.0 * self.radius)
+        q = s * (2.0 + s)
+        turned = (
+            (1.0 / (1.0 + s) + (3.0 + 2.0 * s + s * s) / ((1.0 + s) * q))
+            + 6.0 * (1.0 + s) / math.pow(q, 1.5) * math.atan(math.sqrt((2.0 + s) / s))
+        ) / q
+        return 2.0 * self.modulus * self.depth * self.radius**2 / (3.0 * turned)
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the guide in its direction of motion, ke = n Kr / L^2 [N/m]."""
+        return self.hinges * self.hinge_stiffness / self.link**2
+
+    @property
+    def exact_stiffness(self) -> float:
+        """The same by `exact_hinge_stiffness` [N/m]."""
+        return self.hinges * self.exact_hinge_stiffness / self.link**2
+
+    def angle(self, displacement: float) -> float:
+        """Return theta = x / L, by which a link turns when the stage moves by x [m] [rad]."""
+        return displacement / self.link
+
+    def energy(self, displacement: float) -> float:
+        """Return the elastic energy in all hinges [J]: n Kr theta^2 / 2 = ke x^2 / 2."""
+        return 0.5 * self.hinges * self.hinge_stiffness * self.angle(displacement) ** 2
+
+    def left(self, actuator_stiffness: float) -> float:
+        """Return the part of its free stroke that an actuator of that stiffness [N/m] keeps."""
+        return actuator_stiffness / (actuator_stiffness + self.stiffness)
+
+    def natural_frequency(self, actuator_stiffness: float, mass: float) -> float:
+        """Return the first mode of a mass [kg] on guide and actuator [Hz]."""
+        return math.sqrt((actuator_stiffness + self.stiffness) / mass) / (2.0 * math.pi)
