@@ -10,6 +10,7 @@ from piezo_hysteresis.compensation.base import Limits, ReferencePoint
 from piezo_hysteresis.compensation.chain_inverse import ChainInverse
 from piezo_hysteresis.compensation.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.loop import reference_points
 from piezo_hysteresis.compensation.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.physical import PhysicalInverse, least_slope
@@ -167,6 +168,108 @@ def test_extended_inverse_is_the_printed_pair_of_equations():
         printed.append(u)
     ours = ExtendedInverse(p, DT, start=0.0).respond(d)
     np.testing.assert_allclose(ours, printed, atol=1e-12)
+
+
+def test_the_law_of_tatebatake_and_fujii_is_their_equation_as_printed():
+    """001 (12): h of the sample before, divided by A1, with the sign of A0 that 000 has."""
+    p = {'A1': 50e-6, 'A': 10e-6, 'A0': 2e-6, 'beta': 1.0, 'gamma': 0.3, **AR}
+    d = reference(14.0, 1.0, 60e-6).value
+    printed = []
+    u1 = h1 = d1 = d2 = d3 = 0.0
+    for now in d:
+        u = (now - d1 - p['c1'] * d2 - p['c2'] * d3 + h1) / p['A1']
+        du = u - u1
+        h1 += (
+            p['A'] * du + p['A0'] * abs(du) - p['gamma'] * abs(h1) * du - p['beta'] * abs(du) * h1
+        )
+        u1, d1, d2, d3 = u, now, d1, d2
+        printed.append(u)
+    ours = ExtendedInverse(p, DT, law='printed', start=0.0).respond(d)
+    np.testing.assert_allclose(ours, printed, atol=1e-12)
+    solved = ExtendedInverse(p, DT, start=0.0).respond(d)
+    assert np.max(np.abs(ours - solved)) > 1e-3
+
+
+EXTENDED = {'A1': 50e-6, 'A': 10e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, **AR, **OFFSET}
+BY_NAME = {
+    'fujii2018': ('extended', EXTENDED, ExtendedInverse),
+    'tatebatake2017': ('extended', EXTENDED, ExtendedInverse),
+    'zhou2021': ('bouc_wen_mode', {**BOUC_WEN, **MODE}, PhysicalInverse),
+    'exact': ('classical', BOUC_WEN, PhysicalInverse),
+    'numeric': ('classical', BOUC_WEN, ChainInverse),
+    'gain': ('preisach', {}, PhysicalInverse),
+    'xiao2014': ('inverse', {}, SlopeSelectedInverse),
+}
+
+
+@pytest.mark.parametrize('law', BY_NAME)
+def test_a_law_is_chosen_by_the_name_of_its_paper(law):
+    name, values, kind = BY_NAME[law]
+    link = inverse_for(named(name), values, DT, law=law)
+    assert isinstance(link, kind)
+    assert np.all(np.isfinite(link.respond(reference(5.0, 0.4, 20e-6).value)))
+
+
+def test_the_late_laws_miss_more_than_the_solved_ones():
+    """What one sample of hysteresis costs: both forms on the model that they invert."""
+    for model, values, late, solved in (
+        ('extended', EXTENDED, 'tatebatake2017', 'fujii2018'),
+        ('bouc_wen_mode', {**BOUC_WEN, **MODE}, 'zhou2021', 'exact'),
+    ):
+        chain_ = named(model)
+        samples = reference(10.0, 2.0, 40e-6)
+        errors = []
+        for law in (late, solved):
+            link = inverse_for(chain_, values, DT, law=law, start=0.0)
+            voltage = np.array(
+                [link.step(point, 0.0, None) for point in reference_points(samples)]
+            )
+            moved = chain_.respond(voltage, chain_.pack(values), DT)
+            errors.append(float(np.std((moved - samples.value)[1000:])))
+        assert errors[0] > 2 * errors[1]
+
+
+@pytest.mark.parametrize(
+    ('law', 'name', 'says'),
+    [
+        (
+            'tatebatake2017',
+            'classical',
+            'inverts bouc_wen and autoregressive, but model classical',
+        ),
+        ('zhou2021', 'preisach', 'inverts bouc_wen_exact or bouc_wen'),
+        ('xiao2014', 'classical', 'inverts inverse_selector'),
+        ('best', 'classical', "there is no inverse 'best'; choose one of auto"),
+    ],
+)
+def test_a_law_that_is_not_for_the_model_is_refused(law, name, says):
+    with pytest.raises(CompensationError, match=says):
+        inverse_for(named(name), {}, DT, law=law)
+    with pytest.raises(CompensationError, match='choose solved or printed'):
+        ExtendedInverse(EXTENDED, DT, law='guessed')
+
+
+def test_slow_and_fast_drives_have_their_own_feedforward():
+    """Fang et al.: one model up to 1 Hz, another one above; both know the whole history."""
+    slow, fast = (
+        inverse_for(named('classical'), {**BOUC_WEN, 'A': a}, DT) for a in (40e-6, 30e-6)
+    )
+    link = FrequencySwitch(slow, fast, 1.0, DT, transition=0.1)
+    alone = [inverse_for(named('classical'), {**BOUC_WEN, 'A': a}, DT) for a in (40e-6, 30e-6)]
+    parts = [reference(f, 2.0, 40e-6) for f in (0.5, 4.0)]
+    points = [p for part in parts for p in reference_points(part)]
+    answers = [
+        (link.step(p, 0.0, None), *(each.step(p, 0.0, None) for each in alone)) for p in points
+    ]
+    ours, slow_only, fast_only = np.array(answers).T
+    np.testing.assert_array_equal(ours[:2000], slow_only[:2000])
+    np.testing.assert_allclose(ours[2200:], fast_only[2200:], atol=1e-12)
+    assert np.max(np.abs(np.diff(ours))) < 1.5 * np.max(np.abs(np.diff(fast_only)))
+    assert link.counters()['switches'] == 1
+    link.reset()
+    assert link.counters()['switches'] == 0
+    with pytest.raises(CompensationError, match='must be positive'):
+        FrequencySwitch(slow, fast, 0.0, DT)
 
 
 def test_delayed_law_is_rakotondrabes_multiplicative_form():

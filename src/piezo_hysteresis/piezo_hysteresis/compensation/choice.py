@@ -1,16 +1,17 @@
-"""Which inverse and which plant gain belong to a model."""
+"""Which inverse and which plant gain belong to a model; the laws of the papers by name."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from typing import TypedDict
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.blocks.base import Between, Slot
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.base import INVERSES, Limits
 from piezo_hysteresis.compensation.chain_inverse import ChainInverse
 from piezo_hysteresis.compensation.feedforward import ExtendedInverse
 from piezo_hysteresis.compensation.inverse import InverseLink
@@ -40,8 +41,9 @@ def inverse_for(
     start: float = 0.5,
     transition: float = 0.2,
     scale: float = 1.0,
+    law: str = 'auto',
 ) -> InverseLink:
-    """Return the best inverse that there is for `model`.
+    """Return the inverse of `model` by a law, by default the best that there is for it.
 
     The extended model gets 000 (16), (17); one hysteresis with or without a mode the physical
     inverse; an oscillator and 003's law their own; every other chain the numeric one. Added tones
@@ -59,12 +61,23 @@ def inverse_for(
         As in `InverseLink`.
     scale : float
         Typical voltage [V], for the numeric inverse.
+    law : str
+        One of `INVERSES`. ``fujii2018`` is 000 (16), (17), ``tatebatake2017`` 001 (12) as printed,
+        both for the extended model; ``zhou2021`` 002 (8), h of the sample before, for one
+        Bouc-Wen block with or without a structure; ``xiao2014`` 003's selector.
 
     Raises
     ------
     CompensationError
-        If the model has no inverse.
+        If the model has no inverse, or none by that law.
     """
+    if law not in INVERSES:
+        raise CompensationError(
+            f'there is no inverse {law!r}; choose one of {", ".join(INVERSES)}'
+        )
+    options: _Options = {'limits': limits, 'start': start, 'transition': transition}
+    if law != 'auto':
+        return _by_law(model, values, dt, law, scale, options)
     named = model.unpack(model.pack(values))
     blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
     core = [name for name in blocks if name not in _EASY]
@@ -90,6 +103,58 @@ def inverse_for(
     return ChainInverse(
         model, named, dt, scale=scale, limits=limits, start=start, transition=transition
     )
+
+
+class _Options(TypedDict):
+    """What every inverse takes."""
+
+    limits: Limits | None
+    start: float
+    transition: float
+
+
+# Blocks of the chain, without delay, offset and structure, that a law is for.
+_FOR: dict[str, tuple[tuple[str, ...], ...]] = {
+    'fujii2018': (('bouc_wen', 'autoregressive'),),
+    'tatebatake2017': (('bouc_wen', 'autoregressive'),),
+    'zhou2021': (('bouc_wen_exact',), ('bouc_wen',)),
+    'exact': (('bouc_wen_exact',), ('bouc_wen',)),
+    'xiao2014': (('inverse_selector',), ('inverse_bouc_wen',)),
+}
+
+
+def _by_law(
+    model: Model,
+    values: Mapping[str, float],
+    dt: float,
+    law: str,
+    scale: float,
+    options: _Options,
+) -> InverseLink:
+    """Return the inverse by a law that was asked for by name."""
+    named = model.unpack(model.pack(values))
+    blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
+    core = tuple(name for name in blocks if name not in (*_EASY, *_STRUCTURES))
+    if law in _FOR and core not in _FOR[law]:
+        wanted = ' or '.join(' and '.join(each) for each in _FOR[law])
+        raise CompensationError(
+            f'the law {law} inverts {wanted}, but model {model.name} is {" -> ".join(blocks)}; '
+            'take another law or identify that model'
+        )
+    if law in ('fujii2018', 'tatebatake2017'):
+        printed = 'printed' if law == 'tatebatake2017' else 'solved'
+        return ExtendedInverse(named, dt, law=printed, **options)
+    if law in ('zhou2021', 'exact'):
+        return PhysicalInverse(
+            named, dt, law='delayed' if law == 'zhou2021' else 'exact', **options
+        )
+    if law == 'xiao2014':
+        return SlopeSelectedInverse(named, dt, **options)
+    if law == 'numeric':
+        return ChainInverse(model, named, dt, scale=scale, **options)
+    slope = abs(model_gain(model, values, dt, scale)(0.0))
+    straight = {'A1': slope, 'offset': float(named.get('offset', 0.0))}
+    return PhysicalInverse(straight, dt, law='gain', **options)
 
 
 class ModelGain:

@@ -1,4 +1,4 @@
-"""The inverse of the extended Bouc-Wen model, 000 (16), (17)."""
+"""The inverse of the extended Bouc-Wen model, 000 (16), (17) and 001 (12)."""
 
 from __future__ import annotations
 
@@ -53,8 +53,43 @@ def _invert_extended(
     memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
 
 
+@jit
+def _invert_printed(
+    reference: FloatArray,
+    voltage: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    low: float,
+    high: float,
+) -> None:
+    """Divide by A1 what is left of 001 (7) with y = d and h of the sample before, 001 (12)."""
+    a1, a, a0, beta, gamma, c1, c2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
+    u, h = memory[_U], memory[_H]
+    d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
+    for k in range(reference.shape[1]):
+        d = reference[0, k]
+        new = (d - d1 - c1 * d2 - c2 * d3 + h) / a1
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[_STROKE] += 1.0
+        du = new - u
+        h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
+        u = new
+        d3, d2, d1 = d2, d1, d
+        voltage[k] = u
+    memory[_U], memory[_H] = u, h
+    memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
+
+
+_KERNELS = {'solved': _invert_extended, 'printed': _invert_printed}
+
+
 class ExtendedInverse(InverseLink):
-    """Feedforward by the direct inverse of the extended model, 000 (16), (17), 001 (12).
+    """Feedforward by the direct inverse of the extended model.
+
+    The law ``solved``, 000 (16), (17), solves the model for the voltage of this sample, h of this
+    sample included. ``printed``, 001 (12), takes h of the sample before and divides by A1: one
+    sample of hysteresis late, and without a branch that could be wrong.
 
     (16) and (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3] + h[k-1]
     - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the branch
@@ -70,13 +105,15 @@ class ExtendedInverse(InverseLink):
         Sampling interval [s].
     minimum_slope : float, optional
         Smallest slope D that is used [m/V]; a tenth of A1 where it is not given.
+    law : {'solved', 'printed'}
+        See above.
     limits, start, transition
         As in `InverseLink`.
 
     Raises
     ------
     CompensationError
-        If a parameter is missing or not finite, or A1 is not positive.
+        If there is no such law, a parameter is missing or not finite, or A1 is not positive.
     """
 
     memory_size = 7
@@ -87,10 +124,16 @@ class ExtendedInverse(InverseLink):
         dt: float,
         minimum_slope: float | None = None,
         *,
+        law: str = 'solved',
         limits: Limits | None = None,
         start: float = 0.5,
         transition: float = 0.2,
     ) -> None:
+        if law not in _KERNELS:
+            raise CompensationError(
+                f'there is no inverse {law!r} of the extended model; choose solved or printed'
+            )
+        self._kernel = _KERNELS[law]
         self._minimum_slope = minimum_slope
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
 
@@ -108,7 +151,7 @@ class ExtendedInverse(InverseLink):
         return np.array([*packed, minimum])
 
     def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        _invert_extended(reference, voltage, memory, self._packed, self._low, self._high)
+        self._kernel(reference, voltage, memory, self._packed, self._low, self._high)
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
         self._memory[_H] *= saturation(new) / max(saturation(old), 1e-300)

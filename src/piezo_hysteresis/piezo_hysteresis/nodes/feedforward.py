@@ -50,7 +50,10 @@ class Feedforward(LinkNode):
         self._estimate: ModelEstimate | None = None
         value = self.parameters.number
         self._gain = value('gain')
-        self._inversion = Inversion(self.dt, self.limits(), value('start'), value('transition'))
+        law = self.parameters.text('law')
+        self._inversion = Inversion(
+            self.dt, self.limits(), value('start'), value('transition'), law
+        )
         self._model_parameters = ModelParameters(self.parameters)
         self._load_at_start(self.parameters.text('model_file'))
         if wired:
@@ -72,10 +75,17 @@ class Feedforward(LinkNode):
         super().apply(changes)
         self._gain = self.parameters.number('gain')
         self._inversion.start = self.parameters.number('start')
-        if any(name == 'transition' or name.startswith('limits.') for name in changes):
-            self._inversion.rebuild(self.limits(), self.parameters.number('transition'))
+        if any(name in ('transition', 'law') or name.startswith('limits.') for name in changes):
+            law = self.parameters.text('law')
+            self._inversion.rebuild(self.limits(), self.parameters.number('transition'), law)
         if 'follow_estimate' not in changes:
             self.go_over()
+
+    def refuse(self, changes: dict[str, Value]) -> str:
+        """Return '' or why the loaded model has no inverse by another law."""
+        if 'law' in changes and hasattr(self, '_inversion'):
+            return self._inversion.refusal(str(changes['law']))
+        return ''
 
     # --- ticks ---------------------------------------------------------------------------------
 

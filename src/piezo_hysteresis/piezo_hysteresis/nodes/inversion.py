@@ -10,6 +10,7 @@ import numpy as np
 from piezo_hysteresis.compensation.base import Limits, ReferencePoint
 from piezo_hysteresis.compensation.choice import inverse_for
 from piezo_hysteresis.compensation.inverse import InverseLink
+from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 
 # Ticks of the reference that a new inverse is led through before it takes over, so that its
@@ -29,12 +30,15 @@ class Inversion:
         Of the voltage.
     start, transition : float
         Times over which the reference is eased in and changes go over [s].
+    law : str
+        By which models are inverted, see `inverse_for`.
     """
 
     dt: float
     limits: Limits
     start: float
     transition: float
+    law: str = 'auto'
     loaded: ModelFile | None = None
     _inverse: InverseLink | None = None
     _past: deque[ReferencePoint] = field(default_factory=lambda: deque(maxlen=HISTORY))
@@ -56,11 +60,20 @@ class Inversion:
         self._inverse, self.loaded = self._inverted(loaded), loaded
         return True
 
-    def rebuild(self, limits: Limits, transition: float) -> None:
+    def rebuild(self, limits: Limits, transition: float, law: str = 'auto') -> None:
         """Take other settings over; the output may jump by that."""
-        self.limits, self.transition = limits, transition
+        self.limits, self.transition, self.law = limits, transition, law
         if self.loaded is not None:
             self._inverse = self._inverted(self.loaded)
+
+    def refusal(self, law: str) -> str:
+        """Return '' or why the loaded model cannot be inverted by another law."""
+        if self.loaded is not None:
+            try:
+                inverse_for(self.loaded.model, self.loaded.values, self.dt, law=law)
+            except PiezoError as error:
+                return str(error)
+        return ''
 
     def voltage(self, point: ReferencePoint) -> float | None:
         """Answer the voltage for this tick [V], None where there is no model."""
@@ -85,6 +98,7 @@ class Inversion:
             limits=self.limits,
             start=0.0 if self._past else self.start,
             transition=self.transition,
+            law=self.law,
         )
         inverse.respond(np.zeros(3))  # compiles the kernel before the first tick
         for point in self._past:

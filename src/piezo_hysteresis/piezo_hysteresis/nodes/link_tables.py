@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from piezo_hysteresis.compensation.base import INVERSES
 from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
 
 RATE = ParameterSpec(
@@ -121,6 +122,13 @@ FEEDFORWARD = ParameterTable(
             's',
             0.0,
             60.0,
+        ),
+        ParameterSpec(
+            'law',
+            'auto',
+            'How a model is inverted: the best way there is for it, the law of a paper, the exact '
+            'inverse of one Bouc-Wen block, the numeric one of any chain, or a mere gain.',
+            choices=INVERSES,
         ),
         ParameterSpec('follow_estimate', False, 'Take every model/estimate as soon as it comes.'),
     ),
