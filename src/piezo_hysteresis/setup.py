@@ -45,6 +45,10 @@ setup(
             f'share/{package}/config/scenarios',
             [str(file) for file in sorted(config.glob('scenarios/*.yaml'))],
         ),
+        (
+            f'share/{package}/config/fuzzy',
+            [str(file) for file in sorted(config.glob('fuzzy/*.yaml'))],
+        ),
         (f'share/{package}/launch', [str(file) for file in sorted(Path('launch').glob('*.py'))]),
     ],
     install_requires=['setuptools'],

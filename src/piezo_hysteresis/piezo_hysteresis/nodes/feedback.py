@@ -8,6 +8,7 @@ from typing import Any
 
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.nodes.link_tables import FEEDBACK
@@ -42,7 +43,10 @@ class Feedback(TrackingNode):
         gains = PidGains(**_group(values, 'pid.'))
         if method == 'pid':
             return Pid(gains, self.dt, limits=limits)
-        return FuzzyPid(gains, FuzzyRules(**_group(values, 'fuzzy.')), self.dt, limits=limits)
+        scales = _group(values, 'fuzzy.')
+        path = scales.pop('tables')
+        rules = FuzzyRules(**scales, **read_tables(path)) if path else FuzzyRules(**scales)
+        return FuzzyPid(gains, rules, self.dt, limits=limits)
 
     def shapes(self, name: str) -> bool:
         """Tell whether `name` matters for the method in force."""

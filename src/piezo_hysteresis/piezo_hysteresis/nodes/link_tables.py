@@ -243,6 +243,13 @@ FEEDBACK = ParameterTable(
             above=0.0,
             high=1e6,
         ),
+        ParameterSpec(
+            'fuzzy.tables',
+            '',
+            'YAML file with the 7 x 7 rules of fuzzy_pid, like config/fuzzy/symmetric.yaml; empty '
+            'takes those.',
+            read_only=True,
+        ),
         ParameterSpec('fuzzy.error_scale', 5e-6, 'Error that is big.', 'm', above=0.0, high=0.01),
         ParameterSpec(
             'fuzzy.rate_scale',
