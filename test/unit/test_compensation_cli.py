@@ -1,13 +1,19 @@
 """The verb ``compensate``: numbers that can be believed, or one sentence and nothing written."""
 
 import json
+import sys
 
+import numpy as np
 import pytest
+import yaml
 
 from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated
+from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.reporting.folder import MARKER
+from piezo_sim import Plant
 
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
           'natural_frequency': 68.0, 'damping_ratio': 0.015}  # fmt: skip
@@ -70,3 +76,162 @@ def test_a_model_without_inverse_is_refused(files, tmp_path, capsys):
     words = ['compensate', '--model', str(bad), *files[2:], '--out', str(tmp_path / 'out')]
     assert main([*words, '--reference', REFERENCE]) == 2
     assert 'no inverse' in capsys.readouterr().err
+
+
+# --- controllers ------------------------------------------------------------------------------
+
+SHORT = 'sine:frequency=5,amplitude=5e-5,duration=3,ramp=0.5'
+
+
+# Slow enough for an integral that the mode at 68 Hz allows.
+SLOW = 'sine:frequency=0.3,amplitude=5e-5,duration=10,ramp=0.5'
+
+
+def study(files, tmp_path, *words, reference=SHORT):
+    out = tmp_path / 'out'
+    done = main(['compensate', *files, '--reference', reference, '--out', str(out), *words])
+    assert done == 0
+    told = json.loads((out / 'summary.json').read_text())
+    return {run['run']: run['rms_m'] for run in told['runs']}, told
+
+
+def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
+    none = ('--attenuation', 'none', '--feedback')
+    gains = ('--pid', '0', '5e4', '0')
+    rms, _ = study(files, tmp_path, *none, 'pid', *gains, reference=SLOW)
+    assert rms['with PID'] < 0.5 * rms['feedforward']
+    scales = ('--fuzzy', '5e-6', '1e-3', '0', '1e4')
+    rms, _ = study(files, tmp_path, *none, 'fuzzy_pid', *gains, *scales, reference=SLOW)
+    assert rms['with fuzzy PID'] < 0.5 * rms['feedforward']
+    rms, told = study(files, tmp_path, *none, 'h_infinity', '--bandwidth', '8', reference=SLOW)
+    assert rms['with H-infinity'] < 0.5 * rms['feedforward']
+    assert told['notes'][0].startswith('H-infinity: gamma 0.')
+    assert told['notes'][0] in capsys.readouterr().out
+
+
+def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
+    rows = {level: [3] * 7 for level in ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')}
+    table = tmp_path / 'mine.yaml'
+    table.write_text(yaml.safe_dump({'proportional': rows, 'integral': rows}))
+    words = ('--attenuation', 'none', '--feedback', 'fuzzy_pid', '--pid', '0', '2e4', '0',
+             '--fuzzy', '5e-7', '1e-5', '0', '2e4')  # fmt: skip
+    own, _ = study(files, tmp_path, *words, reference=SLOW)
+    mine, _ = study(files, tmp_path, *words, '--fuzzy-tables', str(table), reference=SLOW)
+    assert mine['with fuzzy PID'] < 0.95 * own['with fuzzy PID']  # all of the integral, always
+
+
+def test_attenuation_and_feedback_may_act_together(files, tmp_path):
+    rms, _ = study(
+        files, tmp_path, '--orders', '0', '1', '3', '--pid', '0', '2e3', '0', '--together'
+    )
+    assert list(rms)[2:] == ['with attenuation', 'with PID', 'with both']
+    assert rms['with both'] < rms['feedforward']
+
+
+def test_sign_rules_are_settings_of_the_attenuation(files, tmp_path):
+    """Fujii's printed rule has the wrong sign below the mode, the computed one has not."""
+    words = ('--attenuation', 'rls', '--orders', '3', '--attenuation-set', 'switch_frequency=66')
+    reference = 'sine:frequency=20,amplitude=5e-5,duration=6,ramp=0.5'
+    computed, _ = study(files, tmp_path, *words, reference=reference)
+    printed, _ = study(files, tmp_path, *words, 'sign_rule=printed', reference=reference)
+    assert computed['with attenuation'] < computed['feedforward']
+    assert printed['with attenuation'] > computed['with attenuation']
+
+
+def test_the_laws_of_the_papers_are_chosen_by_name(files, tmp_path):
+    words = ('--attenuation', 'none', '--law')
+    exact, _ = study([*files[:3], files[1]], tmp_path, *words, 'exact')
+    late, told = study([*files[:3], files[1]], tmp_path, *words, 'zhou2021')
+    assert late['feedforward'] > 3 * exact['feedforward']
+    assert told['law'] == 'zhou2021'
+
+
+def test_slow_drives_have_a_model_of_their_own(files, tmp_path):
+    """The fast model is wrong, the slow one right: up to the switch it is as good as that."""
+    words = ('--attenuation', 'none', '--slow-model', files[3])
+    slow, _ = study(files, tmp_path, *words, '--switch', '6')
+    fast, _ = study(files, tmp_path, *words, '--switch', '4')
+    assert slow['feedforward'] < 0.1 * fast['feedforward']
+
+
+def test_the_selector_is_a_model_like_any_other(tmp_path):
+    model = named('inverse_selector')
+    ModelFile(model, model.defaults()).save(tmp_path / 'selector.yaml')
+    both = ['--model', str(tmp_path / 'selector.yaml'), '--plant', str(tmp_path / 'selector.yaml')]
+    rms, _ = study(both, tmp_path, '--attenuation', 'none', '--law', 'xiao2014')
+    assert rms['feedforward'] < 0.1 * rms['no compensation']
+
+
+# --- a simulated plant ------------------------------------------------------------------------
+
+
+def test_a_preset_of_the_simulator_is_a_plant(files, tmp_path):
+    plain = [*files[:2], '--plant', 'preset:generic_bouc_wen']
+    words = ('--attenuation', 'none')
+    rms, told = study(plain, tmp_path, *words)
+    assert told['plant'] == 'preset:generic_bouc_wen'
+    assert rms['feedforward'] < rms['no compensation']
+    again, _ = study(plain, tmp_path, *words)
+    assert again == rms
+    crept, _ = study(plain, tmp_path, *words, '--plant-set', 'effects.creep=true')
+    assert crept != rms
+
+
+def test_the_plant_of_another_process_is_the_plant_to_the_bit():
+    voltage = np.sin(2 * np.pi * 5 * np.arange(500) * 1e-3)
+    there = simulated('generic_bouc_wen', 1000.0, seed=3)
+    try:
+        assert there.about['preset'] == 'generic_bouc_wen'
+        first = [there.exchange(float(v)) for v in voltage]
+        there.reset()
+        again = [there.exchange(float(v)) for v in voltage]
+    finally:
+        there.close()
+    here = Plant.from_preset('generic_bouc_wen', 1000.0, 3)
+    np.testing.assert_array_equal(first, [here.exchange(float(v)) for v in voltage])
+    np.testing.assert_array_equal(first, again)
+
+
+def test_a_plant_that_ends_is_told_of(tmp_path):
+    code = 'print("{}", flush=True); import sys; sys.exit("error: it broke")'
+    plant = ProcessPlant([sys.executable, '-c', code])
+    plant._process.wait(30)
+    with pytest.raises(CompensationError, match='the plant has ended: it broke'):
+        plant.exchange(0.0)
+    plant.close()
+    with pytest.raises(CompensationError, match='cannot be started: No such file'):
+        ProcessPlant([str(tmp_path / 'nowhere')])
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        ('--plant preset:nobody', 'cannot be started: there is no preset'),
+        ('--plant preset:generic_bouc_wen --plant-set colour=3', 'cannot be started'),
+        ('--plant preset:generic_bouc_wen --noise 1e-8', 'its own noise'),
+        ('--plant-set effects.creep=true', '--plant-set is for a simulated plant'),
+        ('--feedback pid', '--feedback pid needs --pid'),
+        ('--feedback fuzzy_pid --pid 0 1 0', 'needs --fuzzy'),
+        ('--feedback h_infinity', 'needs --bandwidth'),
+        ('--feedback h_infinity --bandwidth 600', 'beyond half the sampling rate'),
+        ('--feedback h_infinity --bandwidth 200', 'gamma is'),
+        ('--feedback h_infinity --bandwidth 5 --h-infinity-set peak=x', 'peak must be a number'),
+        ('--feedback h_infinity --bandwidth 5 --h-infinity-set size=2', 'no setting of h_inf'),
+        ('--bandwidth 5', '--bandwidth belongs to --feedback h_infinity'),
+        ('--pid 0 1 0 --fuzzy 1 1 1 1', '--fuzzy belongs to --feedback fuzzy_pid'),
+        ('--attenuation-set sign_rule=guessed', 'sign_rule'),
+        ('--attenuation-set gain=big', 'gain must be a number'),
+        ('--attenuation-set orders=3', 'no setting of the attenuation'),
+        ('--law tatebatake2017', 'inverts bouc_wen and autoregressive'),
+        ('--slow-model PLANT --switch 0', 'must be positive'),
+    ],
+)
+def test_what_cannot_be_is_one_line(words, says, files, tmp_path, capsys):
+    given = [files[3] if word == 'PLANT' else word for word in words.split()]
+    out = tmp_path / 'out'
+    asked = ['compensate', *files, '--reference', SHORT, '--out', str(out), *given]
+    assert main(asked) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert says in told[0]
+    assert not out.exists()

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
+from piezo_sim import serve
 from piezo_sim.errors import SimulationError, SweepError
 from piezo_sim.output import check_target, labels, write_labels, write_records
 from piezo_sim.plant import Plant
@@ -44,6 +45,7 @@ def build_parser() -> argparse.ArgumentParser:
     _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
     verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
     configure_stage(verbs.add_parser('stage', help='a flexure stage from its dimensions'))
+    _configure_plant(verbs.add_parser('plant', help='an actuator for another program, by a pipe'))
     describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
     describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
     describe.set_defaults(run=_describe)
@@ -100,6 +102,16 @@ def _sweep(options: argparse.Namespace) -> int:
         f'written in {time.perf_counter() - simulated:.2f} s'
     )
     return 0
+
+
+def _configure_plant(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
+    add('--rate', type=float, help='sampling rate in Hz (default: of the preset)')
+    add('--seed', type=int, default=0, help='seed of all noise')
+    add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
+        help='parameter, or effects.NAME=true|false')  # fmt: skip
+    parser.set_defaults(run=lambda options: serve.run(options, dict(options.set)))
 
 
 def _overrides(options: argparse.Namespace) -> dict[str, float | bool]:

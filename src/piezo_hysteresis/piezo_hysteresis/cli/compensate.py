@@ -1,7 +1,8 @@
 """Study in closed loop, without hardware, how well a model compensates a plant.
 
-The plant is a model too, usually another one or one with other numbers. The reference is a
-waveform, KIND:setting=value,... (amplitude in m), e.g. sine:frequency=23,amplitude=120e-6.
+The plant is a model too, usually another one or one with other numbers, or a simulated actuator:
+preset:NAME. The reference is a waveform, KIND:setting=value,... (amplitude in m), e.g.
+sine:frequency=23,amplitude=120e-6.
 """
 
 from __future__ import annotations
@@ -11,44 +12,46 @@ import math
 import time
 from pathlib import Path
 
+from piezo_hysteresis.cli import compensate_links as links
 from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, run_study
 from piezo_hysteresis.cli.compensate_study import write_results as write
-from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.pid import PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder
 
 HELP = 'offline closed-loop study: how well a model compensates a plant'
 
-_ATTENUATION = ('afc', 'rls', 'filtered_rls', 'none')
+PRESET = 'preset:'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     add = parser.add_argument
     add('--model', required=True, metavar='YAML', help='model that is inverted')
-    add('--plant', required=True, metavar='YAML', help='model in the place of the actuator')
+    add(
+        '--plant',
+        required=True,
+        metavar='YAML|preset:NAME',
+        help='model in the place of the actuator, or a simulated one (piezo_sim presets)',
+    )
+    add(
+        '--plant-set',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='parameters and effects of a simulated plant: effects.creep=true',
+    )
     add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
     add('--out', required=True, metavar='DIR', help='folder of summary.json and figures')
     add('--rate', type=float, help='sampling rate [Hz]; that of the model data, or 1000')
-    add('--attenuation', choices=_ATTENUATION, default='afc', help='of harmonics')
-    add('--orders', type=int, nargs='+', default=[0, 1, 3, 5], help='harmonics to attenuate')
-    add('--resonance', type=float, default=0.0, help='add the orders that it amplifies [Hz]')
-    add(
-        '--pid',
-        type=float,
-        nargs=3,
-        metavar=('KP', 'KI', 'KD'),
-        help='feedback gains [V/m], [V/(m s)], [V s/m]',
-    )
     add('--low', type=float, default=-1.2, help='lowest voltage [V]')
     add('--high', type=float, default=1.2, help='highest voltage [V]')
     add('--slew', type=float, default=1000.0, help='largest change of the voltage [V/s]')
     add('--noise', type=float, default=0.0, help='rms of the measurement noise [m]')
     add('--seed', type=int, default=0, help='seed of the noise')
     add('--from-seconds', type=float, help='errors count from here [s]; half of the reference')
+    links.configure(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -56,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     begun = time.perf_counter()
     check_folder(arguments.out, 'compensate')
     model = ModelFile.load(arguments.model)
-    plant = ModelFile.load(arguments.plant)
+    plant = _plant(arguments)
     waveform = parse_reference(arguments.reference)
     rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
     _require_numbers(arguments, rate)
@@ -68,21 +71,20 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if not math.isfinite(waveform.duration) or waveform.duration * rate > 5e7:
         raise CompensationError('the reference is too long; give it a duration')
-    attenuation = None
-    if arguments.attenuation != 'none':
-        orders = tuple(arguments.orders)
-        attenuation = AttenuationSettings(
-            method=arguments.attenuation, orders=orders, resonance=arguments.resonance
-        )
     from_seconds = arguments.from_seconds
     study = Study(
         model=model,
+        slow=None if arguments.slow_model is None else ModelFile.load(arguments.slow_model),
+        law=arguments.law,
+        switch=arguments.switch,
         plant=plant,
+        plant_settings=tuple(arguments.plant_set),
         waveform=waveform,
         dt=1.0 / rate,
         limits=Limits(arguments.low, arguments.high, arguments.slew),
-        attenuation=attenuation,
-        gains=None if arguments.pid is None else PidGains(*arguments.pid),
+        attenuation=links.attenuation_of(arguments),
+        feedback=links.feedback_of(arguments),
+        together=arguments.together,
         noise=arguments.noise,
         seed=arguments.seed,
         from_seconds=0.5 * waveform.duration if from_seconds is None else from_seconds,
@@ -92,8 +94,23 @@ def run(arguments: argparse.Namespace) -> int:
     write(out, study, runs, arguments.reference, time.perf_counter() - begun)
     for line in _table(runs):
         print(line)
+    for words in dict.fromkeys(words for each in runs for words in each.words):
+        print(words)
     print(f'written to {out}')
     return 0
+
+
+def _plant(arguments: argparse.Namespace) -> ModelFile | str:
+    """Return the model in the place of the actuator, or the name of a preset."""
+    if arguments.plant.startswith(PRESET):
+        if arguments.noise:
+            raise CompensationError(
+                'a simulated plant has its own noise; set it by --plant-set sensor.noise_rms=...'
+            )
+        return str(arguments.plant.removeprefix(PRESET))
+    if arguments.plant_set:
+        raise CompensationError('--plant-set is for a simulated plant, preset:NAME')
+    return ModelFile.load(arguments.plant)
 
 
 def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:

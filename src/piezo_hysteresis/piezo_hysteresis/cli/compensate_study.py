@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import yaml
 
-from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
+from piezo_hysteresis.cli.compensate_links import Builder, Feedback
 from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.base import Limits, Link
-from piezo_hysteresis.compensation.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.loop import (
     LoopResult,
@@ -22,26 +23,34 @@ from piezo_hysteresis.compensation.loop import (
     tracking_metrics,
 )
 from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.physical import PhysicalInverse
-from piezo_hysteresis.compensation.pid import Pid, PidGains
+from piezo_hysteresis.compensation.process_plant import simulated
 from piezo_hysteresis.compensation.reach import require_reachable
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.waveforms import Waveform, from_spec
+from piezo_hysteresis.waveforms.base import Samples
 
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that a study is made of; times in s, voltages in V, displacements in m."""
+    """Everything that a study is made of; times in s, voltages in V, displacements in m.
+
+    The plant is a model, or the name of a preset of the simulator.
+    """
 
     model: ModelFile
-    plant: ModelFile
+    slow: ModelFile | None
+    law: str
+    switch: float
+    plant: ModelFile | str
+    plant_settings: tuple[str, ...]
     waveform: Waveform
     dt: float
     limits: Limits
     attenuation: AttenuationSettings | None
-    gains: PidGains | None
+    feedback: Feedback | None
+    together: bool
     noise: float
     seed: int
     from_seconds: float
@@ -54,6 +63,7 @@ class Run:
     name: str
     result: LoopResult
     metrics: TrackingMetrics
+    words: tuple[str, ...] = ()
 
 
 def parse_reference(text: str) -> Waveform:
@@ -97,37 +107,61 @@ def run_study(study: Study) -> list[Run]:
     samples = study.waveform.sample(time)
     Limiter(study.limits, study.dt)  # refuses what are none
     require_reachable(samples.value, study.model.model, study.model.values, study.dt, study.limits)
-    runs = []
-    for name, links in _chains(study):
-        plant = ModelPlant(
+    with _plant(study) as plant:
+        return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
+
+
+class _Plant(Protocol):
+    """A plant that can be put back to rest."""
+
+    def exchange(self, voltage: float) -> float:
+        """Apply `voltage` [V] for one tick; answer the displacement before it acts [m]."""
+
+    def reset(self) -> None:
+        """Go back to rest, with the same noise."""
+
+
+@contextmanager
+def _plant(study: Study) -> Iterator[_Plant]:
+    if isinstance(study.plant, ModelFile):
+        yield ModelPlant(
             study.plant.model, study.plant.values, study.dt, noise=study.noise, seed=study.seed
         )
-        result = closed_loop(samples, links, plant, study.limits, study.dt)
-        runs.append(Run(name, result, tracking_metrics(result, study.from_seconds)))
-    return runs
+        return
+    plant = simulated(study.plant, 1.0 / study.dt, study.seed, study.plant_settings)
+    try:
+        yield plant
+    finally:
+        plant.close()
+
+
+def _run(study: Study, name: str, links: list[Link], samples: Samples, plant: _Plant) -> Run:
+    plant.reset()
+    result = closed_loop(samples, links, plant, study.limits, study.dt)
+    words = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
+    return Run(name, result, tracking_metrics(result, study.from_seconds), words)
 
 
 def _chains(study: Study) -> list[tuple[str, list[Link]]]:
-    model, values, dt, limits = study.model.model, study.model.values, study.dt, study.limits
-    amplitude = 0.5 * (limits.high - limits.low)
-    gain = model_gain(model, values, dt, amplitude)
-
-    def linear() -> Link:
-        numbers = {'A1': abs(gain(0.0)), 'offset': float(values.get('offset', 0.0))}
-        return PhysicalInverse(numbers, dt, law='gain', limits=limits)
-
-    def inverse() -> Link:
-        return inverse_for(model, values, dt, limits=limits, scale=amplitude)
-
+    build = Builder(
+        study.model, study.slow, study.law, study.switch, study.dt, study.limits
+    )  # fmt: skip
     chains: list[tuple[str, list[Link]]] = [
-        ('no compensation', [linear()]),
-        ('feedforward', [inverse()]),
+        ('no compensation', [build.straight()]),
+        ('feedforward', [build.inverse()]),
     ]
+    both: list[Link] = []
     if study.attenuation is not None:
-        attenuation = HarmonicAttenuation(study.attenuation, gain, dt)
-        chains.append(('with attenuation', [inverse(), attenuation]))
-    if study.gains is not None:
-        chains.append(('with PID', [inverse(), Pid(study.gains, dt, limits=limits)]))
+        chains.append(
+            ('with attenuation', [build.inverse(), build.attenuation(study.attenuation)])
+        )
+        both.append(build.attenuation(study.attenuation))
+    if study.feedback is not None:
+        with_law = [build.inverse(), build.feedback(study.feedback)]
+        chains.append((f'with {study.feedback.name}', with_law))
+        both.append(build.feedback(study.feedback))
+    if study.together and len(both) == 2:
+        chains.append(('with both', [build.inverse(), *both]))
     return chains
 
 
@@ -143,7 +177,13 @@ def write_results(
     """
     summary = {
         'model': study.model.model.name,
-        'plant': study.plant.model.name,
+        'plant': (
+            study.plant.model.name
+            if isinstance(study.plant, ModelFile)
+            else f'preset:{study.plant}'
+        ),
+        'law': study.law,
+        'notes': list(dict.fromkeys(words for each in runs for words in each.words)),
         'reference': reference,
         'rate_hz': 1.0 / study.dt,
         'from_seconds': study.from_seconds,

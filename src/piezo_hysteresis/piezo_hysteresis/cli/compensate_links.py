@@ -1,0 +1,279 @@
+"""The controllers of a study: which links a chain is made of, by the words of the verb."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, get_type_hints
+
+from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.base import INVERSES, Limits, Link
+from piezo_hysteresis.compensation.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.fuzzy_tables import read_tables
+from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.pid import Pid, PidGains
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+
+ATTENUATIONS = ('afc', 'rls', 'filtered_rls', 'none')
+FEEDBACKS = ('none', 'pid', 'fuzzy_pid', 'h_infinity')
+_NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """A law on the error: its kind, and what belongs to it.
+
+    Attributes
+    ----------
+    kind : str
+        One of `FEEDBACKS` but ``none``.
+    gains : PidGains or None
+        Of PID and fuzzy PID.
+    rules : FuzzyRules or None
+        Of fuzzy PID.
+    weights : mapping
+        Of H-infinity, as `HInfinityWeights` takes them.
+    """
+
+    kind: str
+    gains: PidGains | None = None
+    rules: FuzzyRules | None = None
+    weights: Mapping[str, Any] | None = None
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        return _NAMES[self.kind]
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words that choose controllers."""
+    forward = parser.add_argument_group('feedforward')
+    forward.add_argument(
+        '--law', choices=INVERSES, default='auto', help='how the model is inverted; laws of papers'
+    )
+    forward.add_argument('--slow-model', metavar='YAML', help='another model for slow drives')
+    forward.add_argument(
+        '--switch', type=float, default=1.0, metavar='HZ', help='up to which drives are slow (1)'
+    )
+    harmonics = parser.add_argument_group('attenuation of harmonics')
+    add = harmonics.add_argument
+    add('--attenuation', choices=ATTENUATIONS, default='afc', help='its method')
+    add('--orders', type=int, nargs='+', default=[0, 1, 3, 5], help='harmonics to attenuate')
+    add('--resonance', type=float, default=0.0, help='add the orders that it amplifies [Hz]')
+    add(
+        '--attenuation-set',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='further settings: sign_rule=printed, switch_frequency=66, fit=sines, gain=1e4, ...',
+    )
+    feedback = parser.add_argument_group('feedback')
+    add = feedback.add_argument
+    add('--feedback', choices=FEEDBACKS, help='law on the error; pid where --pid is given')
+    add(
+        '--pid',
+        type=float,
+        nargs=3,
+        metavar=('KP', 'KI', 'KD'),
+        help='gains of pid and fuzzy_pid [V/m], [V/(m s)], [V s/m]',
+    )
+    add(
+        '--fuzzy',
+        type=float,
+        nargs=4,
+        metavar=('E', 'RATE', 'DKP', 'DKI'),
+        help='error [m] and rate [m/s] that are big, largest changes of the gains',
+    )
+    add('--fuzzy-tables', metavar='YAML', help='its rules, like config/fuzzy/symmetric.yaml')
+    add('--bandwidth', type=float, metavar='HZ', help='of h_infinity')
+    add(
+        '--h-infinity-set',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='its other weights: steady_error, peak, control, delay_ticks',
+    )
+    add('--together', action='store_true', help='one more run, with attenuation and feedback')
+
+
+def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
+    """Return the settings of the attenuation, None where there shall be none.
+
+    Raises
+    ------
+    CompensationError
+        If one is unknown or impossible.
+    """
+    if arguments.attenuation == 'none':
+        return None
+    kinds = get_type_hints(AttenuationSettings)
+    known = [f.name for f in fields(AttenuationSettings)]
+    more = _settings(arguments.attenuation_set, known[3:], 'the attenuation')
+    return AttenuationSettings(
+        method=arguments.attenuation,
+        orders=tuple(arguments.orders),
+        resonance=arguments.resonance,
+        **{name: _number(name, v) if kinds[name] is float else v for name, v in more.items()},  # type: ignore[arg-type]
+    )
+
+
+def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
+    """Return the feedback, None where there shall be none.
+
+    Raises
+    ------
+    CompensationError
+        If something is missing, superfluous or impossible.
+    """
+    kind = arguments.feedback or ('none' if arguments.pid is None else 'pid')
+    belongs = {
+        'pid': ('pid', 'fuzzy_pid'),
+        'fuzzy': ('fuzzy_pid',),
+        'fuzzy_tables': ('fuzzy_pid',),
+        'bandwidth': ('h_infinity',),
+        'h_infinity_set': ('h_infinity',),
+    }
+    for word, kinds in belongs.items():
+        if getattr(arguments, word) and kind not in kinds:
+            raise CompensationError(
+                f'--{word.replace("_", "-")} belongs to --feedback {" or ".join(kinds)}'
+            )
+    needed = {'pid': ('pid',), 'fuzzy_pid': ('pid', 'fuzzy'), 'h_infinity': ('bandwidth',)}
+    for word in needed.get(kind, ()):
+        if getattr(arguments, word) is None:
+            raise CompensationError(f'--feedback {kind} needs --{word}')
+    if kind == 'none':
+        return None
+    if kind == 'h_infinity':
+        weights = _settings(
+            arguments.h_infinity_set, ('steady_error', 'peak', 'control', 'delay_ticks'),
+            'h_infinity',
+        )  # fmt: skip
+        numbers = {name: _number(name, value) for name, value in weights.items()}
+        return Feedback(kind, weights={'bandwidth': arguments.bandwidth, **numbers})
+    gains = PidGains(*arguments.pid)
+    if kind == 'pid':
+        return Feedback(kind, gains)
+    scales = arguments.fuzzy
+    path = arguments.fuzzy_tables
+    rules = FuzzyRules(*scales, **read_tables(path)) if path else FuzzyRules(*scales)
+    return Feedback(kind, gains, rules)
+
+
+def _settings(words: Sequence[str], known: Sequence[str], what: str) -> dict[str, str]:
+    found = {}
+    for word in words:
+        name, equals, value = word.partition('=')
+        if not equals or name not in known:
+            raise CompensationError(
+                f'{word!r} is no setting of {what}; write NAME=VALUE with {", ".join(known)}'
+            )
+        found[name] = value
+    return found
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise CompensationError(f'{name} must be a number, got {text!r}')
+    return value
+
+
+@dataclass(frozen=True)
+class Builder:
+    """Builds links for one model, rate and range.
+
+    Attributes
+    ----------
+    model, slow : ModelFile, ModelFile or None
+        What is inverted; for slow drives another one, where given.
+    law : str
+        By which, see `inverse_for`.
+    switch : float
+        Up to which frequency drives are slow [Hz].
+    dt : float
+        Sampling interval [s].
+    limits : Limits
+        Of the voltage.
+    """
+
+    model: ModelFile
+    slow: ModelFile | None
+    law: str
+    switch: float
+    dt: float
+    limits: Limits
+
+    @property
+    def amplitude(self) -> float:
+        """Half the range of the voltage [V]."""
+        return 0.5 * (self.limits.high - self.limits.low)
+
+    def gain(self) -> LinearGain:
+        """Return the gain of the model for small tones."""
+        return model_gain(self.model.model, self.model.values, self.dt, self.amplitude)
+
+    def straight(self) -> Link:
+        """Return no compensation: the reference divided by the gain."""
+        return self._inverse(self.model, 'gain')
+
+    def inverse(self) -> Link:
+        """Return the feedforward."""
+        fast = self._inverse(self.model, self.law)
+        if self.slow is None:
+            return fast
+        slow = self._inverse(self.slow, self.law)
+        return FrequencySwitch(slow, fast, self.switch, self.dt, limits=self.limits)
+
+    def _inverse(self, loaded: ModelFile, law: str) -> Link:
+        return inverse_for(
+            loaded.model,
+            loaded.values,
+            self.dt,
+            limits=self.limits,
+            scale=self.amplitude,
+            law=law,
+        )
+
+    def attenuation(self, settings: AttenuationSettings) -> Link:
+        """Return the attenuation of harmonics."""
+        return HarmonicAttenuation(settings, self.gain(), self.dt)
+
+    def feedback(self, asked: Feedback) -> Link:
+        """Return the law on the error.
+
+        Raises
+        ------
+        CompensationError
+            If an H-infinity controller does less than was asked for.
+        """
+        if asked.kind == 'h_infinity':
+            return self._h_infinity(asked.weights or {})
+        assert asked.gains is not None
+        if asked.rules is not None:
+            return FuzzyPid(asked.gains, asked.rules, self.dt, limits=self.limits)
+        return Pid(asked.gains, self.dt, limits=self.limits)
+
+    def _h_infinity(self, weights: Mapping[str, Any]) -> Link:
+        from piezo_hysteresis.compensation import hinf
+        from piezo_hysteresis.compensation.physical import structure_coefficients
+
+        k1, k2 = structure_coefficients(self.model.model.unpack(self.model.packed))
+        if k2 == 0.0:
+            raise CompensationError(
+                f'h_infinity needs a plant that falls off, and model {self.model.model.name} has '
+                'no mode; identify it with +mode'
+            )
+        plant = hinf.transfer_function([abs(self.gain()(0.0))], [k2, k1, 1.0])
+        found = hinf.design(plant, hinf.HInfinityWeights(**weights), self.dt).require_usable()
+        return hinf.HInfinity(found.controller, self.dt, limits=self.limits, words=found.words())

@@ -1,0 +1,117 @@
+"""A plant in another process, spoken to over a pipe: nothing of it is imported here."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from piezo_hysteresis.errors import CompensationError
+
+_NUMBER = struct.Struct('<d')
+_REST = _NUMBER.pack(float('nan'))
+_PATIENCE = 10.0  # for it to end [s]
+
+
+class ProcessPlant:
+    """Drives a program that answers voltages with displacements.
+
+    The program writes one line of JSON about itself, then for every double that it reads (eight
+    bytes, the lowest first) the displacement [m] before that voltage [V] acts. A voltage that is
+    no number means: back to rest.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The program and its words.
+
+    Raises
+    ------
+    CompensationError
+        If it ends instead of answering; what it says is told.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        try:
+            self._process = subprocess.Popen(
+                list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )  # fmt: skip
+        except OSError as error:
+            raise CompensationError(f'the plant cannot be started: {error.strerror}') from error
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._in, self._out = self._process.stdin, self._process.stdout
+        try:
+            self.about: Mapping[str, Any] = json.loads(self._out.readline())
+        except ValueError:
+            raise CompensationError(f'the plant cannot be started: {self._last()}') from None
+
+    def exchange(self, voltage: float) -> float:
+        """Apply `voltage` [V] for one tick; answer the displacement before it acts [m]."""
+        return self._ask(_NUMBER.pack(voltage))
+
+    def reset(self) -> None:
+        """Put the plant back to rest; its noise begins anew."""
+        self._ask(_REST)
+
+    def _ask(self, word: bytes) -> float:
+        try:
+            self._in.write(word)
+            self._in.flush()
+        except OSError:
+            raise CompensationError(f'the plant has ended: {self._last()}') from None
+        answer = self._out.read(_NUMBER.size)
+        if len(answer) < _NUMBER.size:
+            raise CompensationError(f'the plant has ended: {self._last()}')
+        return float(_NUMBER.unpack(answer)[0])
+
+    def _last(self) -> str:
+        """Return the last line that the program said, without what every error begins with."""
+        self._process.kill()
+        _, said = self._process.communicate()
+        lines = said.decode('utf-8', 'replace').strip().splitlines()
+        return lines[-1].removeprefix('error: ') if lines else 'it said nothing'
+
+    def close(self) -> None:
+        """End the program."""
+        if self._process.poll() is None:
+            self._in.close()
+            try:
+                self._process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        for stream in (self._out, self._process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def simulated(
+    preset: str, rate: float, seed: int = 0, settings: Sequence[str] = ()
+) -> ProcessPlant:
+    """Return the simulated actuator of a preset, in a process of its own.
+
+    Parameters
+    ----------
+    preset : str
+        Name, as ``python -m piezo_sim presets`` lists them.
+    rate : float
+        Sampling rate [Hz].
+    seed : int
+        Of its noise.
+    settings : sequence of str
+        ``NAME=VALUE`` of its parameters and effects.
+
+    Raises
+    ------
+    CompensationError
+        If there is no such preset or setting, or no simulator.
+    """
+    words = ['plant', '--preset', preset, '--rate', repr(rate), '--seed', str(seed)]
+    for setting in settings:
+        words += ['--set', setting]
+    return ProcessPlant([sys.executable, '-m', 'piezo_sim', *words])
