@@ -22,3 +22,7 @@ class IdentificationError(PiezoError):
 
 class CompensationError(PiezoError):
     """A model cannot be inverted or a controller cannot be built."""
+
+
+class DataNote(UserWarning):
+    """Something about the data that whoever uses them should know."""

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import TextIO
 
 from piezo_hysteresis import __version__
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.errors import DataNote, PiezoError
 
 # Each file offers HELP (one line), configure(parser) and run(arguments) -> exit code.
 VERBS = {
@@ -74,7 +74,8 @@ def _say(
     line: str | None = None,
 ) -> None:
     """Print a warning as one line, without the place in the code that gave it."""
-    print(f'warning: {message}', file=file or sys.stderr)
+    kind = 'note' if issubclass(category, DataNote) else 'warning'
+    print(f'{kind}: {message}', file=file or sys.stderr)
 
 
 def _run(words: list[str]) -> int:

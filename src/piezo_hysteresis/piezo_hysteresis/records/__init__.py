@@ -3,13 +3,14 @@
 from piezo_hysteresis.records.bag_writer import write_bag
 from piezo_hysteresis.records.bags import read_bag
 from piezo_hysteresis.records.csv_files import read_csv, write_csv
-from piezo_hysteresis.records.damage import Damage, DamageWarning
+from piezo_hysteresis.records.damage import Damage, DamageWarning, LeftOutWarning
 from piezo_hysteresis.records.load import Survey, load, survey
 from piezo_hysteresis.records.record import Record, RecordInfo
 
 __all__ = [
     'Damage',
     'DamageWarning',
+    'LeftOutWarning',
     'Record',
     'RecordInfo',
     'Survey',

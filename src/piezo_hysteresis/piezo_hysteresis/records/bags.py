@@ -13,7 +13,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import BagContent, TopicContent, read_content
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE
-from piezo_hysteresis.records.markers import Marker
+from piezo_hysteresis.records.markers import MOVED, Marker
 from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.sampling import Track, records_of
 
@@ -147,8 +147,9 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
 def _cut(
     track: Track, stamp: IntArray, markers: list[Marker], path: Path, log: DamageLog
 ) -> list[Track]:
-    """Return the samples from each marker to the next."""
+    """Return the samples from each marker to the next, without the records that do not count."""
     starts = [marker.stamp for marker in markers]
+    void = _void(markers)
     # At one tick, the end of a record stands in front of the beginning of the next.
     order = sorted(range(len(markers)), key=lambda k: (starts[k], bool(markers[k].record)))
     edges = [starts[k] for k in order] + [int(stamp.max()) + 1]
@@ -159,8 +160,13 @@ def _cut(
         marker = markers[k]
         if not marker.record:
             outside += int(own.sum())
+        elif k in void:
+            if void[k] != MOVED:
+                what = f'record {marker.record} was {void[k]} and is left out'
+                log.leave_out(path, what, count=int(own.sum()))
         elif not own.any():
-            log.note(path, f'record {marker.record} is announced but holds no samples')
+            if first < last:  # else it was said twice
+                log.note(path, f'record {marker.record} is announced but holds no samples')
         else:
             part = track.take(own)
             parts.append(
@@ -170,6 +176,21 @@ def _cut(
     if outside:
         log.note(path, f'{outside} samples lie outside the marked records', count=outside)
     return parts
+
+
+def _void(markers: list[Marker]) -> dict[int, str]:
+    """Return why records do not count, by the place of the marker that begins them.
+
+    A marker that judges means the newest of its name that was begun before it and still counts.
+    """
+    void: dict[int, str] = {}
+    for k, judge in enumerate(markers):
+        if judge.judged:
+            begun = [
+                j for j, m in enumerate(markers[:k]) if m.record == judge.judged and j not in void
+            ]
+            void |= dict.fromkeys(begun[-1:], judge.verdict)
+    return void
 
 
 def _reference(

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.errors import DataNote, RecordError
 
 SALVAGE_HINT = 'pass --salvage to keep what is readable'
 
 
 class DamageWarning(UserWarning):
     """Something was left out or mended while data were read."""
+
+
+class LeftOutWarning(DataNote):
+    """A record that was cancelled, refused or run again was left out."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +54,14 @@ class DamageLog:
         What was wrong, in the order it was met.
     notes : list of Damage
         What should be said but costs nothing (a recording that was cut off between two flushes).
+    left_out : list of Damage
+        Those of the notes that tell of a record that does not count.
     """
 
     salvage: bool = False
     findings: list[Damage] = field(default_factory=list)
     notes: list[Damage] = field(default_factory=list)
+    left_out: list[Damage] = field(default_factory=list)
 
     def add(
         self, where: object, what: str, *, count: int = 1, lost: int = 0, remedy: str = ''
@@ -75,6 +82,11 @@ class DamageLog:
     def note(self, where: object, what: str, *, count: int = 1) -> None:
         """List something that should be said but does not keep the data from being used."""
         self.notes.append(Damage(str(where), what, count))
+
+    def leave_out(self, where: object, what: str, *, count: int = 1) -> None:
+        """Note a record that is left out because whoever made it says that it does not count."""
+        self.note(where, what, count=count)
+        self.left_out.append(self.notes[-1])
 
     @property
     def lost(self) -> int:

@@ -13,7 +13,12 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
 from piezo_hysteresis.records.csv_files import csv_records
-from piezo_hysteresis.records.damage import Damage, DamageLog, DamageWarning
+from piezo_hysteresis.records.damage import (
+    Damage,
+    DamageLog,
+    DamageWarning,
+    LeftOutWarning,
+)
 from piezo_hysteresis.records.record import Record
 
 
@@ -31,18 +36,23 @@ class Survey:
         What should be said but keeps nothing from being used.
     bags : list of BagContent
         The bags among the data, with all their topics.
+    left_out : list of Damage
+        Those of the notes that tell of a record that was cancelled, refused or run again.
     """
 
     records: list[Record]
     damage: list[Damage] = field(default_factory=list)
     notes: list[Damage] = field(default_factory=list)
     bags: list[BagContent] = field(default_factory=list)
+    left_out: list[Damage] = field(default_factory=list)
 
 
 def load(
     paths: Sequence[str | Path], *, salvage: bool = False, actuator: str | None = None
 ) -> list[Record]:
     """Read records from any mix of bag folders, ``.mcap``/``.db3`` files and CSV files.
+
+    A record that was cancelled or refused is left out, with a `LeftOutWarning`.
 
     Parameters
     ----------
@@ -61,6 +71,8 @@ def load(
     found = survey(paths, salvage=salvage, actuator=actuator)
     for damage in found.damage:
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
+    for record in found.left_out:
+        warnings.warn(str(record), LeftOutWarning, stacklevel=2)
     return found.records
 
 
@@ -89,10 +101,10 @@ def survey(
             reason = getattr(error, 'strerror', None) or error  # without the path once more
             raise RecordError(f'{path}: it cannot be read ({reason})') from error
         if not found:
-            lost = '; '.join(str(damage) for damage in log.findings[-2:])
+            lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
             raise RecordError(f'{path}: no record in it is readable ({lost})')
         records += found
-    return Survey(_uniquely_named(records), log.findings, log.notes, bags)
+    return Survey(_uniquely_named(records), log.findings, log.notes, bags, log.left_out)
 
 
 def _read(

@@ -16,6 +16,12 @@ from piezo_hysteresis.records.definitions import MARKER, stored_types, typestore
 from piezo_hysteresis.records.record import RecordInfo
 from piezo_hysteresis.records.storage import Block, Topic
 
+# Why a record does not count. The marker that says so has no name, so that it ends what is open as
+# any other end does; its excitation is one of these, its frame_id the name of the judged record.
+CANCELLED, REFUSED, FAILED, REPEATED, MOVED = VERDICTS = (
+    'cancelled', 'refused', 'failed', 'repeated', 'moved',
+)  # fmt: skip
+
 NUMBERS = ('frequency', 'amplitude', 'warm_up', 'rate')
 
 
@@ -33,12 +39,18 @@ class Marker:
         Sampling rate [Hz].
     info : RecordInfo
         What is known besides.
+    judged : str
+        Name of a record that does not count; empty where none is judged.
+    verdict : str
+        Why it does not: one of `VERDICTS`.
     """
 
     stamp: int
     record: str
     rate: float
     info: RecordInfo
+    judged: str = ''
+    verdict: str = ''
 
 
 def decode_markers(path: Path, topic: Topic, block: Block, log: DamageLog) -> list[Marker]:
@@ -92,6 +104,7 @@ def _marker(message: Any, path: Path, log: DamageLog) -> Marker:
         log.add(path, f'the marker of record {message.record} has no usable {", ".join(wrong)}')
         numbers |= dict.fromkeys(wrong, 0.0)
     stamp = message.header.stamp
+    judges = not message.record and message.excitation in VERDICTS
     return Marker(
         int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec),
         message.record,
@@ -102,4 +115,6 @@ def _marker(message: Any, path: Path, log: DamageLog) -> Marker:
             input_unit=message.input_unit or 'V',
             **numbers,
         ),
+        message.header.frame_id if judges else '',
+        message.excitation if judges else '',
     )

@@ -1,0 +1,132 @@
+"""Records that were cancelled, refused or run again: said, and used by no verb."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from damaged_bags import FIELDS
+
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.records import LeftOutWarning, cdr, load, survey, write_bag
+from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of, typestore
+from piezo_hysteresis.records.markers import MOVED, VERDICTS
+from piezo_hysteresis.records.recorder import Recorder
+
+RATE = 1000
+Mark = tuple[int, str, str, str]  # tick, record, excitation, frame_id
+
+
+def bag_of(folder: Path, marks: Sequence[Mark], ticks: int = 400) -> Path:
+    """Write what a recorder gets of a sweep: a sine of 25 Hz, marked as told."""
+    types = typestore().types
+    number = np.arange(ticks)
+    voltage = np.sin(2 * np.pi * 25.0 * number / RATE)
+    columns = {'sample': number, 'voltage': voltage, 'displacement': 1e-5 * voltage}
+    with Recorder(folder) as recorder:
+        state = recorder.add_topic('/actuator/state', STATE, definition=definition_of(STATE)[0])
+        mark = recorder.add_topic('/record/marker', MARKER, definition=definition_of(MARKER)[0])
+        for row in cdr.encode(FIELDS, number * 1_000_000, columns):
+            recorder.write(state, row.tobytes(), 0)
+        for tick, name, excitation, judged in marks:
+            stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=tick * 1_000_000)
+            message = types[MARKER](
+                header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=judged), record=name,
+                actuator='', excitation=excitation, frequency=25.0, amplitude=1.0, warm_up=0.0,
+                rate=float(RATE), input_unit='V',
+            )  # fmt: skip
+            recorder.write(mark, bytes(typestore().serialize_cdr(message, MARKER)), 0)
+    return folder
+
+
+GOOD: list[Mark] = [(0, 'one', 'sine', ''), (80, '', '', '')]
+CANCELLED: list[Mark] = [(100, 'two', 'sine', ''), (190, '', 'cancelled', 'two')]
+
+
+@pytest.mark.parametrize('verdict', VERDICTS)
+def test_a_judged_record_is_left_out_and_told(tmp_path: Path, verdict: str) -> None:
+    marks = [*GOOD, (100, 'two', 'sine', ''), (190, '', verdict, 'two')]
+    found = survey([bag_of(tmp_path / 'bag', marks)])
+    assert [(r.name, len(r)) for r in found.records] == [('one', 80)]
+    told = [str(note) for note in found.left_out]
+    words = [f'{tmp_path}/bag: record two was {verdict} and is left out']
+    assert told == ([] if verdict == MOVED else words)
+    assert set(found.left_out) <= set(found.notes)
+
+
+def test_what_is_run_again_counts_once_and_under_its_name(tmp_path: Path) -> None:
+    marks: list[Mark] = [
+        (0, 'one', 'sine', ''), (40, '', 'moved', 'one'),
+        # Said at the tick at which the next one begins, and at which it began itself.
+        (40, 'one', 'sine', ''), (40, '', 'moved', 'one'), (60, 'one', 'sine', ''),
+        (90, '', '', ''), (100, '', 'repeated', 'one'), (100, 'one', 'sine', ''),
+        (100, 'one', 'sine', ''), (180, '', '', ''),
+    ]  # fmt: skip
+    found = survey([bag_of(tmp_path / 'bag', marks)])
+    assert [(r.name, len(r), r.start) for r in found.records] == [('one', 80, 0.1)]
+    assert [str(note).split(': ')[1] for note in found.notes] == [
+        'record one was repeated and is left out', '230 samples lie outside the marked records',
+    ]  # fmt: skip
+
+
+def test_a_record_is_taken_back_long_after_its_end(tmp_path: Path) -> None:
+    marks = [*GOOD, (100, 'two', 'sine', ''), (150, '', 'refused', 'one'),
+             (150, '', 'refused', 'two'), (300, '', 'refused', 'nobody')]  # fmt: skip
+    with pytest.warns(LeftOutWarning) as told:
+        records = load([bag_of(tmp_path / 'more', [*marks, (320, 'three', 'sine', '')])])
+    assert [str(each.message).split()[2] for each in told] == ['one', 'two']
+    assert [record.name for record in records] == ['three']
+
+
+def test_a_bag_of_nothing_else_says_so(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    bag = bag_of(tmp_path / 'bag', CANCELLED)
+    assert main(['info', str(bag)]) == 2
+    assert 'record two was cancelled and is left out' in capsys.readouterr().err
+
+
+def test_an_end_of_older_bags_that_has_an_excitation_ends_only(tmp_path: Path) -> None:
+    marks: list[Mark] = [(0, 'one', 'sine', ''), (80, '', 'sine', 'laser')]
+    found = survey([bag_of(tmp_path / 'bag', marks)])
+    assert [(r.name, len(r)) for r in found.records] == [('one', 80)]
+
+
+def test_every_verb_leaves_it_out_with_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    bag = str(bag_of(tmp_path / 'bag', [*GOOD, *CANCELLED]))
+    line = f'note: {bag}: record two was cancelled and is left out\n'
+    assert main(['info', bag]) == 0
+    told = capsys.readouterr()
+    assert line in told.out
+    assert [row.split()[0] for row in told.out.splitlines() if row[:3] in ('one', 'two')] == [
+        'one'
+    ]
+    out = tmp_path / 'model'
+    assert main(['identify', bag, '--model', 'linear_mode', '--out', str(out)]) == 0
+    assert line in capsys.readouterr().err
+    summary = json.loads((out / 'summary.json').read_text())
+    assert [record['record'] for record in summary['records']] == ['one']
+    words = [bag, '--model', str(out / 'model.yaml'), '--out', str(tmp_path / 'check')]
+    assert main(['validate', *words]) == 0
+    assert line in capsys.readouterr().err
+    assert main(['import', bag, '--out', str(tmp_path / 'copy')]) == 0
+    assert line in capsys.readouterr().err
+    assert [record.name for record in load([tmp_path / 'copy'])] == ['one']
+
+
+def test_a_discovery_leaves_it_out_with_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    bag = str(bag_of(tmp_path / 'bag', [*GOOD, *CANCELLED]))
+    main(['discover', bag, '--baseline', 'linear_mode', '--out', str(tmp_path / 'found')])
+    assert 'record two was cancelled and is left out' in capsys.readouterr().err
+
+
+def test_bags_without_verdicts_are_read_as_before(tmp_path: Path) -> None:
+    records = load([bag_of(tmp_path / 'bag', GOOD)])
+    write_bag(tmp_path / 'old', records)
+    (again,) = load([tmp_path / 'old'])
+    np.testing.assert_array_equal(again.voltage, records[0].voltage)
