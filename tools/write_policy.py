@@ -54,7 +54,9 @@ COMMON_PUBLISHED = ('/diagnostics', '/parameter_events', '/rosout')
 
 # The page says of these only that they deal with the topics of others.
 EXTRA_PUBLISHED = {'player': (topics.STATE, topics.REFERENCE, topics.MARKER, '/clock')}
-EXTRA_HEARD = {'player': ('identification/status',), 'simulator': ()}
+# Whoever takes samples in says how far it is.
+TAKERS = ('dashboard_recorder/status', 'identification/status', 'recorder/status')
+EXTRA_HEARD = {'player': TAKERS, 'excitation': TAKERS, 'simulator': ()}
 CLOCK = {'simulator': ('/clock',)}
 LOOKED_AT = tuple(name for name in TYPES if not name.startswith(('~', '/')))
 
@@ -100,7 +102,7 @@ def _person(parent: Xml.Element, namespace: str, name: str, acts: bool) -> None:
     own = [f'{page.executable}/status' for page in NODES if '~/status' in page.publishes]
     heard = [*LOOKED_AT, *own, *COMMON_PUBLISHED, '/clock']
     _list(profile, 'topic', sorted(heard), subscribe='ALLOW')
-    said = ('/diagnostics',) if name == 'dashboard' else ()
+    said = ('/diagnostics', 'dashboard_recorder/status') if name == 'dashboard' else ()
     _list(profile, 'topic', [*said, '/parameter_events', '/rosout'], publish='ALLOW')
     if not acts:
         return

@@ -149,7 +149,9 @@ def test_one_thing_at_a_time(loop: Loop) -> None:
     loop.resting()
     steps = np.abs(np.diff([state.voltage for state in loop.states[count:]]))
     assert steps.max() < 1.0 * 2 * np.pi * 20.0 / RATE
-    assert not loop.markers[-1].record
+    last = loop.markers[-1]
+    assert (last.record, last.header.frame_id) == ('', 'sine_10Hz_0.5V')
+    assert last.excitation == 'cancelled'
 
 
 @pytest.mark.parametrize(
@@ -169,12 +171,34 @@ def test_impossible_sweeps_are_refused(loop: Loop, wrong: dict[str, Any]) -> Non
     assert 'sweep refused: ' in loop.excitation.tail(1)
 
 
-def test_an_amplitude_beyond_the_actuator_ends_the_sweep_with_the_reason(loop: Loop) -> None:
-    result = loop.result(loop.send(**{**GOAL, 'amplitudes': [6.0], 'seconds': 60.0}))
+def test_an_amplitude_beyond_the_actuator_is_refused_before_the_first_sample(loop: Loop) -> None:
+    loop.still()
+    states, markers = len(loop.states), len(loop.markers)
+    result = loop.result(loop.send(**{**GOAL, 'amplitudes': [1.0, 6.0]}))
+    assert result.status == GoalStatus.STATUS_ABORTED
+    assert '-6 .. 6 V, but the actuator takes -5 .. 5 V' in result.result.message
+    assert result.result.samples == 0
+    loop.says(WARN, 'a sweep was refused')
+    for name, value in {'voltage.amplitude': 6.0, 'waveform': 'triangle'}.items():
+        assert loop.listener.set_one('excitation', name, value) == ''
+    assert 'takes -5 .. 5 V' in loop.listener.set_one('excitation', 'mode', 'voltage')
+    assert loop.listener.set_one('excitation', 'voltage.amplitude', 1.0) == ''
+    loop.still()
+    assert (len(loop.states), len(loop.markers)) == (states, markers)
+
+
+def test_a_range_that_shrinks_ends_the_sweep_with_the_reason(loop: Loop) -> None:
+    count = len(loop.markers)
+    handle = loop.send(**{**GOAL, 'amplitudes': [1.0], 'seconds': 60.0})
+    loop.listener.until(lambda: len(loop.markers) > count)
+    assert loop.listener.set_one('simulator', 'amplifier.range_high', 0.5) == ''
+    result = loop.result(handle)
+    assert loop.listener.set_one('simulator', 'amplifier.range_high', 5.0) == ''
     assert result.status == GoalStatus.STATUS_ABORTED
     assert 'beyond its range' in result.result.message
     loop.resting()
-    assert max(abs(state.voltage) for state in loop.states) <= 5.0
+    assert loop.markers[-1].excitation == 'refused'
+    assert loop.markers[-1].header.frame_id == 'sine_10Hz_1V'
 
 
 def test_an_experiment_plays_any_waveform_and_changes_without_a_jump(loop: Loop) -> None:

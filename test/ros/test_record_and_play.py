@@ -95,6 +95,7 @@ def online(
     killed.signal(signal.SIGKILL)
     processes.forget(killed)
     recorded(listener, 'recorder', len(states) + 4)
+    listener.until(lambda: estimates)
     closed.stop()
     processes.forget(closed)
     return estimates

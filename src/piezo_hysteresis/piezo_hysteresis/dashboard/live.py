@@ -143,6 +143,8 @@ class Job:
         Of a discovery: held-out gap in multiples of the noise floor.
     report : str
         Path of the report below the folder that is served, '' where there is none.
+    records : tuple of (str, str)
+        Of a sweep: its records, and who recorded each.
     """
 
     phase: str = 'none'
@@ -152,6 +154,7 @@ class Job:
     before: float = float('nan')
     after: float = float('nan')
     report: str = ''
+    records: tuple[tuple[str, str], ...] = ()
 
     @property
     def busy(self) -> bool:

@@ -175,6 +175,9 @@ def job_words(job: Job) -> str:
                 [(name, f'{100 * probability:.3g} %') for name, probability in job.effects],
             )
         )
+    if job.records:
+        rows = [(name, by or 'nobody') for name, by in job.records]
+        parts.append(_table(('record', 'recorded by'), rows))
     if math.isfinite(job.before):
         parts.append(
             f'<p>Held-out gap <b>{job.before:.3g}</b> noise floors before, '

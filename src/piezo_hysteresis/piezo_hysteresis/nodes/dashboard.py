@@ -22,6 +22,7 @@ from piezo_hysteresis.nodes.dashboard_ear import CommonEar, Ear
 from piezo_hysteresis.nodes.dashboard_jobs import Jobs
 from piezo_hysteresis.nodes.dashboard_nodes import Directory, shown
 from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
+from piezo_hysteresis.nodes.recorder_report import RecorderReport
 from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.health import CounterWatch, Health, Level, judge
@@ -39,11 +40,29 @@ STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
 class Desk:
     """All that serves one actuator."""
 
-    def __init__(self, node: Node, ear_node: Node, live: Live, folder: Path, later: Later) -> None:
+    def __init__(self, node: Node, live: Live, folder: Path, later: Later) -> None:
         self.live = live
-        self.ear = Ear(ear_node, live)
+        self._node = silent_node(node, 'dashboard_recorder', live.actuator)
+        self.ear = Ear(self._node, live)
         self.directory = Directory(node, live)
-        self.jobs = Jobs(node, live, self.ear, folder, later)
+        self.jobs = Jobs(node, live, self.ear, RecorderReport(self._node), folder, later)
+
+    def close(self) -> None:
+        """Finish what is being recorded."""
+        self.jobs.close()
+        self._node.destroy_node()
+
+
+def silent_node(node: Node, name: str, namespace: str = '') -> Node:
+    """Return a node in no executor: its subscriptions are emptied by whoever made it."""
+    return Node(
+        name,
+        namespace=namespace,
+        context=node.context,
+        start_parameter_services=False,
+        enable_rosout=False,
+        use_global_arguments=False,
+    )
 
 
 Later = Callable[[float, Callable[[], None]], None]
@@ -61,13 +80,7 @@ class Dashboard(Node):
         self._desks: dict[str, Desk] = {}
         self._lives: dict[str, Live] = {}
         self._found: list[str] = []
-        self._ear_node = Node(
-            'dashboard_ear',
-            context=self.context,
-            start_parameter_services=False,
-            enable_rosout=False,
-            use_global_arguments=False,
-        )
+        self._ear_node = silent_node(self, 'dashboard_ear')
         self._common = CommonEar(self._ear_node, self._live_of, self._on_event)
         self._look()
         self._server = self._serve()
@@ -119,6 +132,7 @@ class Dashboard(Node):
         self._common.poll()
         for desk in self._desks.values():
             desk.ear.poll()
+            desk.jobs.confirm()
 
     def _health(self) -> Health:
         findings = self._watch.findings({'lags': self._lags})
@@ -179,7 +193,7 @@ class Dashboard(Node):
             desk.directory.follow(name, event)
 
     def _open(self, live: Live) -> None:
-        self._desks[live.actuator] = Desk(self, self._ear_node, live, self._folder, self._later)
+        self._desks[live.actuator] = Desk(self, live, self._folder, self._later)
         self._look()
 
     # --- from the threads of the page ----------------------------------------------------------
@@ -255,7 +269,7 @@ class Dashboard(Node):
         """End the server and finish what is being recorded."""
         self._server.stop()
         for desk in self._desks.values():
-            desk.jobs.close()
+            desk.close()
         self._ear_node.destroy_node()
 
 

@@ -18,6 +18,7 @@ from rclpy.serialization import deserialize_message
 
 from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Live, Word
 from piezo_hysteresis.dashboard.signals import State
+from piezo_hysteresis.nodes.confirmation import PLACES
 from piezo_interfaces.msg import (
     ActuatorState,
     LoopStatus,
@@ -157,7 +158,8 @@ class Ear:
         counts = {
             key: getattr(m, key) for key in ('late', 'missed', 'refused', 'limited', 'doubled')
         }
-        counts |= dict(zip([n for n in m.names.split(',') if n], m.counts, strict=False))
+        named = zip(m.names.split(','), m.counts, strict=False)
+        counts |= {key: count for key, count in named if key and key not in PLACES}
         self._live.counters[name] = Counters(self._live.clock(), m.sample, m.rate, counts)
 
 

@@ -19,6 +19,7 @@ from piezo_hysteresis.dashboard.live import Job, Live
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.dashboard_ear import Ear
 from piezo_hysteresis.nodes.offered_qos import offered_as_yaml
+from piezo_hysteresis.nodes.recorder_report import RecorderReport
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_interfaces.action import Discover, RunSweep
@@ -31,6 +32,18 @@ EXPLAINED = 2.0  # within which a node that refuses says why in its log [s]
 GONE = 5.0  # without the node a job is lost [s]
 
 RECORDED = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
+
+
+def _keep(
+    write: Callable[[bytes, int], bool],
+    count: Callable[[bytes, bool], None] | None,
+    payload: bytes,
+    log_time: int,
+) -> None:
+    """Record one message, and count it where it is counted."""
+    kept = write(payload, log_time)
+    if count is not None:
+        count(payload, kept)
 
 
 class ActionJob:
@@ -110,7 +123,7 @@ class ActionJob:
         result = future.result().result
         why = result.message or f'{self._server} failed; its log says why'
         job = self.on_result(result) if result.success else Job('failed', 1.0, why)
-        self.on_end(True)
+        self.on_end(getattr(result, 'samples', 1) > 0)  # else nothing was recorded
         self.write(job)
 
     def fail(self, reason: str, accepted: bool = True) -> None:
@@ -165,6 +178,8 @@ class Jobs:
         Of which actuator.
     ear : Ear
         Hears what is recorded.
+    report : RecorderReport
+        Tells the excitation what has been.
     folder : Path
         Where bags and reports go.
     later : callable
@@ -176,10 +191,12 @@ class Jobs:
         node: Node,
         live: Live,
         ear: Ear,
+        report: RecorderReport,
         folder: Path,
         later: Callable[[float, Callable[[], None]], None],
     ) -> None:
         self._live, self._ear, self._folder, self._later = live, ear, folder, later
+        self._report = report
         self._recorder: Recorder | None = None
         self.sweep = ActionJob(
             node, live, RunSweep, 'run_sweep', 'excitation',
@@ -225,14 +242,21 @@ class Jobs:
         if self._recorder is not None:
             raise PiezoError('another sweep is being recorded; wait for it or cancel it')
         recorder = Recorder(bag)
+        counted = {topics.STATE: self._report.on_state, topics.MARKER: self._report.on_marker}
         for short, kind in RECORDED.items():
             definition, type_hash = definition_of(kind)
             number = recorder.add_topic(
                 self._ear.topic(short), kind, definition=definition, type_hash=type_hash,
                 qos=offered_as_yaml(LOOP),
             )  # fmt: skip
-            self._ear.channels[short].sinks.append(partial(recorder.write, number))
+            sink = partial(_keep, partial(recorder.write, number), counted.get(short))
+            self._ear.channels[short].sinks.append(sink)
         self._recorder = recorder
+        self._report.begin(lambda: recorder.status)
+
+    def confirm(self) -> None:
+        """Tell the excitation what has been recorded since the last word."""
+        self._report.tell_news()
 
     def _end_recording(self, accepted: bool) -> None:
         if self._recorder is None:
@@ -249,11 +273,14 @@ class Jobs:
         if recorder is not None:
             for short in RECORDED:
                 self._ear.channels[short].sinks.clear()
+            self._report.end()
             recorder.close()
 
     def _swept(self, result: Any) -> Job:
         assert self._recorder is not None
-        return Job('done', 1.0, f'{result.message}, recorded as {self._recorder.path.name}')
+        text = f'{result.message}, recorded as {self._recorder.path.name}'
+        records = tuple(zip(result.names, result.recorded_by, strict=False))
+        return Job('done', 1.0, text, records=records)
 
     # --- discovery -----------------------------------------------------------------------------
 

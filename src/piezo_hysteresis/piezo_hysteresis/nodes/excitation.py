@@ -14,9 +14,11 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.actuator_clock import ActuatorClock
 from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation_health import SILENCE, Doing, ExcitationHealth
-from piezo_hysteresis.nodes.excitation_plan import Experiment
+from piezo_hysteresis.nodes.excitation_plan import Experiment, extremes
+from piezo_hysteresis.nodes.sweep_audience import missing_subscribers
 from piezo_hysteresis.nodes.sweep_plan import parse_options, waveform_of
-from piezo_hysteresis.nodes.sweep_server import SweepServer, missing_subscribers
+from piezo_hysteresis.nodes.sweep_run import Pause
+from piezo_hysteresis.nodes.sweep_server import SweepServer
 from piezo_hysteresis.nodes.tables import EXCITATION
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
@@ -81,13 +83,15 @@ class Excitation(Node):
         )
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
-        self._sweeps = SweepServer(self, self._params, self._begin, self._times.edge_at)
+        self._neighbours = Neighbours(self)
+        self._sweeps = SweepServer(
+            self, self._params, self._neighbours, self._begin, self._answer, self._times.edge_at
+        )
         reason = self._refuse({})
         if reason:
             self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
             raise SystemExit(2)
         self._health = ExcitationHealth()
-        self._neighbours = Neighbours(self)
         Diagnostics(self, self._judge)
         wall_timer(self, 0.5, self._watch)
         wall_timer(self, REPEAT_AFTER, self._repeat)
@@ -100,7 +104,8 @@ class Excitation(Node):
         if message.sample == 0 < self._newest_state:
             self._intake.newest = -1
             self._follow_restart(-1)
-        self._sweeps.note_refused(message.refused)
+        self._sweeps.note_range(message.low, message.high)
+        self._sweeps.note_refused(message.refused, message.sample)
         if message.sample > self._newest_state + 1 or self._newest_state < 0:
             self._newest_state = message.sample - 1
             self._ready = True
@@ -117,6 +122,7 @@ class Excitation(Node):
         if sample <= self._newest_state:
             return
         self._newest_state = sample
+        self._sweeps.note_pace(unasked=sample > self._emitted)
         if not self._sweeps.waits:
             self._heard = time.monotonic()
         self._emit(sample + 1)
@@ -134,6 +140,10 @@ class Excitation(Node):
         """Answer the newest state, in case the loop waits for it."""
         self._heard = time.monotonic()
         self._given_up = ''
+        self._answer()
+
+    def _answer(self) -> None:
+        """Answer the newest state where that has not been done."""
         if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
 
@@ -141,7 +151,7 @@ class Excitation(Node):
         if sample <= self._emitted:
             return
         if self._sweeps.active:
-            if not self._sweeps.waits:
+            if self._sweeps.begins(sample):
                 self._emit_sweep(sample)
         elif self._params.text('mode') != 'idle' and self._listened_to():
             self._emit_experiment(sample)
@@ -162,23 +172,27 @@ class Excitation(Node):
         if time.monotonic() - self._heard < REPEAT_AFTER:
             return
         if self._last is None:
-            if self._ready or self._newest_state >= 0:
-                self._emit(self._newest_state + 1)
+            self._answer()
             return
         publisher, payload = self._last
         publisher.publish(payload)
 
     def _emit_sweep(self, sample: int) -> None:
         voltage = self._sweeps.voltage(sample)
-        if voltage is None:
+        if isinstance(voltage, Pause):
             self._last = None
-        else:
-            self._emitted = sample
-            self._publish_voltage(sample, voltage)
+            return
+        if self._last is None:
+            self._heard = time.monotonic()  # not the actuator was waited for until now
+        self._emitted = sample
+        self._publish_voltage(sample, voltage)
 
     def _emit_experiment(self, sample: int) -> None:
         experiment = self._experiment
         if experiment is None:
+            if reason := self._beyond_range({}):
+                self._give_up(reason)
+                return
             self.exit_code = 0
             experiment = self._experiment = self._new_experiment(sample)
         if experiment.over(sample):
@@ -239,10 +253,22 @@ class Excitation(Node):
         if changes.get('mode', 'idle') != 'idle' and self._sweeps.busy:
             return 'mode: a sweep is running; cancel it first'
         try:
-            self._waveform(changes)
+            return self._beyond_range(changes)
         except PiezoError as error:
             return f'waveform: {error}'
-        return ''
+
+    def _beyond_range(self, changes: dict[str, Value]) -> str:
+        """Return why the actuator would refuse the voltage; empty where it would not.
+
+        Raises
+        ------
+        PiezoError
+            If there is no such waveform.
+        """
+        waveform = self._waveform(changes)
+        if changes.get('mode', self._params.text('mode')) != 'voltage':
+            return ''
+        return self._sweeps.beyond_range(*extremes(waveform, self._rate))
 
     def _apply(self, changes: dict[str, Value]) -> None:
         if 'mode' in changes:
@@ -257,7 +283,7 @@ class Excitation(Node):
         experiment.length = round(self._params.number('duration') * self._rate)
 
     def _watch(self) -> None:
-        silent = time.monotonic() - self._heard
+        silent = max(time.monotonic() - self._heard, self._sweeps.waiting)
         deadline = self._params.number('deadline')
         idle = self._params.text('mode') == 'idle' and not self._sweeps.active
         working = self._neighbours.working()
@@ -267,18 +293,21 @@ class Excitation(Node):
             return
         if self._sweeps.waits:
             reason = (
-                'fewer subscribers of record/marker than marker_listeners asks for; start the '
-                'recorder and run the sweep again'
+                f'waited {silent:.0f} s for {self._sweeps.waits_for}: see that it runs and has '
+                'room to write, and run the sweep again'
             )
         else:
             reason = (
                 f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the '
                 'actuator or a link of the chain is not running; start it and set mode again'
             )
-        self.get_logger().error(reason)
-        self.exit_code = NO_ANSWER
         if self._sweeps.active:
             self._sweeps.give_up(reason)
+        self._give_up(reason)
+
+    def _give_up(self, reason: str) -> None:
+        self.get_logger().error(reason)
+        self.exit_code = NO_ANSWER
         self._end()
         self._given_up = reason
 

@@ -12,8 +12,16 @@ from piezo_hysteresis.compensation.base import ReferencePoint
 from piezo_hysteresis.waveforms import Sine, Waveform
 from piezo_hysteresis.waveforms.base import Samples, smooth_ramp
 
-# Ticks that are evaluated together.
+# Ticks that are evaluated together, and to see how far a waveform goes.
 AHEAD = 256
+LOOKED_AT = 100_000
+
+
+def extremes(waveform: Waveform, rate: float) -> tuple[float, float]:
+    """Return the least and the greatest value of a waveform, in its own unit."""
+    ticks = min(waveform.duration * rate, LOOKED_AT)
+    value = waveform.sample(np.arange(max(1, round(ticks)), dtype=np.float64) / rate).value
+    return float(np.min(value)), float(np.max(value))
 
 
 @dataclass(frozen=True)

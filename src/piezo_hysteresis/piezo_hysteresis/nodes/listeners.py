@@ -5,23 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_interfaces.msg import LoopStatus
-from piezo_ros_common.qos import LATCHED
-
-
-@dataclass
-class Progress:
-    """How many samples and markers a node says it has received since it was started."""
-
-    taken: int = -1
-    marked: int = -1
-    first: int = 0
+from piezo_hysteresis.nodes.confirmation import Progress
+from piezo_hysteresis.nodes.reports import QUIET, Reports, subscribers
 
 
 class Listeners:
@@ -35,6 +25,8 @@ class Listeners:
         Topic of the samples.
     patience : callable
         Returns the longest wait [s].
+    recorders : bool
+        Wait for recorders only, for nobody where there is none.
 
     Attributes
     ----------
@@ -44,32 +36,51 @@ class Listeners:
         Since when [s], on the monotonic clock.
     """
 
-    def __init__(self, node: Node, topic: str, patience: Callable[[], float]) -> None:
+    def __init__(
+        self, node: Node, topic: str, patience: Callable[[], float], *, recorders: bool = False
+    ) -> None:
         self._node = node
-        self._topic = topic
         self._patience = patience
+        self._recorders = recorders
         self.awaited = ''
         self.since = 0.0
         self._condition = threading.Condition()
-        self._progress: dict[str, Progress] = {}
+        self._reports = Reports(node, topic, self._notify)
+        self._counted: frozenset[str] | None = None
 
     def find(self) -> None:
-        """Wait until somebody reports.
+        """Wait until somebody reports and nobody else is about to.
 
         Raises
         ------
         PiezoError
-            If nobody does.
+            If nobody does, or somebody who could does not.
         """
-        end = time.monotonic() + self._patience()
-        while not self._known():
-            self._subscribe()
-            if time.monotonic() > end or not self._node.context.ok():
-                raise PiezoError(
-                    'lock-step needs a listener that reports how far it is: start the '
-                    'identification node first, or play without --lock-step'
-                )
+        begun = time.monotonic()
+        while not self._complete(begun):
+            if time.monotonic() - begun > self._patience() or not self._node.context.ok():
+                raise PiezoError(self._missing())
             time.sleep(0.02)
+
+    @property
+    def anybody(self) -> bool:
+        """Whether there is anybody to wait for."""
+        return bool(self._known())
+
+    def _complete(self, begun: float) -> bool:
+        self._reports.look()
+        quiet = time.monotonic() - max(begun, self._reports.quiet_since()) >= QUIET
+        return quiet and not self._reports.silent() and (self._recorders or bool(self._known()))
+
+    def _missing(self) -> str:
+        if silent := self._reports.silent():
+            return f'{", ".join(silent)} says nothing on its status; restart it and play again'
+        if self._known():
+            return 'nodes come and go all the time; play again when all are there'
+        return (
+            'lock-step needs a listener that reports how far it is: start the identification '
+            'node or a recorder first, or play without --lock-step'
+        )
 
     def wait_matched(self, publishers: Sequence[Publisher]) -> None:
         """Wait until everybody is connected to every publisher.
@@ -80,69 +91,67 @@ class Listeners:
             If somebody is not.
         """
         end = time.monotonic() + self._patience()
-        wanted = len(self._known())
-        while any(each.get_subscription_count() < wanted for each in publishers):
+        while any(self._unmatched(each) for each in publishers):
             if time.monotonic() > end or not self._node.context.ok():
                 raise PiezoError('the listeners could not be connected; start them and play again')
             time.sleep(0.02)
 
-    def wait_marked(self, publish: Callable[[], None]) -> None:
-        """Publish a marker and wait until everybody has received it."""
+    def _unmatched(self, publisher: Publisher) -> bool:
+        there = subscribers(self._node, publisher.topic_name)
+        return bool(publisher.get_subscription_count() < there)
+
+    def wait_marked(self, publish: Callable[[], None]) -> float:
+        """Publish a marker, wait until everybody has received it; return how long it took [s]."""
         with self._condition:
             wanted = {name: known.marked + 1 for name, known in self._known().items()}
         publish()
-        self._wait(lambda name, known: known.marked >= wanted.get(name, 0), 'a marker')
+        return self._wait(lambda name, known: known.marked >= wanted.get(name, 0), 'a marker')
 
     def begin(self) -> None:
-        """Count samples from here on."""
+        """Count samples from here on; whoever comes later is waited for no more."""
         with self._condition:
             for known in self._known().values():
                 known.first = known.taken
+            self._counted = frozenset(self._known())
 
-    def wait_taken(self, sent: int, window: int = 0) -> None:
-        """Wait until everybody has received all but `window` of the `sent` samples."""
-        self._wait(lambda _, known: sent - (known.taken - known.first) <= window, f'sample {sent}')
+    def wait_taken(self, sent: int, window: int = 0) -> float:
+        """Wait until everybody has all but `window` of the `sent` samples; return how long [s]."""
+        return self._wait(
+            lambda _, known: sent - (known.taken - known.first) <= window, f'sample {sent}'
+        )
 
     def _known(self) -> dict[str, Progress]:
-        return {name: known for name, known in self._progress.items() if known.taken >= 0}
+        found = self._reports.keepers() if self._recorders else self._reports.takers()
+        if self._counted is None:
+            return found
+        return {name: known for name, known in found.items() if name in self._counted}
 
-    def _wait(self, reached: Callable[[str, Progress], bool], what: str) -> None:
+    def _wait(self, reached: Callable[[str, Progress], bool], what: str) -> float:
         def behind() -> list[str]:
             return [name for name, known in self._known().items() if not reached(name, known)]
 
+        if not behind():
+            return 0.0
         begun = time.monotonic()
 
         def patient() -> bool:
             return time.monotonic() - begun < self._patience() and self._node.context.ok()
 
-        with self._condition:
-            # In short steps, so that a node that is shut down meanwhile ends too.
-            while (late := behind()) and patient():
-                self.awaited, self.since = ', '.join(late), begun
-                self._condition.wait(0.1)
-            self.awaited = ''
+        # In short steps, so that a node that is shut down meanwhile ends too.
+        while (late := behind()) and patient():
+            self.awaited, self.since = ', '.join(late), begun
+            with self._condition:
+                self._condition.wait_for(lambda: not behind(), 0.1)
+            if behind():
+                self._reports.look()  # who has gone takes nothing any more
+        self.awaited = ''
         if late and self._node.context.ok():
             raise PiezoError(
                 f'{", ".join(late)} did not take {what} within {self._patience():g} s: it died or '
                 'is overloaded; restart it and play again'
             )
+        return time.monotonic() - begun
 
-    def _subscribe(self) -> None:
-        present = {name for name, _ in self._node.get_topic_names_and_types()}
-        for info in self._node.get_subscriptions_info_by_topic(self._topic):
-            name = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-            if name not in self._progress and f'{name}/status' in present:
-                known = self._progress[name] = Progress()
-                self._node.create_subscription(
-                    LoopStatus, f'{name}/status', self._noted(known), LATCHED
-                )
-
-    def _noted(self, known: Progress) -> Callable[[LoopStatus], None]:
-        def on_status(message: LoopStatus) -> None:
-            counts = dict(zip(message.names.split(','), message.counts, strict=False))
-            with self._condition:
-                known.taken = counts.get('taken', -1)
-                known.marked = counts.get('marked', -1)
-                self._condition.notify_all()
-
-        return on_status
+    def _notify(self) -> None:
+        with self._condition:
+            self._condition.notify_all()

@@ -32,6 +32,9 @@ from piezo_ros_common.stamps import stamp_into
 # Samples that may be under way in lock-step; listeners confirm more often than that.
 WINDOW = 256
 
+# Samples that recorders may not have confirmed yet at any other pace.
+FURTHEST = 2048
+
 # Messages that come so much too late are counted [s].
 LATE = 0.05
 
@@ -47,7 +50,9 @@ class PlayerNode(Node):
     """Publishes the bytes of a bag as they were recorded.
 
     In lock-step it waits for the listeners of ``actuator/state`` that report on ``~/status`` how
-    many samples they have taken in, so that none is lost at any speed.
+    many samples they have taken in, so that none is lost at any speed. At any other pace it waits
+    for the recorders among them: until each has confirmed a marker before its first sample, and
+    has all samples at the end.
     """
 
     def __init__(self) -> None:
@@ -66,6 +71,7 @@ class PlayerNode(Node):
         if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
         self._listeners: Listeners | None = None
+        self._marker = ''
         self._stage = 'begins'
         self._problem = ''
         self._share = self._late = 0.0
@@ -121,46 +127,62 @@ class PlayerNode(Node):
                 self.stop.set_result(True)
 
     def _prepare(self) -> None:
-        """Wait for whoever listens; in lock-step also until all of them are at the start."""
-        if not self._lock_step:
-            end = time.monotonic() + self._params.number('wait')
-            while time.monotonic() < end and not any(
-                publisher.get_subscription_count() for publisher in self._topics.values()
-            ):
-                time.sleep(0.02)
+        """Wait for whoever listens, until all of them are at the start."""
+        states = [name for name in self._topics if name.endswith(topics.STATE)]
+        if self._lock_step:
+            if not states:
+                raise PiezoError(f'lock-step needs {topics.STATE}, which is not played')
+            self._find_listeners(states[0])
             return
-        state = next((name for name in self._topics if name.endswith(topics.STATE)), None)
-        if state is None:
-            raise PiezoError(f'lock-step needs {topics.STATE}, which is not played')
-        self._listeners = Listeners(self, state, lambda: self._params.number('wait'))
-        self._listeners.find()
+        end = time.monotonic() + self._params.number('wait')
+        while time.monotonic() < end and not any(
+            publisher.get_subscription_count() for publisher in self._topics.values()
+        ):
+            time.sleep(0.02)
+        if len(states) == 1:
+            self._find_recorders(states[0])
+
+    def _find_listeners(self, state: str) -> None:
+        listeners = self._listeners = Listeners(self, state, self._patience)
+        listeners.find()
         # What lies in front of the first marker of the bag belongs to no record.
-        marker = state.removesuffix(topics.STATE) + topics.MARKER
+        marker = self._marker = state.removesuffix(topics.STATE) + topics.MARKER
         marked = marker in self._topics
         if not marked:
             self._topics[marker] = self.create_publisher(RecordMarker, marker, LOOP)
         first = RecordMarker(record='' if marked else 'all')
-        self._listeners.wait_matched([self._topics[state], self._topics[marker]])
-        self._listeners.wait_marked(lambda: self._topics[marker].publish(first))
-        self._listeners.begin()
+        listeners.wait_matched([self._topics[state], self._topics[marker]])
+        listeners.wait_marked(lambda: self._topics[marker].publish(first))
+        listeners.begin()
+
+    def _find_recorders(self, state: str) -> None:
+        listeners = Listeners(self, state, self._patience, recorders=True)
+        listeners.find()
+        if listeners.anybody:
+            listeners.wait_matched(list(self._topics.values()))
+            listeners.begin()
+            self._listeners, self._marker = listeners, state.removesuffix(topics.STATE)
+            self._marker += topics.MARKER
+
+    def _patience(self) -> float:
+        return self._params.number('wait')
 
     def _send(self, played: Played, sent: int) -> int:
-        name = played.topic.name
-        is_state = name.endswith(topics.STATE)
+        name, listeners = played.topic.name, self._listeners
         publish = self._topics[name].publish
-        if self._listeners is None:
+        if listeners is None:
             publish(played.payload)
-        elif name.endswith(topics.MARKER):
-            self._listeners.wait_taken(sent)
-            self._listeners.wait_marked(lambda: publish(played.payload))
+        elif name == self._marker:
+            waited = listeners.wait_taken(sent)
+            self._player.hold(waited + listeners.wait_marked(lambda: publish(played.payload)))
         else:
-            self._listeners.wait_taken(sent, WINDOW)
+            self._player.hold(listeners.wait_taken(sent, WINDOW if self._lock_step else FURTHEST))
             publish(played.payload)
         if self._clock_publisher is not None:
             clock = Clock()
             stamp_into(clock.clock, played.log_time)
             self._clock_publisher.publish(clock)
-        return sent + is_state
+        return sent + name.endswith(topics.STATE)
 
     def _note(self, played: Played) -> None:
         first, last = self._player.first, self._player.last

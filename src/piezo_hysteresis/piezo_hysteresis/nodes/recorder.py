@@ -14,15 +14,15 @@ from rclpy.subscription import Subscription
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.message_types import message_type
 from piezo_hysteresis.nodes.offered_qos import matching, offered_as_yaml
+from piezo_hysteresis.nodes.recorder_report import CONFIRM_AFTER, RecorderReport
 from piezo_hysteresis.nodes.tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
-from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.qos import LOOP
 from piezo_ros_common.running import run_node
 from piezo_ros_common.timers import wall_timer
 
@@ -47,6 +47,8 @@ class RecorderNode(Node):
 
     def __init__(self) -> None:
         super().__init__('recorder')
+        Diagnostics(self, self._judge)
+        self._report = RecorderReport(self)
         self._params = NodeParameters(self, RECORDER, lambda _: None)
         out = self._params.text('out')
         if not out:
@@ -59,17 +61,26 @@ class RecorderNode(Node):
         self._missing = {self.resolve_topic_name(name) for name in wanted or DEFAULT_TOPICS}
         self._inlets: list[tuple[Subscription, Callable[[bytes], None]]] = []
         self._problem = ''
-        self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
         self._watch = CounterWatch(SENTENCES)
+        self._confirmed = self._topics_confirmed()
+        whole = len(self._confirmed) == 2
+        # Told before it subscribes: whoever sees the subscription can ask how far it is.
+        self._report.begin(lambda: self._recorder.status, confirms=whole)
         self._subscribe_ahead()
         self._look()
-        Diagnostics(self, self._judge)
         wall_timer(self, 0.1, self._look)
-        wall_timer(self, 1.0, self._report)
+        wall_timer(self, CONFIRM_AFTER, self._report.tell_news)
+        wall_timer(self, 1.0, self._tell)
 
     def _give_up(self, reason: str) -> None:
         self.get_logger().fatal(reason)
         raise SystemExit(2)
+
+    def _topics_confirmed(self) -> dict[str, Callable[[bytes, bool], None]]:
+        """Return who counts what comes over the topics of records, where they are wanted."""
+        counted = {topics.STATE: self._report.on_state, topics.MARKER: self._report.on_marker}
+        resolved = {self.resolve_topic_name(name): count for name, count in counted.items()}
+        return {name: count for name, count in resolved.items() if name in self._missing}
 
     def _subscribe_ahead(self) -> None:
         """Subscribe to what the suite itself publishes before it appears, to lose nothing."""
@@ -99,25 +110,26 @@ class RecorderNode(Node):
         number = self._recorder.add_topic(
             name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
         )
-        writer = self._writer(number)
+        writer = self._writer(number, self._confirmed.get(name))
         subscription = self.create_subscription(message_type(kind), name, writer, qos, raw=True)
         self._inlets.append((subscription, writer))
         self.get_logger().info(f'recording {name}')
 
-    def _writer(self, number: int) -> Callable[[bytes], None]:
+    def _writer(
+        self, number: int, count: Callable[[bytes, bool], None] | None
+    ) -> Callable[[bytes], None]:
         write, now = self._recorder.write, time.time_ns
 
         def on_message(payload: bytes) -> None:
-            write(number, payload, now())
+            kept = write(number, payload, now())
+            if count is not None:
+                count(payload, kept)
 
         return on_message
 
-    def _report(self) -> None:
+    def _tell(self) -> None:
+        self._report.tell()
         status = self._recorder.status
-        message = LoopStatus(sample=status.written, missed=status.dropped)
-        message.names = 'received,written,dropped'
-        message.counts = [status.received, status.written, status.dropped]
-        self._status_publisher.publish(message)
         if status.problem != self._problem:
             self._problem = status.problem
             if status.problem:
@@ -163,6 +175,14 @@ class RecorderNode(Node):
         )
 
 
+def _create() -> RecorderNode:
+    # Whoever sees the node in the graph may begin at once: what takes time is done before.
+    for kind in KNOWN_TYPES.values():
+        definition_of(kind)
+        message_type(kind)
+    return RecorderNode()
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run the recorder for the verb ``record``."""
     parser = argparse.ArgumentParser(prog='record')
@@ -174,9 +194,9 @@ def run(arguments: Sequence[str]) -> int:
     ros = ['--ros-args', '-p', f'out:={words.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
     if words.namespace:
         ros += ['-r', f'__ns:=/{words.namespace.strip("/")}']
-    return run_node(RecorderNode, ros)
+    return run_node(_create, ros)
 
 
 def main() -> None:
     """Run the node as a process."""
-    sys.exit(run_node(RecorderNode))
+    sys.exit(run_node(_create))

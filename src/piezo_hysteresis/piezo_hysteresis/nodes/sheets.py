@@ -26,7 +26,10 @@ _ALL = (
         'piezo_hysteresis',
         'excitation',
         'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
-        'runs sweeps, one record per frequency and amplitude.',
+        'runs sweeps, one record per frequency and amplitude. It finds the recorders by itself: a '
+        'record begins once each has confirmed its marker, counts once each has all its samples, '
+        'and is run again where one missed some. Voltages beyond what the actuator says in '
+        '`loop/status` that it takes are refused before the first sample.',
         tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER, '/diagnostics'),
@@ -114,8 +117,8 @@ _ALL = (
         'piezo_hysteresis',
         'dashboard',
         'Serves the live page: see [dashboard.md](dashboard.md). It hears the topics of every '
-        'actuator that somebody looks at, through a second node `dashboard_ear`, and is a client '
-        'of the parameters and actions of the others.',
+        'actuator that somebody looks at, through nodes `dashboard_recorder` beside it, and is a '
+        'client of the parameters and actions of the others.',
         tables.DASHBOARD,
         publishes=('/diagnostics',),
         words=dashboard.configure,
@@ -123,7 +126,8 @@ _ALL = (
     NodeSheet(
         'piezo_hysteresis',
         'recorder',
-        'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill.',
+        'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill. '
+        'Its status tells what it has taken, so that an excitation or a player can wait for it.',
         tables.RECORDER,
         subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
         publishes=('~/status', '/diagnostics'),
@@ -132,7 +136,7 @@ _ALL = (
         'piezo_hysteresis',
         'player',
         'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
-        'bag, too.',
+        'bag, too. Recorders that are there get every sample: it waits for them.',
         tables.PLAYER,
         publishes=('/diagnostics',),
     ),

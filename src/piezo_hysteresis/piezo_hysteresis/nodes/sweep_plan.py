@@ -72,6 +72,15 @@ class Sweep:
     ------
     RecordError
         If the sweep is empty or a number is impossible.
+
+    Attributes
+    ----------
+    records : list of SweepRecord
+        In their order.
+    gap : int
+        Ticks between two records.
+    length : int
+        Ticks of the whole sweep, where no record is run again.
     """
 
     def __init__(
@@ -91,7 +100,8 @@ class Sweep:
         self.records: list[SweepRecord] = []
         self._start: int | None = None
         self._cancelled_at: tuple[int, float] | None = None
-        gap = round((RETURN + pause) * rate)
+        self._left_at, self._left_voltage, self._again = 0, 0.0, 0
+        gap = self.gap = round((RETURN + pause) * rate)
         first = 0
         for amplitude in amplitudes:
             for frequency in frequencies:
@@ -115,6 +125,12 @@ class Sweep:
         """Let the sweep begin at tick `sample` of the loop."""
         self._start = sample
 
+    def rest(self, sample: int, ticks: int, record: SweepRecord) -> None:
+        """Go to rest from tick `sample` on, and begin `record` (again) `ticks` later."""
+        self._left_at, self._left_voltage = sample, self.voltage(sample - 1)
+        self._again = sample + ticks
+        self._start = self._again - record.first
+
     def cancel(self, sample: int) -> None:
         """Return to rest from tick `sample` on."""
         if self._cancelled_at is None:
@@ -124,12 +140,12 @@ class Sweep:
         """Tell whether tick `sample` lies behind the end."""
         if self._cancelled_at is not None:
             return sample >= self._cancelled_at[0] + round(RETURN * self.rate)
-        return self._place(sample) >= self.length
+        return not self._rests(sample) and self._place(sample) >= self.length
 
     def starting(self, sample: int) -> SweepRecord | None:
         """Return the record whose first tick `sample` is."""
         place = self._place(sample)
-        if self._cancelled_at is not None:
+        if self._cancelled_at is not None or self._rests(sample):
             return None
         return next((record for record in self.records if record.first == place), None)
 
@@ -137,7 +153,9 @@ class Sweep:
         """Tell whether `sample` is the first tick behind a record."""
         if self._cancelled_at is not None:
             return sample == self._cancelled_at[0]
-        return any(record.last == self._place(sample) for record in self.records)
+        return not self._rests(sample) and any(
+            record.last == self._place(sample) for record in self.records
+        )
 
     def running(self, sample: int) -> SweepRecord:
         """Return the record that tick `sample` belongs to, or that follows it."""
@@ -147,8 +165,9 @@ class Sweep:
     def voltage(self, sample: int) -> float:
         """Return the voltage of tick `sample` [V]."""
         if self._cancelled_at is not None and sample >= self._cancelled_at[0]:
-            gone = (sample - self._cancelled_at[0] + 1) / round(RETURN * self.rate)
-            return self._cancelled_at[1] * max(0.0, 1.0 - gone)
+            return self._back(sample, *self._cancelled_at)
+        if self._rests(sample):
+            return self._back(sample, self._left_at, self._left_voltage)
         place = self._place(sample)
         for record in self.records:
             if place < record.first:
@@ -163,6 +182,22 @@ class Sweep:
     def seconds_left(self, sample: int) -> float:
         """Return the time until the end [s]."""
         return max(0.0, (self.length - self._place(sample)) / self.rate)
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Least and greatest voltage [V]."""
+        least = min(float(np.min(record.voltages)) for record in self.records)
+        return min(0.0, least), max(
+            0.0, *(float(np.max(record.voltages)) for record in self.records)
+        )
+
+    def _rests(self, sample: int) -> bool:
+        return self._left_at <= sample < self._again
+
+    def _back(self, sample: int, since: int, voltage: float) -> float:
+        """Return the voltage on the way back to rest, which was left at tick `since`."""
+        gone = (sample - since + 1) / round(RETURN * self.rate)
+        return voltage * max(0.0, 1.0 - gone)
 
     def _place(self, sample: int) -> int:
         return sample - (self._start or 0)

@@ -53,7 +53,7 @@ EXCITATION = ParameterTable(
         ParameterSpec(
             'marker_listeners',
             0,
-            'Subscribers of record/marker that must be there before a sweep begins.',
+            'Subscribers of record/marker that must be there before a sweep begins, at least.',
             low=0,
             high=99,
         ),

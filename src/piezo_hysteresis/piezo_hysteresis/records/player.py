@@ -96,6 +96,7 @@ class Player:
         self._rate, self._loop, self._salvage = rate, loop, salvage
         self._clock = clock
         self._stop = threading.Event()
+        self._held = 0.0
         self._wait = wait or self._stop.wait
         self._wanted = None if topics is None else {'/' + name.strip('/') for name in topics}
         self.topics: dict[str, Topic] = {}
@@ -119,6 +120,10 @@ class Player:
         # A message is due when no later block can hold an earlier one.
         self._later = np.minimum.accumulate([*starts[1:], 1 << 62][::-1])[::-1].tolist()
 
+    def hold(self, seconds: float) -> None:
+        """Play what is left so much later: somebody had to be waited for [s]."""
+        self._held += seconds
+
     def stop(self) -> None:
         """End playing, from any thread; a wait under way ends at once."""
         self._stop.set()
@@ -126,9 +131,9 @@ class Player:
     def __iter__(self) -> Iterator[Played]:
         lap = 0
         while not self._stop.is_set():
-            began = self._clock()
+            began, self._held = self._clock(), 0.0
             for topic, payload, log_time in self._in_order():
-                due = began + (log_time - self.first) * 1e-9 / self._rate
+                due = began + self._held + (log_time - self.first) * 1e-9 / self._rate
                 while (left := due - self._clock()) > 0 and not self._stop.is_set():
                     self._wait(left)
                 if self._stop.is_set():

@@ -50,7 +50,7 @@ class Simulator(Node):
         self.exit_code = 0
         self._tick = 0
         self._waiting_since: float | None = None
-        self._warned = False
+        self._warned = self._refuses = False
         self._newest_command = -1
         self._table = simulator_table()
         self._params = NodeParameters(self, self._table, self._apply, self._refuse)
@@ -146,8 +146,11 @@ class Simulator(Node):
         self._newest_command = sample
         self._check_stamp(head, sample)
         self._waiting_since, self._warned = time.monotonic(), False
-        self._book.accept(voltage)
+        refused = not self._book.accept(voltage)
         self._book.follow(1.0 / self._rate)
+        if refused and not self._refuses:
+            self._publish_status()  # whoever commanded it need not wait to hear so
+        self._refuses = refused
         self._advance()
 
     def _listened_to(self) -> bool:
@@ -198,7 +201,7 @@ class Simulator(Node):
     def _publish_status(self) -> None:
         now = time.monotonic()
         counts = dict(self._book.counts)
-        status = LoopStatus(sample=self._tick)
+        status = LoopStatus(sample=self._tick, low=self._book.low, high=self._book.high)
         for name in ('late', 'missed', 'refused', 'doubled'):
             setattr(status, name, counts.pop(name))
         status.names, status.counts = ','.join(counts), list(counts.values())

@@ -1,0 +1,184 @@
+"""No record of a live sweep is lost: whoever records is waited for, without being told of."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from listening import Listener
+from rclpy.action import ActionClient
+
+from piezo_hysteresis.nodes.sweep_plan import Sweep
+from piezo_hysteresis.records import read_bag, survey
+from piezo_interfaces.action import RunSweep
+from piezo_interfaces.msg import ActuatorState, RecordMarker
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+RATE = 1000.0
+PRESET = 'generic_bouc_wen'
+NAMES = ['sine_5Hz_1V', 'sine_20Hz_1V']
+GOAL: dict[str, Any] = {'frequencies': [5.0, 20.0], 'amplitudes': [1.0], 'seconds': 0.4}
+
+
+class Bench:
+    """A simulator, an excitation and whatever recorders a test starts."""
+
+    def __init__(self, processes: NodeProcesses, listener: Listener, folder: Path) -> None:
+        self.processes, self.listener, self.folder = processes, listener, folder
+        self.states = listener.listen(ActuatorState, 'actuator/state')
+        self.markers = listener.listen(RecordMarker, 'record/marker')
+        self._client = ActionClient(listener.node, RunSweep, 'run_sweep')
+        self._bags: dict[int, Path] = {}
+
+    def start(self, clock: str = 'lock_step', **excitation: Any) -> None:
+        settings = {'clock': clock, 'preset': PRESET}
+        self.processes.start('piezo_sim', 'simulator', settings)
+        self.processes.start('piezo_hysteresis', 'excitation', excitation)
+        self.listener.until(self._client.server_is_ready)
+
+    def record(self, name: str) -> NodeProcess:
+        """Start a recorder and return as soon as the graph knows its name, not what it does."""
+        settings = {'out': str(self.folder / name)}
+        node = self.processes.start('piezo_hysteresis', 'recorder', settings, name=name)
+        self._bags[id(node)] = self.folder / name
+        self.listener.until(lambda: name in self.listener.node.get_node_names())
+        return node
+
+    def send(self, **goal: Any) -> Any:
+        future = self._client.send_goal_async(RunSweep.Goal(**{**GOAL, **goal}))
+        self.listener.until(future.done)
+        return future.result()
+
+    def result(self, handle: Any) -> Any:
+        future = handle.get_result_async()
+        self.listener.until(future.done)
+        return future.result()
+
+    def close(self, node: NodeProcess) -> Path:
+        """End a recorder; return its bag."""
+        assert node.stop(30.0) == 0
+        self.processes.forget(node)
+        return self._bags[id(node)]
+
+    def running(self, count: int = 100) -> None:
+        """Wait until a sweep is under way."""
+        before = len(self.states)
+        self.listener.until(lambda: len(self.states) > before + count)
+
+
+@pytest.fixture
+def bench(processes: NodeProcesses, listener: Listener, tmp_path: Path) -> Bench:
+    return Bench(processes, listener, tmp_path)
+
+
+def holds(bag: Path, clock: str = 'lock_step') -> None:
+    """Assert that a bag holds the whole sweep, sample by sample."""
+    plan = Sweep([5.0, 20.0], [1.0], GOAL['seconds'], RATE)
+    records = read_bag(bag)
+    assert [record.name for record in records] == NAMES
+    assert [len(record) for record in records] == [each.voltages.size for each in plan.records]
+    for record, wanted in zip(records, plan.records, strict=True):
+        # On a busy machine commands come late in real time: then the one before holds.
+        held = record.voltage != wanted.voltages
+        assert not (held[0] or (clock == 'lock_step' and np.any(held)))
+        assert np.all(np.isin(record.voltage, wanted.voltages))
+
+
+@pytest.mark.parametrize('clock', ['lock_step', 'real_time'])
+def test_a_sweep_at_once_after_a_recorder_came_up_is_all_in_its_bag(
+    bench: Bench, clock: str
+) -> None:
+    bench.start(clock)
+    early = bench.record('early')
+    late = bench.record('late')
+    result = bench.result(bench.send()).result
+    assert result.success, result.message
+    assert result.message == '2 records, recorded by /early, /late'
+    assert list(result.names) == NAMES
+    assert list(result.recorded_by) == ['/early, /late'] * 2
+    for node in (early, late):
+        holds(bench.close(node), clock)
+
+
+@pytest.mark.parametrize('clock', ['lock_step', 'real_time'])
+def test_a_recorder_that_comes_during_a_sweep_gets_the_record_that_runs(
+    bench: Bench, clock: str
+) -> None:
+    bench.start(clock)
+    handle = bench.send(seconds=8.0)
+    bench.running()
+    node = bench.record('recorder')
+    result = bench.result(handle).result
+    assert result.success, result.message
+    assert '/recorder' in result.recorded_by[-1]
+    names = [name for name, by in zip(result.names, result.recorded_by, strict=True) if by]
+    assert [record.name for record in read_bag(bench.close(node))] == names
+
+
+def test_a_cancelled_record_is_in_the_bag_as_such(bench: Bench) -> None:
+    bench.start()
+    node = bench.record('recorder')
+    handle = bench.send(seconds=60.0)
+    bench.running()
+    bench.listener.until(handle.cancel_goal_async().done)
+    assert bench.result(handle).status == GoalStatus.STATUS_CANCELED
+    result = bench.result(bench.send()).result
+    assert result.success, result.message
+    bag = bench.close(node)
+    assert [str(n).split(': ')[1] for n in survey([bag]).left_out] == [
+        'record sine_5Hz_1V was cancelled and is left out'
+    ]
+    holds(bag)
+
+
+def test_a_recorder_that_does_not_confirm_is_named_within_the_deadline(bench: Bench) -> None:
+    bench.start(deadline=2.0)
+    node = bench.record('stuck')
+    result = bench.result(bench.send()).result
+    assert result.recorded_by[0] == '/stuck'
+    node.signal(signal.SIGSTOP)
+    count = len(bench.markers)
+    result = bench.result(bench.send()).result
+    assert not result.success
+    assert '/stuck to confirm the marker of record sine_5Hz_1V' in result.message
+    assert [m.excitation for m in bench.markers[count:]] == ['sine', 'failed']
+    node.signal(signal.SIGCONT)
+    result = bench.result(bench.send()).result
+    assert result.message == '2 records, recorded by /stuck'
+    bag = bench.close(node)
+    assert len(read_bag(bag)) == 4
+
+
+def test_nobody_who_records_is_no_reason_to_wait(bench: Bench) -> None:
+    bench.start()
+    result = bench.result(bench.send()).result
+    assert result.success, result.message
+    assert result.message == '2 records, confirmed by no recorder'
+    assert list(result.recorded_by) == ['', '']
+
+
+def play(bench: Bench, bag: Path, **settings: Any) -> Callable[[], int | None]:
+    node = bench.processes.start('piezo_hysteresis', 'player', {'bag': str(bag), **settings})
+    return lambda: bench.processes.wait_for(node, 60.0)
+
+
+@pytest.mark.parametrize('settings', [{'rate_factor': 20.0}, {'lock_step': True}])
+def test_a_bag_that_is_played_to_a_recorder_is_all_there(
+    bench: Bench, settings: dict[str, Any]
+) -> None:
+    bench.start()
+    node = bench.record('first')
+    assert bench.result(bench.send()).result.success
+    bag = bench.close(node)
+    for each in list(bench.processes.nodes):
+        bench.processes.forget(each)
+    copy = bench.record('copy')
+    assert play(bench, bag, **settings)() == 0
+    holds(bench.close(copy))
