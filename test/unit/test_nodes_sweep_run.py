@@ -1,4 +1,4 @@
-"""A sweep and its recorders: nobody misses a record, whenever they come, stop or lose something."""
+"""A sweep and its recorders: nobody misses a record, whenever they come, stop or lose some."""
 
 from __future__ import annotations
 
