@@ -27,7 +27,12 @@ COLOURS = {
 
 def main() -> int:
     """Draw the picture."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'out' / 'demo'
+    draw(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'out' / 'demo')
+    return 0
+
+
+def draw(folder: Path) -> None:
+    """Draw the picture of the demo in `folder`."""
     tracking = json.loads((folder / 'summary.json').read_text())['tracking']
     runs = {run['name']: _record(folder, run['name']) for run in tracking['runs']}
     figure = Figure(figsize=(9.6, 3.5), layout='constrained')
@@ -40,7 +45,6 @@ def main() -> int:
     )
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(PICTURE, metadata={'Software': None})
-    return 0
 
 
 def _record(folder: Path, name: str) -> Record:
