@@ -13,7 +13,7 @@ from listening import Listener
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.reporting.discovery_folder import write_discovery
-from piezo_interfaces.msg import ActuatorState, Gap, Reference
+from piezo_interfaces.msg import ActuatorState, Gap, LoopStatus, Reference
 from piezo_ros_common.processes import NodeProcesses
 from piezo_sim.sweep import simulate
 
@@ -58,6 +58,7 @@ def test_the_gap_closes_in_running_nodes(
     listener.listen(Gap, 'gap')
     listener.listen(ActuatorState, 'actuator/state')
     listener.listen(Reference, 'reference')
+    listener.listen(LoopStatus, 'loop/status', latched=True)
     processes.start(
         'piezo_sim',
         'simulator',
@@ -111,10 +112,15 @@ def load(listener: Listener, node: str, path: Path) -> bool:
 
 
 def settled_gap(listener: Listener, seconds: float = 2.0) -> Gap:
-    """Return the newest gap after `seconds` of simulated time."""
-    states, gaps = listener.heard['actuator/state'], listener.heard['gap']
-    end = (states[-1].sample if states else 0) + round(seconds * RATE)
-    listener.until(lambda: bool(gaps) and gaps[-1].sample >= end, timeout=120.0)
+    """Return the newest gap after `seconds` of simulated time, all states until then heard."""
+    states, gaps, status = (listener.heard[n] for n in ('actuator/state', 'gap', 'loop/status'))
+    # The states may lie in the queue of a busy listener for long; only the newest status does.
+    count = len(status)
+    listener.until(lambda: len(status) >= count + 2)
+    end = status[-1].sample + round(seconds * RATE)
+    listener.until(
+        lambda: gaps and states and min(gaps[-1].sample, states[-1].sample) >= end, timeout=120.0
+    )
     return gaps[-1]
 
 

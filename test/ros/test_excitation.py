@@ -193,7 +193,10 @@ def test_a_range_that_shrinks_ends_the_sweep_with_the_reason(loop: Loop) -> None
     loop.listener.until(lambda: len(loop.markers) > count)
     assert loop.listener.set_one('simulator', 'amplifier.range_high', 0.5) == ''
     result = loop.result(handle)
+    status = loop.listener.listen(LoopStatus, 'loop/status', latched=True)
     assert loop.listener.set_one('simulator', 'amplifier.range_high', 5.0) == ''
+    loop.listener.until(lambda: status and status[-1].high == 5.0)
+    loop.listener.serve(0.2)  # the excitation has heard it too
     assert result.status == GoalStatus.STATUS_ABORTED
     assert 'beyond its range' in result.result.message
     loop.resting()

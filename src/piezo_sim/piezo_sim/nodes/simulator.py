@@ -254,7 +254,10 @@ class Simulator(Node):
 
     def _apply_plant(self, changes: dict[str, Value]) -> None:
         self._plant.set_parameters(_for_plant(changes, self._plant))
+        before = (self._book.low, self._book.high)
         self._book.low, self._book.high = command_range(self._plant)
+        if before != (self._book.low, self._book.high):
+            self._publish_status()  # who commands looks at the range beforehand
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._plant.reset()
