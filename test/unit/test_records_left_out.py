@@ -11,7 +11,8 @@ import pytest
 from damaged_bags import FIELDS
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.records import LeftOutWarning, cdr, load, survey, write_bag
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import LeftOutWarning, cdr, load, read_bag, survey, write_bag
 from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of, typestore
 from piezo_hysteresis.records.markers import MOVED, VERDICTS
 from piezo_hysteresis.records.recorder import Recorder
@@ -85,6 +86,8 @@ def test_a_bag_of_nothing_else_says_so(tmp_path: Path, capsys: pytest.CaptureFix
     bag = bag_of(tmp_path / 'bag', CANCELLED)
     assert main(['info', str(bag)]) == 2
     assert 'record two was cancelled and is left out' in capsys.readouterr().err
+    with pytest.raises(RecordError, match='no record that counts'):
+        read_bag(bag)
 
 
 def test_an_end_of_older_bags_that_has_an_excitation_ends_only(tmp_path: Path) -> None:

@@ -40,10 +40,13 @@ def read_bag(
     Raises
     ------
     RecordError
-        If the bag cannot be used as it is.
+        If the bag cannot be used as it is, or holds no record that counts.
     """
     log = DamageLog(salvage)
-    return bag_records(read_content(Path(path), log), log, actuator)
+    records = bag_records(read_content(Path(path), log), log, actuator)
+    if not records:
+        raise RecordError(f'{path}: it holds no record that counts; `info {path}` says why')
+    return records
 
 
 def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None) -> list[Record]:
