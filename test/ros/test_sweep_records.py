@@ -39,7 +39,7 @@ class Bench:
 
     def start(self, clock: str = 'lock_step', **excitation: Any) -> None:
         settings = {'clock': clock, 'preset': PRESET}
-        self.processes.start('piezo_sim', 'simulator', settings)
+        self.simulator = self.processes.start('piezo_sim', 'simulator', settings)
         self.processes.start('piezo_hysteresis', 'excitation', excitation)
         self.listener.until(self._client.server_is_ready)
 
@@ -111,10 +111,12 @@ def test_a_sweep_at_once_after_a_recorder_came_up_is_all_in_its_bag(
 def test_a_recorder_that_comes_during_a_sweep_gets_the_record_that_runs(
     bench: Bench, clock: str
 ) -> None:
-    bench.start(clock)
-    handle = bench.send(seconds=8.0)
+    bench.start(clock, deadline=60.0)
+    handle = bench.send(seconds=6.0)
     bench.running()
+    bench.simulator.signal(signal.SIGSTOP)  # time stands still until the recorder is there
     node = bench.record('recorder')
+    bench.simulator.signal(signal.SIGCONT)
     result = bench.result(handle).result
     assert result.success, result.message
     assert '/recorder' in result.recorded_by[-1]
