@@ -14,7 +14,8 @@ find_python() {
   for candidate in ${PYTHON:-} python3 python3.12 python3.11; do
     if "$candidate" -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' \
         2>/dev/null; then
-      command -v "$candidate"
+      # Not the one of a sourced .venv, which is about to be made anew.
+      "$candidate" -c 'import sys; print(sys._base_executable)'
       return
     fi
   done
