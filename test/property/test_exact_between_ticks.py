@@ -171,3 +171,32 @@ def test_a_pair_is_exact_between_the_ticks(first, second):
             error = np.sort(error)[: -TICKS // 20]
         worst = float(np.max(error)) / float(np.ptp(expected))
         assert worst < EXACT, (ticks, kind)
+
+
+CHAINS = (
+    ('amplifier_lag', 'bouc_wen_exact', 'mode'),
+    ('slew_limit', 'bouc_wen_exact', 'mode_pair', 'creep'),
+    ('transport_delay', 'amplifier_lag', 'square_law', 'prandtl_ishlinskii', 'mode'),
+    ('transport_delay', 'slew_limit', 'preisach', 'resonance', 'sensor_lag'),
+    ('transport_delay', 'bouc_wen_exact', 'mode', 'backlash', 'creep'),
+    (
+        'amplifier_lag',
+        'slew_limit',
+        'bouc_wen_power',
+        'nonlinear_mode',
+        'gain_decay',
+        'sensor_lag',
+    ),
+)
+
+
+@pytest.mark.parametrize('names', CHAINS, ids='-'.join)
+def test_a_longer_chain_is_exact_between_the_ticks(names):
+    model = Model('chain', tuple(BLOCKS[name] for name in names))
+    for *ticks, kind in (*CASES, (6.0, 6.0, 'sine'), (2.5, 9.0, 'steps')):
+        u, values = voltage(kind), {}
+        for i, block in enumerate(model.blocks):
+            values |= lively(block, ticks[i % 2], u)
+        p = model.pack(values, checked=False)
+        y, expected = model.respond(u, p, DT), truth(model, p, u)
+        assert np.max(np.abs(y - expected)) < 3.0 * EXACT * np.ptp(expected), (ticks, kind)

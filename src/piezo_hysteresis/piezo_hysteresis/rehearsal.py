@@ -44,6 +44,7 @@ def between_ticks() -> None:
         ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),
         ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'backlash', 'sensor_lag'),
         ('amplifier_lag', 'bouc_wen_oscillator'),
+        ('slew_limit', 'bouc_wen_exact', 'mode'),
     ):
         model = Model('path', tuple(BLOCKS[name] for name in names))
         late = {'delay': 0.3 * DT} if 'transport_delay' in names else {}

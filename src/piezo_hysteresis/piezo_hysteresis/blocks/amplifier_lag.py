@@ -1,11 +1,11 @@
 """An amplifier or a sensor of limited bandwidth."""
 
-from math import exp
+from math import exp, inf
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System, Way
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -31,6 +31,11 @@ def system(p: FloatArray) -> System:
     return System(-rate[:, None], rate, np.ones(1), 0.0)
 
 
+def way(p: FloatArray) -> Way:
+    """Return how a held input is approached."""
+    return Way(float(p[0]), inf)
+
+
 def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -> Block:
     return Block(
         name=name,
@@ -52,7 +57,7 @@ def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -
         source='first-order low pass',
         between=Between.LINEAR,
         system=system,
-        one_way=True,
+        way=way,
     )
 
 

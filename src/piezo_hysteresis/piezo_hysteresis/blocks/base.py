@@ -68,6 +68,21 @@ class System(NamedTuple):
     d: float
 
 
+class Way(NamedTuple):
+    """How a signal goes to where it is held: by a lag, or no faster than at a rate.
+
+    Attributes
+    ----------
+    time : float
+        Time constant [s]; 0 where a rate rules.
+    most : float
+        Largest rate [1/s]; infinite where there is none.
+    """
+
+    time: float
+    most: float
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of a block.
@@ -151,8 +166,9 @@ class Block:
         ``along(x, y, state, p, dt, frequency, points)``, compiled: the answer along a path of
         `points` values per tick, three to each step: at its start, in its middle, at its end.
         Every INNER block has one, and every PATH block that wants to know the tick or a jump.
-    one_way : bool
-        Whether it goes one way, without a jump, as long as its input is held.
+    way : callable or None
+        ``way(p)`` returns how it goes to an input that is held, where that is one way and without
+        a jump.
     pace : callable or None
         ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
     least_steps : int
@@ -181,7 +197,7 @@ class Block:
     inertia: bool = False
     system: Callable[[FloatArray], System] | None = None
     along: Along | None = None
-    one_way: bool = False
+    way: Callable[[FloatArray], Way] | None = None
     pace: Callable[[FloatArray], float] | None = None
     least_steps: int = 8
     count: int | None = None

@@ -1,7 +1,9 @@
 """An amplifier that runs out of current."""
 
+from math import inf
+
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, Way
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -62,6 +64,11 @@ def along(
     state[0] = last
 
 
+def way(p: FloatArray) -> Way:
+    """Return how a held input is approached."""
+    return Way(0.0, float(p[0]) if p[0] < NO_LIMIT else inf)
+
+
 BLOCK = Block(
     name='slew_limit',
     slot=Slot.INPUT,
@@ -76,7 +83,7 @@ BLOCK = Block(
     source='amplifier with limited current',
     between=Between.INNER,
     along=along,
-    one_way=True,
+    way=way,
     least_steps=32,
 )
 

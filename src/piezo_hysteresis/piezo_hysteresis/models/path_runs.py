@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, System
+from piezo_hysteresis.blocks.base import Between, Block, System, Way
 from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size, shift
 from piezo_hysteresis.models.linear_runs import Step, fastest, in_series, run_path, step_of
 from piezo_hysteresis.models.paths import (
@@ -22,7 +22,16 @@ from piezo_hysteresis.models.paths import (
     on_the_clock,
     read,
 )
+from piezo_hysteresis.models.way_runs import (
+    SLOW,
+    Response,
+    gauss_of,
+    response_of,
+    take_up,
+    ways,
+)
 
+_HEAD = 2  # places in the state: what was read last, and the input that was held last
 # Most steps per tick; always a power of two, so that few changes of a parameter change the grid.
 _MOST = 64
 _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes a path
@@ -98,25 +107,26 @@ class PathRun:
                 groups[-1] = ((*groups[-1][0], part), True, False)
             else:
                 groups.append(((part,), linear, turns))
-            goes_on = part.block.one_way and i == 0
+            goes_on = part.block.way is not None and i == 0
             turns |= not goes_on and part.block.between is not Between.INSTANT
         return tuple(groups)
 
     def _pieces(self, dt: float) -> tuple[list[_Piece], int]:
         """Return the groups with their places in the state, and its size."""
-        place = 1 + self._ring(dt) + (PAST if self._joining else 0)
-        pieces = []
+        memories = self._memories(dt)
+        pieces, first = [], 0
         for parts, linear, turns in self._groups:
-            size = sum(part.block.initial_state(dt).size for part in parts)
-            pieces.append(_Piece(parts, slice(place, place + size), linear, turns))
-            place += size
-        return pieces, place
+            last = first + len(parts)
+            own = slice(memories[first].start, memories[last - 1].stop)
+            pieces.append(_Piece(parts, own, linear, turns))
+            first = last
+        return pieces, memories[-1].stop
 
     def _ring(self, dt: float) -> int:
         return self.delays * ring_size(dt) + 1 if self.delays else 0
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
-        """Return the memory at rest: last value, ring of the delays, past samples, blocks."""
+        """Return the memory at rest: two last values, ring of the delays, past samples, blocks."""
         pieces, size = self._pieces(dt)
         state = np.zeros(size)
         for piece in pieces:
@@ -125,7 +135,7 @@ class PathRun:
         return state
 
     def steps(self, p: FloatArray, dt: float) -> int:
-        """Return how many steps per tick these parameters need."""
+        """Return how many steps per tick these parameters need; 0 where none, see `way_runs`."""
         key = (p.tobytes(), dt)
         known: tuple[object, int] | None = self.__dict__.get('_steps')
         if known is None or known[0] != key:
@@ -136,6 +146,8 @@ class PathRun:
     def _count(self, p: FloatArray, dt: float) -> int:
         if self._order(p) > 0.0:
             return JOINED_STEPS
+        if self._behind_way and dt * _pace(self._moving[self._behind_way :], p) <= SLOW:
+            return 0
         pace = max(_pace(parts, p) for parts, _, _ in self._groups)
         if not np.isfinite(pace):
             return _MOST
@@ -148,6 +160,77 @@ class PathRun:
         stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
         needed = int(2 ** ceil(log2(max(dt * pace / stride, 1.0))))
         return max(least, min(needed, most))
+
+    @cached_property
+    def _behind_way(self) -> int:
+        """Number of parts up to the linear ones that take up a way; 0 where it is not so."""
+        parts = self._moving
+        last = len(parts)
+        while last and parts[last - 1].block.system is not None:
+            last -= 1
+        middle = [part.block for part in parts[1:last]]
+        memories = [block for block in middle if block.between is Between.PATH]
+        simple = all(block.between is Between.INSTANT for block in middle if block not in memories)
+        if parts[0].block.way is None or last in (0, len(parts)) or not simple:
+            return 0
+        return last if len(memories) <= 1 and all(b.along is None for b in memories) else 0
+
+    def _memories(self, dt: float) -> list[slice]:
+        """Return where the memory of each part stands in the state."""
+        place = _HEAD + self._ring(dt) + (PAST if self._joining else 0)
+        memories = []
+        for part in self._moving:
+            size = part.block.initial_state(dt).size
+            memories.append(slice(place, place + size))
+            place += size
+        return memories
+
+    def _way(self, p: FloatArray, dt: float) -> tuple[Way, FloatArray, FloatArray, Response]:
+        """Return the way, its Gauss points and what takes it up, made anew where it is new."""
+        key = (p.tobytes(), dt)
+        known: tuple[object, tuple[Way, FloatArray, FloatArray, Response]] | None
+        known = self.__dict__.get('_last_way')
+        if known is None or known[0] != key:
+            first = self._moving[0]
+            assert first.block.way is not None
+            way = first.block.way(p[first.span])
+            system = in_series(_systems(self._moving[self._behind_way :], p))
+            known = (key, (way, *gauss_of(way, dt), response_of(system, dt)))
+            self.__dict__['_last_way'] = known
+        return known[1]
+
+    def _by_ways(
+        self, signal: FloatArray, p: FloatArray, dt: float, state: FloatArray
+    ) -> FloatArray:
+        """Answer where all that is followed is a way within the tick, see `way_runs`."""
+        ring = self._ring(dt)
+        way, places, weights, response = self._way(p, dt)
+        whole, part = in_ticks(float(p[: self.delays].sum()), dt)
+        old = new = signal
+        if ring:
+            new = np.empty_like(signal)
+            shift(signal, new, state[_HEAD : _HEAD + ring], whole)
+            old = np.concatenate([state[1:2], new[:-1]])
+            state[1] = new[-1]
+        pieces = 2 if part > 0.0 else 1
+        memories = self._memories(dt)
+        output = np.empty_like(signal)
+        at_once = max(1, _VALUES // (pieces * (places.size + 1)))
+        for begin in range(0, signal.size, at_once):
+            chunk = slice(begin, begin + at_once)
+            count = output[chunk].size
+            values, lasts = np.empty((count, pieces, places.size + 1)), np.empty((count, pieces))
+            memory = state[memories[0]]
+            ways(old[chunk], new[chunk], part, memory, way, dt, places, values, lasts)
+            flat = values.ravel()
+            for each, place in zip(self._moving[1 : self._behind_way], memories[1:], strict=False):
+                flat = each.block.respond(flat, p[each.span], dt, state=state[place])
+            behind = slice(memories[self._behind_way].start, memories[-1].stop)
+            take_up(
+                flat.reshape(values.shape), lasts, part, places, weights, output[chunk],
+                state[behind], state[:1], *response, self.ahead,
+            )  # fmt: skip
+        return output
 
     def _order(self, p: FloatArray) -> float:
         part = self._joining
@@ -179,11 +262,13 @@ class PathRun:
             Steps per tick; as many as `p` needs where it is not given.
         """
         steps = self.steps(p, dt) if steps is None else steps
+        if steps == 0:
+            return self._by_ways(signal, p, dt, state)
         order, ring, points = self._order(p), self._ring(dt), 3 * steps
         timing = self._timing(p, dt, order > 0.0)
         if ring:
             late = np.empty_like(signal)
-            shift(signal, late, state[1 : 1 + ring], timing.ticks)
+            shift(signal, late, state[_HEAD : _HEAD + ring], timing.ticks)
             signal = late
         clock = _Clock(dt, frequency, points, timing.ahead)
         output = np.empty_like(signal)
@@ -193,7 +278,7 @@ class PathRun:
             x = signal[first : first + at_once]
             if order > 0.0:
                 path = np.empty(x.size * points)
-                joined(x, path, state[1 + ring : 1 + ring + PAST], order)
+                joined(x, path, state[_HEAD + ring : _HEAD + ring + PAST], order)
             else:
                 path = np.repeat(x, points)
             for piece, step in zip(pieces, made, strict=True):

@@ -256,7 +256,7 @@ class _Planner:
             last -= 1
         # what goes one way from reading to reading shows a memory nothing that these do not
         first, behind = self._blocks[inside[0]], [self._blocks[i] for i in inside[1:last]]
-        if first.one_way and behind and self._ahead and not late:
+        if first.way is not None and behind and self._ahead and not late:
             *static, memory = behind
             kinds = [block.between for block in static]
             if memory.between is Between.PATH and memory.along is None:
