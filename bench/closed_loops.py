@@ -134,20 +134,35 @@ def stack_model() -> tuple[Model, Mapping[str, float]]:
     return model, fit(model, [stack_record(f) for f in (10.0, 40.0, 100.0)], start).values
 
 
+def stage_records(frequencies: Sequence[float]) -> list[Record]:
+    """Return sines of the stage of 004 about its bias, each in its steady state."""
+    records = []
+    for frequency in frequencies:
+        seconds = max(4.0, 4.0 / frequency)
+        wave = Sine(4.8, frequency, seconds, offset=4.9, phase=-0.5 * np.pi)
+        info = RecordInfo(frequency=frequency, amplitude=4.8, warm_up=0.5 * seconds)
+        records.append(record(STAGE, wave, STAGE_DT, info))
+    return records
+
+
 @functools.cache
 def stage_model() -> tuple[Model, Mapping[str, float]]:
     """Return a delay and Bouc-Wen with a rate, identified from four sines about 004's bias."""
     names = ('transport_delay', 'bouc_wen_rate', 'offset')
     model = Model('stage', tuple(map(named_block, names)), {'A0': 0.0})
-    records = []
-    for frequency in (0.5, 1.0, 5.0, 10.0):
-        seconds = max(4.0, 4.0 / frequency)
-        wave = Sine(4.8, frequency, seconds, offset=4.9, phase=-0.5 * np.pi)
-        info = RecordInfo(frequency=frequency, amplitude=4.8, warm_up=0.5 * seconds)
-        records.append(record(STAGE, wave, STAGE_DT, info))
     start = {**model.defaults(), 'delay': 1e-3, 'A1': 1.8e-6, 'A': 0.8e-6, 'A0': 0.0,
              'beta': 2.0, 'gamma': 1.5, 'rate_corner': 20.0, 'rate_exponent': 0.05}  # fmt: skip
-    return model, fit(model, records, start).values
+    return model, fit(model, stage_records((0.5, 1.0, 5.0, 10.0)), start).values
+
+
+@functools.cache
+def slow_stage_model() -> tuple[Model, Mapping[str, float]]:
+    """Return a delay and the classical Bouc-Wen model, from sines up to 1 Hz, as 004 has it."""
+    names = ('transport_delay', 'bouc_wen_exact', 'offset')
+    model = Model('slow_stage', tuple(map(named_block, names)), {'A0': 0.0})
+    start = {**model.defaults(), 'delay': 1e-3, 'A1': 1.8e-6, 'A': 0.8e-6, 'A0': 0.0,
+             'beta': 2.0, 'gamma': 1.5}  # fmt: skip
+    return model, fit(model, stage_records((0.5, 1.0)), start).values
 
 
 @functools.cache

@@ -264,8 +264,8 @@ def stage_figures(names: Sequence[str]) -> list[Entry]:
                   f'largest error {pid} um with PID, {compound} um with inverse and fuzzy PID',
                   f'{worst["PID"]:.3f} um with PID, {worst["inverse + fuzzy PID"]:.3f} um with '
                   'inverse and fuzzy PID', draw,
-                  'law, rule table and gains of 004 are missing from its text; the encoder is '
-                  'assumed to have 5 nm steps and 3 nm noise',
+                  'law, rule table and all gains but KD = 120 (read as V s/m) of 004 are missing '
+                  'from its text; the encoder is assumed to have 5 nm steps and 3 nm noise',
                   {'PID': worst['PID'], 'compound': worst['inverse + fuzzy PID'],
                    'paper': compound})
         )  # fmt: skip
