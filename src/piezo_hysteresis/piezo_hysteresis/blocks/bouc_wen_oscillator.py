@@ -42,7 +42,8 @@ WEIGHTS = _interpolator()
 def interpolate(past: FloatArray, order: float, forces: FloatArray) -> None:
     """Fill `forces` (_PHASES + 1,) with the input between the last two samples of `past`."""
     if order == 0.0:
-        forces[:] = past[1]
+        for i in range(forces.size):
+            forces[i] = past[1]
     elif order == 1.0:
         for i in range(_PHASES + 1):
             forces[i] = past[1] + (past[0] - past[1]) * i / _PHASES

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from math import cos, isfinite, nan, sin, sqrt
 
-import numpy as np
-
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
 
@@ -131,7 +129,9 @@ def update_many(
         y1, y2, y3, u1, k0 = value, y1, y2, voltage, k0 + 1.0
         ee, ww = forgetting * ee + error * error, forgetting * ww + 1.0
         errors[k] = error / scale
-    m[:] = np.array([k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww])
+    kept = (k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww)
+    for i in range(len(kept)):
+        m[i] = kept[i]
 
 
 @jit

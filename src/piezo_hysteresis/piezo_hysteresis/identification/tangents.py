@@ -212,12 +212,26 @@ def autoregressive(
 
 
 @jit
+def _line(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, factor: float, shift: float
+) -> None:
+    """Fill y and the rows of dy that come in with a straight line and its slope.
+
+    In loops: an assignment of arrays takes seconds to compile, for the text of its errors.
+    """
+    for k in range(x.size):
+        y[k] = factor * x[k] + shift
+    for j in range(dx.shape[0]):
+        for k in range(x.size):
+            dy[j, k] = factor * dx[j, k]
+
+
+@jit
 def offset(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
     """Add a constant."""
-    y[:] = x + p[0]
-    dy[:-1] = dx
+    _line(x, y, dx, dy, 1.0, p[0])
     dy[-1] = 1.0
 
 
@@ -226,9 +240,9 @@ def gain(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
     """Multiply by a constant."""
-    y[:] = p[0] * x
-    dy[:-1] = p[0] * dx
-    dy[-1] = x
+    _line(x, y, dx, dy, p[0], 0.0)
+    for k in range(x.size):
+        dy[-1, k] = x[k]
 
 
 @jit
@@ -268,10 +282,10 @@ def prandtl_ishlinskii(
 ) -> None:
     """Answer by each play its weight's derivative; the range must be held."""
     m = dx.shape[0]
-    y[:] = p[1] * x
-    dy[:m] = p[1] * dx
+    _line(x, y, dx, dy, p[1], 0.0)
     dy[m] = 0.0
-    dy[m + 1] = x
+    for k in range(x.size):
+        dy[m + 1, k] = x[k]
     _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 1), m + 2)
 
 

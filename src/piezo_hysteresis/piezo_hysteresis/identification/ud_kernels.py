@@ -97,7 +97,8 @@ def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
 def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) -> None:
     """Run each column through the frozen mode, sampled before the new hold acts."""
     if c[MODE] == 0.0:
-        x[: v.size] = v
+        for i in range(v.size):
+            x[i] = v[i]
         return
     for i in range(v.size):
         x[i] = q[i, 0]

@@ -89,7 +89,9 @@ def of_balanced(matrix: FloatArray) -> FloatArray:
                 total[i, j] += term[i, j]
     for _ in range(squarings):
         product(total, total, new)
-        total[:] = new
+        for i in range(n):  # an assignment of arrays takes seconds to compile
+            for j in range(n):
+                total[i, j] = new[i, j]
     return total
 
 
