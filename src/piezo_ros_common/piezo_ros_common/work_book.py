@@ -24,18 +24,22 @@ class WorkBook:
         self._now = now
         self._said: dict[str, tuple[str, str, float]] = {}
         self.newest = float('-inf')
+        self.worked = 0.0
 
     def note(self, name: str, state: str, words: str) -> None:
         """Take note that the node `name` is in `state`.
 
-        `newest` becomes the time at which somebody last said that he works [s].
+        `newest` becomes the time at which a node last said that it works [s], and `worked` how
+        long any of them has worked in all [s]: by so much a wait may take longer.
         """
-        self._said[name.strip('/')] = (state, words, self._now())
+        now = self._now()
+        self._said[name.strip('/')] = (state, words, now)
         if state in WORKS:
-            self.newest = self._now()
+            self.worked += now - self.newest if self.quiet() < FRESH else 0.0
+            self.newest = now
 
     def quiet(self) -> float:
-        """Return how long nobody has said that he works [s]; infinite where nobody ever did."""
+        """Return how long no node has said that it works [s]; infinite where none ever did."""
         return self._now() - self.newest
 
     def is_ready(self, name: str) -> bool:
