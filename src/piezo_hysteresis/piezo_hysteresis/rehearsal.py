@@ -86,8 +86,8 @@ def online_methods() -> None:
 
 
 def inverses() -> None:
-    """Invert every named model that has an inverse, and a hysteresis by every law."""
-    from piezo_hysteresis.compensation.base import ReferencePoint
+    """Invert every named model by every law that there is for it."""
+    from piezo_hysteresis.compensation.base import INVERSES, ReferencePoint
     from piezo_hysteresis.compensation.choice import inverse_for
     from piezo_hysteresis.compensation.inverse import InverseLink
     from piezo_hysteresis.compensation.physical import Law, PhysicalInverse
@@ -95,10 +95,10 @@ def inverses() -> None:
 
     values = {**named('prandtl_ishlinskii').defaults(), **named('modified').defaults()}
     ways: list[InverseLink] = [PhysicalInverse(values, DT, law=law) for law in get_args(Law)]
-    for name in NAMES:
+    for name, law in product(NAMES, INVERSES):
         model = named(name)
-        with contextlib.suppress(PiezoError):  # has no inverse
-            ways.append(inverse_for(model, model.defaults(), DT))
+        with contextlib.suppress(PiezoError):  # has no such inverse
+            ways.append(inverse_for(model, model.defaults(), DT, law=law))
     for inverse in ways:
         for k in range(3):
             inverse.step(ReferencePoint(k, 1e-6 * k, 0.0, 0.0, 1.0, 0.0))
