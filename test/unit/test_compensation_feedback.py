@@ -2,23 +2,19 @@
 
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.choice import inverse_for
 from piezo_hysteresis.compensation.fuzzy_pid import (
     INTEGRAL_RULES,
-    LEVELS,
     PROPORTIONAL_RULES,
     FuzzyPid,
     FuzzyRules,
     infer,
 )
-from piezo_hysteresis.compensation.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.hinf import (
     XIAO_DENOMINATOR,
     XIAO_NUMERATOR,
@@ -33,7 +29,7 @@ from piezo_hysteresis.compensation.hinf_synthesis import (
     StateSpace,
     hinf_synthesis,
 )
-from piezo_hysteresis.compensation.loop import closed_loop, reference_points, tracking_metrics
+from piezo_hysteresis.compensation.loop import closed_loop, tracking_metrics
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.errors import CompensationError
@@ -326,55 +322,6 @@ def test_a_design_tells_gamma_and_poles():
     assert found.gamma == pytest.approx(0.765, abs=0.01)
     assert np.all(np.diff(np.abs(found.poles)) <= 0)
     assert found.words().startswith('H-infinity: gamma 0.76')
-
-
-TABLES = Path(__file__).resolve().parents[2] / 'config' / 'fuzzy' / 'symmetric.yaml'
-
-
-def test_the_tables_of_the_file_are_those_that_it_has_by_itself():
-    read = read_tables(TABLES)
-    np.testing.assert_array_equal(read['proportional_rules'], PROPORTIONAL_RULES)
-    np.testing.assert_array_equal(read['integral_rules'], INTEGRAL_RULES)
-
-
-def test_tables_of_a_user_are_obeyed(tmp_path):
-    rows = {level: [2] * 7 for level in LEVELS}
-    (tmp_path / 'mine.yaml').write_text(
-        yaml.safe_dump({'proportional': {**rows, 'PB': ['PB'] * 7}, 'integral': rows})
-    )
-    read = read_tables(tmp_path / 'mine.yaml')
-    assert infer(read['proportional_rules'], 1.0, 0.0) == 1.0
-    assert infer(read['integral_rules'], 0.3, -0.7) == pytest.approx(2 / 3)
-    rules = FuzzyRules(5e-6, 1e-3, 5e2, 1e6, **read)
-    link = FuzzyPid(GAINS, rules, DT, limits=LIMITS)
-    own = make_fuzzy()
-    points = list(reference_points(sine(5.0, 20e-6, 0.2)))
-    answers = [
-        [each.step(p, 0.0, Measured(p.sample - 1, 0.0, 0.0)) for p in points]
-        for each in (link, own)
-    ]
-    assert np.max(np.abs(np.subtract(*answers))) > 1e-6
-
-
-@pytest.mark.parametrize(
-    ('change', 'says'),
-    [
-        (lambda c: c.pop('integral'), 'mapping of proportional and integral'),
-        (lambda c: c['integral'].pop('ZO'), 'one row for each error NB'),
-        (lambda c: c['integral'].update(ZO=[1, 2]), 'integral ZO lists 7 levels'),
-        (lambda c: c['integral']['ZO'].__setitem__(0, 'XX'), "'XX' is no level"),
-        (lambda c: c['integral']['ZO'].__setitem__(0, 4), '4 is no level'),
-        (lambda c: c['integral']['ZO'].__setitem__(0, True), 'True is no level'),
-    ],
-)
-def test_what_is_wrong_in_tables_is_said(change, says, tmp_path):
-    content = yaml.safe_load(TABLES.read_text())
-    change(content)
-    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump(content))
-    with pytest.raises(CompensationError, match=says):
-        read_tables(tmp_path / 'mine.yaml')
-    with pytest.raises(CompensationError, match='cannot be read: No such file'):
-        read_tables(tmp_path / 'none.yaml')
 
 
 def test_h_infinity_on_003s_plant_keeps_gamma_and_beats_feedforward():
