@@ -69,9 +69,10 @@ def in_series(systems: Sequence[System]) -> System:
     return whole
 
 
-def fastest(system: System) -> float:
-    """Return about how fast the fastest pole is [1/s]."""
-    return float(pace(system.a)) if np.all(np.isfinite(system.a)) else np.inf
+def fastest(systems: Sequence[System]) -> float:
+    """Return about how fast the fastest pole of `systems` is [1/s]."""
+    sizes = [float(pace(each.a)) if np.all(np.isfinite(each.a)) else np.inf for each in systems]
+    return max(sizes, default=0.0)
 
 
 def settled(system: System, dt: float) -> System:

@@ -194,8 +194,8 @@ class PathRun:
             first = self._moving[0]
             assert first.block.way is not None
             way = first.block.way(p[first.span])
-            system = in_series(_systems(self._moving[self._behind_way :], p))
-            known = (key, (way, *gauss_of(way, dt), response_of(system, dt)))
+            behind = _systems(self._moving[self._behind_way :], p)
+            known = (key, (way, *gauss_of(way, behind, dt), response_of(behind, dt)))
             self.__dict__['_last_way'] = known
         return known[1]
 
@@ -330,9 +330,8 @@ def _systems(parts: Sequence[Part], p: FloatArray) -> list[System]:
 
 def _pace(parts: Sequence[Part], p: FloatArray) -> float:
     """Return the fastest rate at which some parts move [1/s]; 0 where they only follow."""
-    linear = _systems(parts, p)
     inner = [part.block.pace(p[part.span]) for part in parts if part.block.pace is not None]
-    return max([fastest(in_series(linear)) if linear else 0.0, *inner])
+    return max([fastest(_systems(parts, p)), *inner])
 
 
 def _followed(

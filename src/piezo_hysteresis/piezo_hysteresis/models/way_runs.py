@@ -2,13 +2,14 @@
 
 The input of such a run goes to its held value by a lag or along a ramp, and stays. A memory is
 asked at the Gauss points of that way, and the linear blocks take up the integral: the impulse
-response over a tick, a polynomial, at the same points. That is exact to 1e-7 of what moves within
+response over a tick, a polynomial, at the same points. That is exact to 1e-5 of what moves within
 the tick, wherever the way ends, and much less work than a path of many steps.
 """
 
 from __future__ import annotations
 
-from math import exp, factorial, inf
+from collections.abc import Sequence
+from math import exp, inf, lgamma, log
 from typing import NamedTuple
 
 import numpy as np
@@ -16,14 +17,14 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System, Way
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.models.linear_runs import decayed, fastest, settled
+from piezo_hysteresis.models.linear_runs import decayed, fastest, in_series, settled
 
 #: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
-SLOW = 4.0
+SLOW = 25.0
 _LEFT = 1e-10  # of an impulse response that its polynomial may leave
 _OVER = 10.0  # time constants after which a lag has come to its end
-# Gauss points for a lag that lasts up to so many time constants; a ramp needs the fewest.
-_POINTS = ((2.0, 4), (5.0, 6), (_OVER, 8))
+_FEWEST = 4  # Gauss points
+_MISSED = 1e-5  # of what moves within a tick, which they may miss
 
 
 class Response(NamedTuple):
@@ -35,7 +36,7 @@ class Response(NamedTuple):
         Transition over the tick, transposed.
     impulse, integral : ndarray, shapes (m + 1, n) and (m + 2, n)
         State at the end of the tick for an impulse at ``t``, -1 at its start and 1 at its end,
-        and the integral of that over the time in ticks: coefficients of powers of t.
+        and the integral of that over the time in ticks: coefficients of Chebyshev series.
     row, direct : ndarray, shape (n,), and float
         Output.
     """
@@ -47,31 +48,36 @@ class Response(NamedTuple):
     direct: float
 
 
-def response_of(system: System, dt: float) -> Response:
-    """Return `system` over ticks of `dt` [s]; its poles must be slower than `SLOW` per tick."""
-    system = settled(system, dt)
-    pace = 0.5 * dt * fastest(system)
-    degree = 3
-    while pace ** (degree + 1) > _LEFT * 2.0**degree * factorial(degree + 1):
+def response_of(systems: Sequence[System], dt: float) -> Response:
+    """Return `systems` in a row over ticks of `dt` [s], poles slower than `SLOW` per tick."""
+    system = settled(in_series(systems), dt)
+    pace = 0.5 * dt * fastest(systems)
+    degree = 3 + len(systems)
+    # the error of Chebyshev interpolation of an exponential
+    while (degree + 1) * log(max(0.5 * pace, 1e-3)) - lgamma(degree + 2) > log(0.5 * _LEFT):
         degree += 1
     places = np.polynomial.chebyshev.chebpts1(degree + 1)
     values = [decayed(system.a, 0.5 * (1.0 - t) * dt) @ system.b * dt for t in places]
-    series = np.polynomial.chebyshev.chebfit(places, np.array(values), degree)
-    impulse = np.zeros((degree + 1, system.b.size))
-    integral = np.zeros((degree + 2, system.b.size))
-    for i in range(system.b.size):
-        own = np.polynomial.chebyshev.cheb2poly(series[:, i])
-        impulse[: own.size, i] = own
-        whole = 0.5 * np.polynomial.polynomial.polyint(impulse[:, i])
-        integral[:, i] = whole
+    impulse = np.asarray(
+        np.polynomial.chebyshev.chebfit(places, np.array(values), degree), dtype=np.float64
+    )
+    integral = 0.5 * np.polynomial.chebyshev.chebint(impulse, axis=0)
     phi = np.ascontiguousarray(decayed(system.a, dt).T)
-    return Response(phi, impulse, integral, system.c, system.d)
+    return Response(phi, impulse, np.ascontiguousarray(integral), system.c, system.d)
 
 
-def gauss_of(way: Way, dt: float) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss points and weights on 0..1 for the time that a way takes within a tick."""
-    lasts = min(_OVER, dt / way.time) if way.time > 0.0 else 0.0
-    count = next(points for most, points in _POINTS if lasts <= most)
+def gauss_of(way: Way, systems: Sequence[System], dt: float) -> tuple[FloatArray, FloatArray]:
+    """Return Gauss points and weights on 0..1 for the time that a way takes within a tick.
+
+    As many as what moves there and what takes it up ask for, by the error of the quadrature of an
+    exponential of both their rates.
+    """
+    lasts = min(1.0, _OVER * way.time / dt) if way.time > 0.0 else 1.0
+    rate = 1.0 + lasts * dt * fastest(systems)
+    rate += min(_OVER, dt / way.time) if way.time > 0.0 else 0.0
+    count = _FEWEST
+    while 2 * count * log(rate) + 4 * lgamma(count + 1) - 3 * lgamma(2 * count + 1) > log(_MISSED):
+        count += 1
     places, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (1.0 + places), 0.5 * weights
 
@@ -126,13 +132,13 @@ def ways(
 
 
 @jit
-def add_at(t: float, powers: FloatArray, factor: float, total: FloatArray) -> None:
-    """Add `factor` times the polynomials with coefficients `powers` at `t`."""
+def add_at(t: float, series: FloatArray, factor: float, total: FloatArray) -> None:
+    """Add `factor` times the Chebyshev series with coefficients `series` at `t` (Clenshaw)."""
     for i in range(total.size):
-        value = powers[powers.shape[0] - 1, i]
-        for j in range(powers.shape[0] - 2, -1, -1):
-            value = value * t + powers[j, i]
-        total[i] += factor * value
+        one = two = 0.0
+        for j in range(series.shape[0] - 1, 0, -1):
+            one, two = series[j, i] + 2.0 * t * one - two, one
+        total[i] += factor * (series[0, i] + t * one - two)
 
 
 @jit
@@ -161,13 +167,14 @@ def take_up(
             begin = part if pieces == 2 and piece == 1 else 0.0
             end = part if pieces == 2 and piece == 0 else 1.0
             moves = lasts[k, piece]
+            # as if it had been at its end all the time, and what it was away from there
+            last[0] = values[k, piece, count]
+            add_at(2.0 * end - 1.0, integral, last[0], new)
+            add_at(2.0 * begin - 1.0, integral, -last[0], new)
             for i in range(count if moves > 0.0 else 0):
                 t = 2.0 * (begin + moves * places[i]) - 1.0
-                add_at(t, impulse, moves * weights[i] * values[k, piece, i], new)
-            last[0] = values[k, piece, count]
-            if begin + moves < end:
-                add_at(2.0 * end - 1.0, integral, last[0], new)
-                add_at(2.0 * (begin + moves) - 1.0, integral, -last[0], new)
+                away = values[k, piece, i] - last[0]
+                add_at(t, impulse, moves * weights[i] * away, new)
         for i in range(n):
             state[i] = new[i]
         if ahead:
