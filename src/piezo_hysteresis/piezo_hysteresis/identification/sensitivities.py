@@ -14,6 +14,7 @@ from piezo_hysteresis.identification.tangents import TANGENTS
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
 
+_MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
 _STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
 
 
@@ -62,18 +63,11 @@ def sensitivities(
         places = np.arange(packed.size)[stage.columns]
         own = [model.parameters[place] for place in places]
         if isinstance(stage, TickStage):
-            answers, first = [], 0
-            for part in parts_of(stage.block):
-                last = first + len(part.parameters)
-                single = TickStage(part, slice(0, 0), stage.ahead)
-                answers.append(
-                    _through(single, own[first:last], p[first:last], free, signal, tangent, clock)
-                )
-                first = last
-            signal, tangent = _joined(answers, tangent.shape[0])
+            signal, tangent = _alone(stage, own, p, free, signal, tangent, clock)
         else:
             wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
-            signal, tangent = _differenced(stage, own, p, wanted, signal, tangent, clock)
+            through = _by_ways if _is_way(stage, p, signal, tangent, clock) else _differenced
+            signal, tangent = through(stage, own, p, wanted, signal, tangent, clock)
         columns += [each.name for each in own if each.name in free]
     order = [columns.index(name) for name in free]
     return signal, tangent if order == list(range(len(order))) else tangent[order]
@@ -84,6 +78,82 @@ class _Clock:
     dt: float
     frequency: float
     start: float
+
+
+def _alone(
+    stage: TickStage,
+    own: Sequence[Parameter],
+    p: FloatArray,
+    free: Sequence[str],
+    signal: FloatArray,
+    tangent: FloatArray,
+    clock: _Clock,
+) -> tuple[FloatArray, FloatArray]:
+    """Carry tangents through one block, or several that stand side by side."""
+    answers, first = [], 0
+    for part in parts_of(stage.block):
+        last = first + len(part.parameters)
+        single = TickStage(part, slice(0, 0), stage.ahead)
+        answers.append(
+            _through(single, own[first:last], p[first:last], free, signal, tangent, clock)
+        )
+        first = last
+    return _joined(answers, tangent.shape[0])
+
+
+def _is_way(
+    stage: Stage, p: FloatArray, signal: FloatArray, tangent: FloatArray, clock: _Clock
+) -> bool:
+    """Tell whether the memory of a run is differentiated on its own, and not the whole run."""
+    if not isinstance(stage, PathStage) or tangent.shape[0] or stage.run.by_way is None:
+        return False
+    own = sum(len(part.block.parameters) for part in stage.run.by_way.middle)
+    return stage.run.steps(p, clock.dt) == 0 and own * signal.size < _MOST_VALUES
+
+
+def _by_ways(
+    stage: Stage,
+    own: Sequence[Parameter],
+    p: FloatArray,
+    wanted: Sequence[int],
+    signal: FloatArray,
+    tangent: FloatArray,
+    clock: _Clock,
+) -> tuple[FloatArray, FloatArray]:
+    """Carry tangents through what goes one way within a tick.
+
+    A memory is differentiated along the way by its own kernel, and the linear blocks behind it
+    take the derivatives up as they take up the signal. Way, delay and linear blocks themselves
+    are differenced.
+    """
+    assert isinstance(stage, PathStage)
+    run, dt = stage.run.by_way, clock.dt
+    assert run is not None
+    state = stage.initial_state(dt, clock.start)
+    gone = run.gone(signal, p, dt, state=state, layout=stage.run.layout(dt))
+    flat, rows = gone.values.ravel(), np.empty((0, gone.values.size))
+    places: list[int] = []
+    free = [own[j].name for j in wanted]
+    for part in run.middle:
+        inside = TickStage(part.block, part.span, ahead=True)
+        mine = [(j, own[j]) for j in range(part.span.start, part.span.stop)]
+        flat, rows = _alone(inside, [q for _, q in mine], p[part.span], free, flat, rows, clock)
+        places += [j for j, q in mine if q.name in free]
+    answers = run.taken_up(np.vstack([flat, rows]), gone, p, dt)
+    known = dict(zip(places, answers[1:], strict=True))
+    behind = {j for part in run.behind for j in range(part.span.start, part.span.stop)}
+    for j in behind & set(wanted):
+        moved = p.copy()
+        moved[j] += _parameter_step(own[j], p[j])
+        answer = run.taken_up(flat[None], gone, moved, dt)[0]
+        known[j] = (answer - answers[0]) / (moved[j] - p[j])
+    rest = [j for j in wanted if j not in known]
+    _, others = _differenced(stage, own, p, rest, signal, tangent, clock)
+    known |= dict(zip(rest, others, strict=True))
+    result = np.empty((len(wanted), signal.size))
+    for row, j in enumerate(wanted):
+        result[row] = known[j]
+    return answers[0], result
 
 
 def _joined(

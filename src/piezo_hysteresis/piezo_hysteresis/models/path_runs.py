@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, System, Way
-from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size, shift
+from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.transport_delay import shift
 from piezo_hysteresis.models.linear_runs import Step, fastest, in_series, run_path, step_of
+from piezo_hysteresis.models.parts import Layout, Part, delay_of, layout_of, systems_of
 from piezo_hysteresis.models.paths import (
     JOINED_STEPS,
     PAST,
@@ -22,27 +23,12 @@ from piezo_hysteresis.models.paths import (
     on_the_clock,
     read,
 )
-from piezo_hysteresis.models.way_runs import (
-    SLOW,
-    Response,
-    gauss_of,
-    response_of,
-    take_up,
-    ways,
-)
+from piezo_hysteresis.models.way_runs import WayRun
 
-_HEAD = 2  # places in the state: what was read last, and the input that was held last
 # Most steps per tick; always a power of two, so that few changes of a parameter change the grid.
 _MOST = 64
 _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes a path
 _VALUES = 1 << 14  # values of a path that are followed at a time: what a cache holds
-
-
-class Part(NamedTuple):
-    """A block and where its parameters stand among those of its stage."""
-
-    block: Block
-    span: slice
 
 
 class _Piece(NamedTuple):
@@ -52,14 +38,6 @@ class _Piece(NamedTuple):
     memory: slice
     linear: bool
     turns: bool
-
-
-def delay_of(delays: FloatArray, dt: float, ahead: bool) -> tuple[int, float]:
-    """Return ticks by which the input comes late and after which part of a tick to read."""
-    if not delays.size:
-        return 0, 1.0 if ahead else 0.0
-    whole, part = in_ticks(float(delays.sum()), dt)
-    return whole if ahead else whole + 1, 1.0 - part
 
 
 @dataclass(frozen=True)
@@ -111,27 +89,32 @@ class PathRun:
             turns |= not goes_on and part.block.between is not Between.INSTANT
         return tuple(groups)
 
-    def _pieces(self, dt: float) -> tuple[list[_Piece], int]:
-        """Return the groups with their places in the state, and its size."""
-        memories = self._memories(dt)
+    @cached_property
+    def by_way(self) -> WayRun | None:
+        """The same as a run that goes one way within a tick, where it is one."""
+        return WayRun.of(self._moving, self.delays, self.ahead)
+
+    def layout(self, dt: float) -> Layout:
+        """Return where what the run remembers stands in its state."""
+        return layout_of(self._moving, self.delays, PAST if self._joining else 0, dt)
+
+    def _pieces(self, layout: Layout) -> list[_Piece]:
+        """Return the groups with their places in the state."""
+        memories = layout.memories
         pieces, first = [], 0
         for parts, linear, turns in self._groups:
             last = first + len(parts)
             own = slice(memories[first].start, memories[last - 1].stop)
             pieces.append(_Piece(parts, own, linear, turns))
             first = last
-        return pieces, memories[-1].stop
-
-    def _ring(self, dt: float) -> int:
-        return self.delays * ring_size(dt) + 1 if self.delays else 0
+        return pieces
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
-        """Return the memory at rest: two last values, ring of the delays, past samples, blocks."""
-        pieces, size = self._pieces(dt)
-        state = np.zeros(size)
-        for piece in pieces:
-            own = [part.block.initial_state(dt, start) for part in piece.parts]
-            state[piece.memory] = np.concatenate(own)
+        """Return the memory at rest; its places are those of `layout`."""
+        layout = self.layout(dt)
+        state = np.zeros(layout.size)
+        for part, memory in zip(self._moving, layout.memories, strict=True):
+            state[memory] = part.block.initial_state(dt, start)
         return state
 
     def steps(self, p: FloatArray, dt: float) -> int:
@@ -146,7 +129,7 @@ class PathRun:
     def _count(self, p: FloatArray, dt: float) -> int:
         if self._order(p) > 0.0:
             return JOINED_STEPS
-        if self._behind_way and dt * _pace(self._moving[self._behind_way :], p) <= SLOW:
+        if self.by_way is not None and self.by_way.fits(p, dt):
             return 0
         pace = max(_pace(parts, p) for parts, _, _ in self._groups)
         if not np.isfinite(pace):
@@ -160,77 +143,6 @@ class PathRun:
         stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
         needed = int(2 ** ceil(log2(max(dt * pace / stride, 1.0))))
         return max(least, min(needed, most))
-
-    @cached_property
-    def _behind_way(self) -> int:
-        """Number of parts up to the linear ones that take up a way; 0 where it is not so."""
-        parts = self._moving
-        last = len(parts)
-        while last and parts[last - 1].block.system is not None:
-            last -= 1
-        middle = [part.block for part in parts[1:last]]
-        memories = [block for block in middle if block.between is Between.PATH]
-        simple = all(block.between is Between.INSTANT for block in middle if block not in memories)
-        if parts[0].block.way is None or last in (0, len(parts)) or not simple:
-            return 0
-        return last if len(memories) <= 1 and all(b.along is None for b in memories) else 0
-
-    def _memories(self, dt: float) -> list[slice]:
-        """Return where the memory of each part stands in the state."""
-        place = _HEAD + self._ring(dt) + (PAST if self._joining else 0)
-        memories = []
-        for part in self._moving:
-            size = part.block.initial_state(dt).size
-            memories.append(slice(place, place + size))
-            place += size
-        return memories
-
-    def _way(self, p: FloatArray, dt: float) -> tuple[Way, FloatArray, FloatArray, Response]:
-        """Return the way, its Gauss points and what takes it up, made anew where it is new."""
-        key = (p.tobytes(), dt)
-        known: tuple[object, tuple[Way, FloatArray, FloatArray, Response]] | None
-        known = self.__dict__.get('_last_way')
-        if known is None or known[0] != key:
-            first = self._moving[0]
-            assert first.block.way is not None
-            way = first.block.way(p[first.span])
-            behind = _systems(self._moving[self._behind_way :], p)
-            known = (key, (way, *gauss_of(way, behind, dt), response_of(behind, dt)))
-            self.__dict__['_last_way'] = known
-        return known[1]
-
-    def _by_ways(
-        self, signal: FloatArray, p: FloatArray, dt: float, state: FloatArray
-    ) -> FloatArray:
-        """Answer where all that is followed is a way within the tick, see `way_runs`."""
-        ring = self._ring(dt)
-        way, places, weights, response = self._way(p, dt)
-        whole, part = in_ticks(float(p[: self.delays].sum()), dt)
-        old = new = signal
-        if ring:
-            new = np.empty_like(signal)
-            shift(signal, new, state[_HEAD : _HEAD + ring], whole)
-            old = np.concatenate([state[1:2], new[:-1]])
-            state[1] = new[-1]
-        pieces = 2 if part > 0.0 else 1
-        memories = self._memories(dt)
-        output = np.empty_like(signal)
-        at_once = max(1, _VALUES // (pieces * (places.size + 1)))
-        for begin in range(0, signal.size, at_once):
-            chunk = slice(begin, begin + at_once)
-            count = output[chunk].size
-            values, lasts = np.empty((count, pieces, places.size + 1)), np.empty((count, pieces))
-            memory = state[memories[0]]
-            ways(old[chunk], new[chunk], part, memory, way, dt, places, values, lasts)
-            flat = values.ravel()
-            for each, place in zip(self._moving[1 : self._behind_way], memories[1:], strict=False):
-                flat = each.block.respond(flat, p[each.span], dt, state=state[place])
-            behind = slice(memories[self._behind_way].start, memories[-1].stop)
-            take_up(
-                flat.reshape(values.shape), lasts, part, places, weights, output[chunk],
-                state[behind], state[:1], *response, self.ahead,
-            )  # fmt: skip
-        return output
 
     def _order(self, p: FloatArray) -> float:
         part = self._joining
@@ -262,23 +174,24 @@ class PathRun:
             Steps per tick; as many as `p` needs where it is not given.
         """
         steps = self.steps(p, dt) if steps is None else steps
-        if steps == 0:
-            return self._by_ways(signal, p, dt, state)
-        order, ring, points = self._order(p), self._ring(dt), 3 * steps
+        layout = self.layout(dt)
+        if steps == 0 and self.by_way is not None:
+            return self.by_way.respond(signal, p, dt, state=state, layout=layout)
+        order, points = self._order(p), 3 * steps
         timing = self._timing(p, dt, order > 0.0)
-        if ring:
+        if self.delays:
             late = np.empty_like(signal)
-            shift(signal, late, state[_HEAD : _HEAD + ring], timing.ticks)
+            shift(signal, late, state[layout.ring], timing.ticks)
             signal = late
         clock = _Clock(dt, frequency, points, timing.ahead)
         output = np.empty_like(signal)
-        pieces, made = self._pieces(dt)[0], self._made(p, dt, steps)
+        pieces, made = self._pieces(layout), self._made(p, dt, steps)
         at_once = max(1, _VALUES // points)
         for first in range(0, signal.size, at_once):
             x = signal[first : first + at_once]
             if order > 0.0:
                 path = np.empty(x.size * points)
-                joined(x, path, state[_HEAD + ring : _HEAD + ring + PAST], order)
+                joined(x, path, state[layout.past], order)
             else:
                 path = np.repeat(x, points)
             for piece, step in zip(pieces, made, strict=True):
@@ -300,7 +213,7 @@ class PathRun:
         if known is not None and known[0] == key:
             return known[1]
         made = tuple(
-            step_of(in_series(_systems(parts, p)), dt / steps) if linear else None
+            step_of(in_series(systems_of(parts, p)), dt / steps) if linear else None
             for parts, linear, _ in self._groups
         )
         self.__dict__['_last'] = (key, made)
@@ -324,14 +237,10 @@ class _Clock(NamedTuple):
     ahead: float
 
 
-def _systems(parts: Sequence[Part], p: FloatArray) -> list[System]:
-    return [part.block.system(p[part.span]) for part in parts if part.block.system is not None]
-
-
 def _pace(parts: Sequence[Part], p: FloatArray) -> float:
     """Return the fastest rate at which some parts move [1/s]; 0 where they only follow."""
     inner = [part.block.pace(p[part.span]) for part in parts if part.block.pace is not None]
-    return max([fastest(_systems(parts, p)), *inner])
+    return max([fastest(systems_of(parts, p)), *inner])
 
 
 def _followed(

@@ -22,7 +22,8 @@ from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.models.linear_runs import Hold, hold_of, in_series, run_held
-from piezo_hysteresis.models.path_runs import Part, PathRun, delay_of
+from piezo_hysteresis.models.parts import Part, delay_of
+from piezo_hysteresis.models.path_runs import PathRun
 
 # What leaves a held signal held.
 _HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)

@@ -1,183 +1,158 @@
-"""What moves one way within a tick, a memory that follows it, and linear blocks behind that.
-
-The input of such a run goes to its held value by a lag or along a ramp, and stays. A memory is
-asked at the Gauss points of that way, and the linear blocks take up the integral: the impulse
-response over a tick, a polynomial, at the same points. That is exact to 1e-5 of what moves within
-the tick, wherever the way ends, and much less work than a path of many steps.
-"""
+"""A run of blocks of which the first goes one way within a tick, see `ways`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import exp, inf, lgamma, log
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import System, Way
-from piezo_hysteresis.jit import jit
-from piezo_hysteresis.models.linear_runs import decayed, fastest, in_series, settled
+from piezo_hysteresis.blocks.base import Between, Way
+from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
+from piezo_hysteresis.models.linear_runs import fastest
+from piezo_hysteresis.models.parts import Layout, Part, systems_of
+from piezo_hysteresis.models.ways import (
+    SLOW,
+    Gone,
+    Response,
+    gauss_of,
+    response_of,
+    take_up,
+    ways,
+)
 
-#: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
-SLOW = 25.0
-_LEFT = 1e-10  # of an impulse response that its polynomial may leave
-_OVER = 10.0  # time constants after which a lag has come to its end
-_FEWEST = 4  # Gauss points
-_MISSED = 1e-5  # of what moves within a tick, which they may miss
+_AT_ONCE = 1 << 11  # ticks that are followed at a time
 
 
-class Response(NamedTuple):
-    """A linear system over one tick, with the impulse response as a polynomial.
+@dataclass(frozen=True)
+class WayRun:
+    """A way, what follows it at every instant or by a memory, and linear blocks behind that.
 
     Attributes
     ----------
-    phi : ndarray, shape (n, n)
-        Transition over the tick, transposed.
-    impulse, integral : ndarray, shapes (m + 1, n) and (m + 2, n)
-        State at the end of the tick for an impulse at ``t``, -1 at its start and 1 at its end,
-        and the integral of that over the time in ticks: coefficients of Chebyshev series.
-    row, direct : ndarray, shape (n,), and float
-        Output.
+    first : Part
+        What goes one way to a held input.
+    middle, behind : tuple of Part
+        What follows it, and what takes that up.
+    delays : int
+        How many parameters before theirs are delays.
+    ahead : bool
+        Whether the chain is read at the end of the tick, and not at its start.
     """
 
-    phi: FloatArray
-    impulse: FloatArray
-    integral: FloatArray
-    row: FloatArray
-    direct: float
+    first: Part
+    middle: tuple[Part, ...]
+    behind: tuple[Part, ...]
+    delays: int
+    ahead: bool
 
+    @classmethod
+    def of(cls, moving: tuple[Part, ...], delays: int, ahead: bool) -> WayRun | None:
+        """Return the run of `moving`, None where it is no such run."""
+        last = len(moving)
+        while last and moving[last - 1].block.system is not None:
+            last -= 1
+        if last in (0, len(moving)) or moving[0].block.way is None:
+            return None
+        kinds = [part.block.between for part in moving[1:last]]
+        memories = [part.block for part in moving[1:last] if part.block.between is Between.PATH]
+        if len(memories) > 1 or any(block.along is not None for block in memories):
+            return None
+        if not set(kinds) <= {Between.INSTANT, Between.PATH}:
+            return None
+        return cls(moving[0], moving[1:last], moving[last:], delays, ahead)
 
-def response_of(systems: Sequence[System], dt: float) -> Response:
-    """Return `systems` in a row over ticks of `dt` [s], poles slower than `SLOW` per tick."""
-    system = settled(in_series(systems), dt)
-    pace = 0.5 * dt * fastest(systems)
-    degree = 3 + len(systems)
-    # the error of Chebyshev interpolation of an exponential
-    while (degree + 1) * log(max(0.5 * pace, 1e-3)) - lgamma(degree + 2) > log(0.5 * _LEFT):
-        degree += 1
-    places = np.polynomial.chebyshev.chebpts1(degree + 1)
-    values = [decayed(system.a, 0.5 * (1.0 - t) * dt) @ system.b * dt for t in places]
-    impulse = np.asarray(
-        np.polynomial.chebyshev.chebfit(places, np.array(values), degree), dtype=np.float64
-    )
-    integral = 0.5 * np.polynomial.chebyshev.chebint(impulse, axis=0)
-    phi = np.ascontiguousarray(decayed(system.a, dt).T)
-    return Response(phi, impulse, np.ascontiguousarray(integral), system.c, system.d)
+    def fits(self, p: FloatArray, dt: float) -> bool:
+        """Return whether what takes the way up is slow enough for it."""
+        return dt * fastest(systems_of(self.behind, p)) <= SLOW
 
+    def respond(
+        self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, layout: Layout
+    ) -> FloatArray:
+        """Answer a held input, one number per tick, updating `state` in place."""
+        memories = layout.memories[1 : 1 + len(self.middle)]
+        behind = slice(layout.memories[1 + len(self.middle)].start, layout.size)
+        output = np.empty_like(signal)
+        for begin in range(0, signal.size, _AT_ONCE):
+            chunk = slice(begin, begin + _AT_ONCE)
+            gone = self.gone(signal[chunk], p, dt, state=state, layout=layout)
+            flat = gone.values.ravel()
+            for part, place in zip(self.middle, memories, strict=True):
+                flat = part.block.respond(flat, p[part.span], dt, state=state[place])
+            own = (state[None, behind], state[:1])
+            output[chunk] = self.taken_up(flat[None], gone, p, dt, memory=own)[0]
+        return output
 
-def gauss_of(way: Way, systems: Sequence[System], dt: float) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss points and weights on 0..1 for the time that a way takes within a tick.
+    def gone(
+        self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, layout: Layout
+    ) -> Gone:
+        """Return how a held signal goes within its ticks, updating `state` in place."""
+        way, places, weights = self._way(p, dt)
+        whole, part = in_ticks(float(p[: self.delays].sum()), dt)
+        old = new = signal
+        if self.delays:
+            new = np.empty_like(signal)
+            shift(signal, new, state[layout.ring], whole)
+            old = np.concatenate([state[1:2], new[:-1]])
+            state[1] = new[-1]
+        pieces = 2 if part > 0.0 else 1
+        values = np.empty((signal.size, pieces, places.size + 1))
+        lasts = np.empty((signal.size, pieces))
+        ways(old, new, part, state[layout.memories[0]], way, dt, places, values, lasts)
+        return Gone(values, lasts, part, places, weights)
 
-    As many as what moves there and what takes it up ask for, by the error of the quadrature of an
-    exponential of both their rates.
-    """
-    lasts = min(1.0, _OVER * way.time / dt) if way.time > 0.0 else 1.0
-    rate = 1.0 + lasts * dt * fastest(systems)
-    rate += min(_OVER, dt / way.time) if way.time > 0.0 else 0.0
-    count = _FEWEST
-    while 2 * count * log(rate) + 4 * lgamma(count + 1) - 3 * lgamma(2 * count + 1) > log(_MISSED):
-        count += 1
-    places, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (1.0 + places), 0.5 * weights
+    def taken_up(
+        self,
+        rows: FloatArray,
+        gone: Gone,
+        p: FloatArray,
+        dt: float,
+        *,
+        memory: tuple[FloatArray, FloatArray] | None = None,
+    ) -> FloatArray:
+        """Return what the linear blocks make of signals that go as `gone`, shape (signals, n).
 
+        Parameters
+        ----------
+        rows : ndarray, shape (signals, values of `gone`)
+            Each at the points of `gone`.
+        gone : Gone
+            Their way.
+        p, dt : ndarray, float
+            Parameters of the run, sampling interval [s].
+        memory : pair of ndarray, optional
+            States, shape (signals, states), and inputs at the end of the last tick, (signals,),
+            to go on from, in place; at rest where they are not given.
+        """
+        response = self._response(p, dt)
+        if memory is None:
+            memory = np.zeros((len(rows), response.row.size)), np.zeros(len(rows))
+        output = np.empty((len(rows), gone.lasts.shape[0]))
+        values = rows.reshape(len(rows), *gone.values.shape)
+        take_up(
+            values, gone.lasts, gone.part, gone.places, gone.weights, output, memory[0], memory[1],
+            response.phi, response.impulse, response.integral, response.row, response.direct,
+            self.ahead,
+        )  # fmt: skip
+        return output
 
-@jit
-def go(
-    begun: float, target: float, length: float, way: tuple[float, float], dt: float,
-    places: FloatArray, values: FloatArray,
-) -> float:  # fmt: skip
-    """Fill `values` with the way from `begun` to `target` within `length` ticks.
+    def _way(self, p: FloatArray, dt: float) -> tuple[Way, FloatArray, FloatArray]:
+        """Return the way and its Gauss points, made anew where the parameters are new."""
+        key = (p.tobytes(), dt)
+        known: tuple[object, tuple[Way, FloatArray, FloatArray]] | None
+        known = self.__dict__.get('_last_way')
+        if known is None or known[0] != key:
+            assert self.first.block.way is not None
+            way = self.first.block.way(p[self.first.span])
+            known = key, (way, *gauss_of(way, systems_of(self.behind, p), dt))
+            self.__dict__['_last_way'] = known
+        return known[1]
 
-    At `places` of the time that it moves, and last at its end. Returns that time [ticks]. `way` is
-    (time constant [s], largest rate [1/s]), one of which rules.
-    """
-    count = places.size
-    gap = target - begun
-    if way[0] > 0.0:
-        lasts = min(length, _OVER * way[0] / dt)
-        for i in range(count):
-            values[i] = target - gap * exp(-lasts * places[i] * dt / way[0])
-        values[count] = target - gap * exp(-length * dt / way[0])
-        return lasts
-    most = way[1] * dt
-    if abs(gap) <= most * length:
-        lasts = abs(gap) / most if most < inf and most > 0.0 else 0.0
-        values[count] = target
-    else:
-        lasts = length
-        values[count] = begun + (most if gap > 0.0 else -most) * length
-    for i in range(count):
-        values[i] = begun + (values[count] - begun) * places[i]
-    return lasts
-
-
-@jit
-def ways(
-    old: FloatArray, new: FloatArray, part: float, state: FloatArray, way: tuple[float, float],
-    dt: float, places: FloatArray, values: FloatArray, lasts: FloatArray,
-) -> None:  # fmt: skip
-    """Fill `values`, shape (n, pieces, points + 1), and `lasts`, shape (n, pieces).
-
-    Of two pieces the first, `part` of the tick long, still goes to the `old` input.
-    """
-    pieces = lasts.shape[1]
-    for k in range(new.size):
-        for i in range(pieces):
-            first = pieces == 2 and i == 0
-            length = part if first else (1.0 - part if pieces == 2 else 1.0)
-            target = old[k] if first else new[k]
-            lasts[k, i] = go(state[0], target, length, way, dt, places, values[k, i])
-            state[0] = values[k, i, places.size]
-
-
-@jit
-def add_at(t: float, series: FloatArray, factor: float, total: FloatArray) -> None:
-    """Add `factor` times the Chebyshev series with coefficients `series` at `t` (Clenshaw)."""
-    for i in range(total.size):
-        one = two = 0.0
-        for j in range(series.shape[0] - 1, 0, -1):
-            one, two = series[j, i] + 2.0 * t * one - two, one
-        total[i] += factor * (series[0, i] + t * one - two)
-
-
-@jit
-def take_up(
-    values: FloatArray, lasts: FloatArray, part: float, places: FloatArray, weights: FloatArray,
-    y: FloatArray, state: FloatArray, last: FloatArray, phi: FloatArray, impulse: FloatArray,
-    integral: FloatArray, row: FloatArray, direct: float, ahead: bool,
-) -> None:  # fmt: skip
-    """Answer with linear blocks what goes as `values` within the ticks; `state` in place.
-
-    ``last[0]`` is the input at the end of the last tick. Read at the end of the tick where it is
-    `ahead`, else at its start.
-    """
-    n, pieces, count = state.size, lasts.shape[1], places.size
-    new = np.empty(n)
-    for k in range(y.size):
-        if not ahead:
-            y[k] = direct * last[0]
-            for i in range(n):
-                y[k] += row[i] * state[i]
-        new[:] = 0.0
-        for j in range(n):
-            for i in range(n):
-                new[i] += phi[j, i] * state[j]
-        for piece in range(pieces):
-            begin = part if pieces == 2 and piece == 1 else 0.0
-            end = part if pieces == 2 and piece == 0 else 1.0
-            moves = lasts[k, piece]
-            # as if it had been at its end all the time, and what it was away from there
-            last[0] = values[k, piece, count]
-            add_at(2.0 * end - 1.0, integral, last[0], new)
-            add_at(2.0 * begin - 1.0, integral, -last[0], new)
-            for i in range(count if moves > 0.0 else 0):
-                t = 2.0 * (begin + moves * places[i]) - 1.0
-                away = values[k, piece, i] - last[0]
-                add_at(t, impulse, moves * weights[i] * away, new)
-        for i in range(n):
-            state[i] = new[i]
-        if ahead:
-            y[k] = direct * last[0]
-            for i in range(n):
-                y[k] += row[i] * state[i]
+    def _response(self, p: FloatArray, dt: float) -> Response:
+        """Return what takes the way up, made anew where the parameters are new."""
+        key = (p.tobytes(), dt)
+        known: tuple[object, Response] | None = self.__dict__.get('_last_response')
+        if known is None or known[0] != key:
+            known = key, response_of(systems_of(self.behind, p), dt)
+            self.__dict__['_last_response'] = known
+        return known[1]

@@ -1,0 +1,65 @@
+"""The parts of a run of blocks: their parameters, and where their memories stand in its state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, System
+from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size
+
+
+class Part(NamedTuple):
+    """A block and where its parameters stand among those of its stage."""
+
+    block: Block
+    span: slice
+
+
+class Layout(NamedTuple):
+    """Where what a run remembers stands in its state.
+
+    First come what was read last and the input that was held last.
+
+    Attributes
+    ----------
+    ring : slice
+        Ring of the delays; empty where there is none.
+    past : slice
+        Past samples of an input that is joined.
+    memories : list of slice
+        Of each block that is followed.
+    size : int
+        Of the state.
+    """
+
+    ring: slice
+    past: slice
+    memories: list[slice]
+    size: int
+
+
+def layout_of(moving: Sequence[Part], delays: int, past: int, dt: float) -> Layout:
+    """Return the layout for blocks behind so many delays and past samples."""
+    ring = slice(2, 2 + (delays * ring_size(dt) + 1 if delays else 0))
+    place = ring.stop + past
+    memories = []
+    for part in moving:
+        size = part.block.initial_state(dt).size
+        memories.append(slice(place, place + size))
+        place += size
+    return Layout(ring, slice(ring.stop, ring.stop + past), memories, place)
+
+
+def delay_of(delays: FloatArray, dt: float, ahead: bool) -> tuple[int, float]:
+    """Return ticks by which the input comes late and after which part of a tick to read."""
+    if not delays.size:
+        return 0, 1.0 if ahead else 0.0
+    whole, part = in_ticks(float(delays.sum()), dt)
+    return whole if ahead else whole + 1, 1.0 - part
+
+
+def systems_of(parts: Sequence[Part], p: FloatArray) -> list[System]:
+    """Return the linear systems among `parts`."""
+    return [part.block.system(p[part.span]) for part in parts if part.block.system is not None]

@@ -1,0 +1,233 @@
+"""What moves one way within a tick, a memory that follows it, and linear blocks behind that.
+
+The input of such a run goes to its held value by a lag or along a ramp, and stays. A memory is
+asked at the Gauss points of that way, and the linear blocks take up the integral: the impulse
+response over a tick, a polynomial, at the same points. That is exact to 1e-5 of what moves within
+the tick, wherever the way ends, and much less work than a path of many steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import exp, inf, lgamma, log
+from typing import NamedTuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import System, Way
+from piezo_hysteresis.jit import jit
+from piezo_hysteresis.models.linear_runs import decayed, fastest, in_series, settled
+
+#: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
+SLOW = 25.0
+_LEFT = 1e-10  # of an impulse response that its polynomial may leave
+_OVER = 10.0  # time constants after which a lag has come to its end
+_FEWEST = 4  # Gauss points
+_MISSED = 1e-5  # of what moves within a tick, which they may miss
+
+
+class Gone(NamedTuple):
+    """A signal on its way within the ticks.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, pieces, points + 1)
+        At the Gauss points of the time that it moves, and at the end of each piece of a tick.
+    lasts : ndarray, shape (n, pieces)
+        That time [ticks].
+    part : float
+        Where in a tick the second piece begins.
+    places, weights : ndarray, shape (points,)
+        Of the Gauss rule on 0..1.
+    """
+
+    values: FloatArray
+    lasts: FloatArray
+    part: float
+    places: FloatArray
+    weights: FloatArray
+
+
+class Response(NamedTuple):
+    """A linear system over one tick, with the impulse response as a polynomial.
+
+    Attributes
+    ----------
+    phi : ndarray, shape (n, n)
+        Transition over the tick, transposed.
+    impulse, integral : ndarray, shapes (m + 1, n) and (m + 2, n)
+        State at the end of the tick for an impulse at ``t``, -1 at its start and 1 at its end,
+        and the integral of that over the time in ticks: coefficients of Chebyshev series.
+    row, direct : ndarray, shape (n,), and float
+        Output.
+    """
+
+    phi: FloatArray
+    impulse: FloatArray
+    integral: FloatArray
+    row: FloatArray
+    direct: float
+
+
+def response_of(systems: Sequence[System], dt: float) -> Response:
+    """Return `systems` in a row over ticks of `dt` [s], poles slower than `SLOW` per tick."""
+    system = settled(in_series(systems), dt)
+    pace = 0.5 * dt * fastest(systems)
+    degree = 3 + len(systems)
+    # the error of Chebyshev interpolation of an exponential
+    while (degree + 1) * log(max(0.5 * pace, 1e-3)) - lgamma(degree + 2) > log(0.5 * _LEFT):
+        degree += 1
+    places = np.polynomial.chebyshev.chebpts1(degree + 1)
+    values = [decayed(system.a, 0.5 * (1.0 - t) * dt) @ system.b * dt for t in places]
+    impulse = np.asarray(
+        np.polynomial.chebyshev.chebfit(places, np.array(values), degree), dtype=np.float64
+    )
+    integral = 0.5 * np.polynomial.chebyshev.chebint(impulse, axis=0)
+    phi = np.ascontiguousarray(decayed(system.a, dt).T)
+    return Response(phi, impulse, np.ascontiguousarray(integral), system.c, system.d)
+
+
+def gauss_of(way: Way, systems: Sequence[System], dt: float) -> tuple[FloatArray, FloatArray]:
+    """Return Gauss points and weights on 0..1 for the time that a way takes within a tick.
+
+    As many as what moves there and what takes it up ask for, by the error of the quadrature of an
+    exponential of both their rates.
+    """
+    lasts = min(1.0, _OVER * way.time / dt) if way.time > 0.0 else 1.0
+    rate = 1.0 + lasts * dt * fastest(systems)
+    rate += min(_OVER, dt / way.time) if way.time > 0.0 else 0.0
+    count = _FEWEST
+    while 2 * count * log(rate) + 4 * lgamma(count + 1) - 3 * lgamma(2 * count + 1) > log(_MISSED):
+        count += 1
+    places, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (1.0 + places), 0.5 * weights
+
+
+@jit
+def go(
+    begun: float, target: float, length: float, way: tuple[float, float], dt: float,
+    places: FloatArray, values: FloatArray,
+) -> float:  # fmt: skip
+    """Fill `values` with the way from `begun` to `target` within `length` ticks.
+
+    At `places` of the time that it moves, and last at its end. Returns that time [ticks]. `way` is
+    (time constant [s], largest rate [1/s]), one of which rules.
+    """
+    count = places.size
+    gap = target - begun
+    if way[0] > 0.0:
+        lasts = min(length, _OVER * way[0] / dt)
+        for i in range(count):
+            values[i] = target - gap * exp(-lasts * places[i] * dt / way[0])
+        values[count] = target - gap * exp(-length * dt / way[0])
+        return lasts
+    most = way[1] * dt
+    if abs(gap) <= most * length:
+        lasts = abs(gap) / most if most < inf and most > 0.0 else 0.0
+        values[count] = target
+    else:
+        lasts = length
+        values[count] = begun + (most if gap > 0.0 else -most) * length
+    for i in range(count):
+        values[i] = begun + (values[count] - begun) * places[i]
+    return lasts
+
+
+@jit
+def ways(
+    old: FloatArray, new: FloatArray, part: float, state: FloatArray, way: tuple[float, float],
+    dt: float, places: FloatArray, values: FloatArray, lasts: FloatArray,
+) -> None:  # fmt: skip
+    """Fill `values`, shape (n, pieces, points + 1), and `lasts`, shape (n, pieces).
+
+    Of two pieces the first, `part` of the tick long, still goes to the `old` input.
+    """
+    pieces = lasts.shape[1]
+    for k in range(new.size):
+        for i in range(pieces):
+            first = pieces == 2 and i == 0
+            length = part if first else (1.0 - part if pieces == 2 else 1.0)
+            target = old[k] if first else new[k]
+            lasts[k, i] = go(state[0], target, length, way, dt, places, values[k, i])
+            state[0] = values[k, i, places.size]
+
+
+@jit
+def add_at(t: float, series: FloatArray, factor: float, total: FloatArray) -> None:
+    """Add `factor` times the Chebyshev series with coefficients `series` at `t` (Clenshaw)."""
+    for i in range(total.size):
+        one = two = 0.0
+        for j in range(series.shape[0] - 1, 0, -1):
+            one, two = series[j, i] + 2.0 * t * one - two, one
+        total[i] += factor * (series[0, i] + t * one - two)
+
+
+@jit
+def weigh(
+    lasts: FloatArray, part: float, places: FloatArray, weights: FloatArray,
+    impulse: FloatArray, integral: FloatArray, shares: FloatArray,
+) -> None:  # fmt: skip
+    """Fill `shares`, (pieces, points + 1, n): what each value of one tick adds to the states.
+
+    A piece counts as if it had been at its end all the time, and what it was away from there.
+    """
+    pieces, count = lasts.size, places.size
+    shares[:] = 0.0
+    for piece in range(pieces):
+        begin = part if pieces == 2 and piece == 1 else 0.0
+        end = part if pieces == 2 and piece == 0 else 1.0
+        last = shares[piece, count]
+        add_at(2.0 * end - 1.0, integral, 1.0, last)
+        add_at(2.0 * begin - 1.0, integral, -1.0, last)
+        moves = lasts[piece]
+        for i in range(count if moves > 0.0 else 0):
+            t = 2.0 * (begin + moves * places[i]) - 1.0
+            add_at(t, impulse, moves * weights[i], shares[piece, i])
+            for j in range(last.size):
+                last[j] -= shares[piece, i, j]
+
+
+@jit
+def take_up(
+    values: FloatArray, lasts: FloatArray, part: float, places: FloatArray, weights: FloatArray,
+    y: FloatArray, state: FloatArray, last: FloatArray, phi: FloatArray, impulse: FloatArray,
+    integral: FloatArray, row: FloatArray, direct: float, ahead: bool,
+) -> None:  # fmt: skip
+    """Answer with linear blocks what goes as `values` within the ticks; `state` in place.
+
+    Several signals that go for equally long are answered at once: `values` is of shape (signals,
+    n, pieces, points + 1), `lasts` (n, pieces), `y` (signals, n), `state` (signals, states).
+    ``last`` is the input of each at the end of the last tick. Read at the end of the tick where it
+    is `ahead`, else at its start.
+    """
+    signals, n = state.shape
+    pieces, count = lasts.shape[1], places.size
+    new, shares = np.empty(n), np.empty((pieces, count + 1, n))
+    for k in range(lasts.shape[0]):
+        same = k > 0
+        for piece in range(pieces):
+            same = same and lasts[k, piece] == lasts[k - 1, piece]
+        if not same:
+            weigh(lasts[k], part, places, weights, impulse, integral, shares)
+        for s in range(signals):
+            reading = direct * last[s]
+            for i in range(n):
+                reading += row[i] * state[s, i]
+                new[i] = 0.0
+            y[s, k] = reading
+            for j in range(n):
+                for i in range(n):
+                    new[i] += phi[j, i] * state[s, j]
+            for piece in range(pieces):
+                for i in range(count + 1):
+                    value = values[s, k, piece, i]
+                    for j in range(n):
+                        new[j] += shares[piece, i, j] * value
+            last[s] = values[s, k, pieces - 1, count]
+            reading = direct * last[s]
+            for i in range(n):
+                state[s, i] = new[i]
+                reading += row[i] * new[i]
+            if ahead:
+                y[s, k] = reading
