@@ -8,10 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from listening import Listener
 
-from piezo_interfaces.msg import ActuatorState
+from piezo_hysteresis.records import Record, write_bag
+from piezo_interfaces.msg import ActuatorState, LoopStatus
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
 
 pytestmark = pytest.mark.ros
@@ -77,6 +79,24 @@ def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
     )  # fmt: skip
     listener.says(health, 'excitation', None, 'waits for attenuation: starting: compiles')
     assert processes.wait_for(excitation, 120.0) == 0
+
+
+def test_a_player_waits_for_a_listener_that_compiles(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    phase = np.arange(500) * 0.03
+    write_bag(bag, [Record('short', 1e-3, np.sin(phase), 1e-6 * np.sin(phase - 0.2))])
+    heard = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
+    processes.environment.update(slowed(tmp_path / 'kernels', 'update', 8.0))
+    health = listener.watch_health()
+    processes.start('piezo_hysteresis', 'identification', namespace='piezo')
+    listener.tells(health, 'piezo/identification', 'state', 'starting')
+    player = processes.start(
+        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0}
+    )
+    assert processes.wait_for(player, 120.0) == 0
+    listener.until(lambda: bool(heard) and heard[-1].counts[0] == 500)
 
 
 @pytest.mark.slow

@@ -106,9 +106,3 @@ def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
     book.note('/piezo/simulator', 'ready', 'runs')
     assert book.is_ready('piezo/simulator')
     assert book.quiet() == FRESH
-    assert book.worked == 0.0
-    book.note('feedforward', 'starting', 'starting (0 s)')
-    now[0] += 1.0
-    book.note('attenuation', 'starting', 'starting (0 s)')
-    book.note('feedforward', 'starting', 'starting (1 s)')
-    assert book.worked == 1.0, 'two at a time take as long as one'

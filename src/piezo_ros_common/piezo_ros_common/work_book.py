@@ -24,18 +24,15 @@ class WorkBook:
         self._now = now
         self._said: dict[str, tuple[str, str, float]] = {}
         self.newest = float('-inf')
-        self.worked = 0.0
 
     def note(self, name: str, state: str, words: str) -> None:
         """Take note that the node `name` is in `state`.
 
-        `newest` becomes the time at which a node last said that it works [s], and `worked` how
-        long any of them has worked in all [s]: by so much a wait may take longer.
+        `newest` becomes the time at which a node last said that it works [s].
         """
         now = self._now()
         self._said[name.strip('/')] = (state, words, now)
         if state in WORKS:
-            self.worked += now - self.newest if self.quiet() < FRESH else 0.0
             self.newest = now
 
     def quiet(self) -> float:

@@ -90,9 +90,9 @@ class Listeners:
         PiezoError
             If somebody is not.
         """
-        end = time.monotonic() + self._patience()
+        begun = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
-            if time.monotonic() > end or not self._node.context.ok():
+            if time.monotonic() - begun > self._patience() or not self._node.context.ok():
                 raise PiezoError('the listeners could not be connected; start them and play again')
             time.sleep(0.02)
 

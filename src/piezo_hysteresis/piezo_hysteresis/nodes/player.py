@@ -24,6 +24,7 @@ from piezo_interfaces.msg import RecordMarker
 from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
@@ -57,6 +58,8 @@ class PlayerNode(Node):
 
     def __init__(self) -> None:
         super().__init__('player')
+        self._diagnostics = Diagnostics(self, self._judge)
+        self._neighbours = Neighbours(self, everywhere=True)
         self.stop = Future()
         self.exit_code = 0
         self._params = NodeParameters(self, PLAYER, lambda _: None)
@@ -77,7 +80,6 @@ class PlayerNode(Node):
         self._share = self._late = 0.0
         self._counts = {'samples': 0, 'messages': 0, 'late': 0, 'laps': 0}
         self._watch = CounterWatch(SENTENCES)
-        self._diagnostics = Diagnostics(self, self._judge)
         self._thread = threading.Thread(target=self._play, name='player', daemon=True)
         self._thread.start()
 
@@ -134,8 +136,8 @@ class PlayerNode(Node):
                 raise PiezoError(f'lock-step needs {topics.STATE}, which is not played')
             self._find_listeners(states[0])
             return
-        end = time.monotonic() + self._params.number('wait')
-        while time.monotonic() < end and not any(
+        begun = time.monotonic()
+        while time.monotonic() - begun < self._patience() and not any(
             publisher.get_subscription_count() for publisher in self._topics.values()
         ):
             time.sleep(0.02)
@@ -165,7 +167,9 @@ class PlayerNode(Node):
             self._marker += topics.MARKER
 
     def _patience(self) -> float:
-        return self._params.number('wait')
+        """Return how long somebody is waited for [s]: without end while others still start."""
+        wait = self._params.number('wait')
+        return wait if self._neighbours.quiet() >= wait else math.inf
 
     def _send(self, played: Played, sent: int) -> int:
         name, listeners = played.topic.name, self._listeners

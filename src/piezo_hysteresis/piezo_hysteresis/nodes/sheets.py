@@ -138,6 +138,7 @@ _ALL = (
         'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
         'bag, too. Recorders that are there get every sample: it waits for them.',
         tables.PLAYER,
+        subscribes=('/diagnostics',),
         publishes=('/diagnostics',),
     ),
 )
