@@ -89,5 +89,10 @@ class Diagnostics:
         self._publisher.wait_for_all_acked(LAST_WORD)
 
 
+def state_of(status: DiagnosticStatus) -> str:
+    """Return the state that a node gives, empty where it gives none."""
+    return next((str(each.value) for each in status.values if each.key == STATE), '')
+
+
 def _text(value: object) -> str:
     return f'{value:.6g}' if isinstance(value, float) else str(value)

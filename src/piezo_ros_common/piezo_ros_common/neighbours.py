@@ -5,7 +5,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from piezo_ros_common.diagnostics import STATE, TOPIC
+from piezo_ros_common.diagnostics import TOPIC, state_of
 from piezo_ros_common.work_book import WorkBook
 
 
@@ -30,5 +30,4 @@ class Neighbours(WorkBook):
         for status in array.status:
             there = self._place is None or status.hardware_id == self._place
             if there and status.name != self._own:
-                state = next((each.value for each in status.values if each.key == STATE), '')
-                self.note(status.name, state, status.message)
+                self.note(status.name, state_of(status), status.message)

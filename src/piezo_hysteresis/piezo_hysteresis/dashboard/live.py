@@ -208,6 +208,7 @@ class Live:
         self.estimates: deque[Estimate] = deque(maxlen=KEPT)
         self.counters: dict[str, Counters] = {}
         self.diagnostics: dict[str, Word] = {}
+        self.working: dict[str, float] = {}  # when a node last said that it starts or compiles
         self.words: deque[Word] = deque(maxlen=50)
         self.nodes: dict[str, NodeState] = {}
         self.sweep = Job()

@@ -28,6 +28,8 @@ from piezo_interfaces.msg import (
 )
 from piezo_interfaces.msg import Gap as GapMessage
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import state_of
+from piezo_ros_common.herald import WORKS
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.stamps import nanoseconds_of
 
@@ -212,3 +214,5 @@ class CommonEar:
                 if live is not None:
                     level = {b'\x00': 'ok', b'\x01': 'warning'}.get(status.level, 'error')
                     live.diagnostics[name] = Word(live.clock(), name, level, status.message)
+                    if state_of(status) in WORKS:
+                        live.working[name] = live.clock()

@@ -163,7 +163,9 @@ class Directory:
 
     def _expire(self, now: float) -> None:
         for due, name, answer in self._answers:
-            if due < now and not answer.done:
+            # one that compiles for the change answers afterwards
+            works = now < self._live.working.get(name, -PATIENCE) + PATIENCE
+            if due < now and not works and not answer.done:
                 answer.give(f'{name} did not answer within {PATIENCE:g} s; see whether it runs')
         self._answers = [entry for entry in self._answers if not entry[2].done]
 
