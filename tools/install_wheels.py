@@ -71,6 +71,8 @@ def by_uv(arguments: Sequence[str], quiet: Sequence[str]) -> bool:
     environment = told(config.stdout) if config.returncode == 0 else None
     if environment is None:
         return False
+    if not os.access(os.environ.get('XDG_CACHE_HOME') or Path.home(), os.W_OK):
+        environment['UV_NO_CACHE'] = 'true'  # it must have one, if only for this time
     own = shutil.which('uv')
     with tempfile.TemporaryDirectory(prefix='uv_') as folder:
         if own is None:
