@@ -68,8 +68,8 @@ def main() -> None:
         return
     multisine = read_csv(arguments.folder / 'test_multisine.csv')
     sweep = read_csv(arguments.folder / 'test_sinesweep.csv')
-    for record, steady in ((multisine, True), (sweep, False)):
-        (row,) = errors_of(best.model, best.values, [record], steady=steady)
+    for record in (multisine, sweep):
+        (row,) = errors_of(best.model, best.values, [record], best.sampling_offset)
         print(f'{record.name}: {row.free_run_rms:.3g} m ({row.nrmse_percent:.3g} %)')
     print(PUBLISHED)
 

@@ -22,8 +22,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.discovery.dataset import HELD_OUT, view_of
+from piezo_hysteresis.discovery.dataset import HELD_OUT
 from piezo_hysteresis.discovery.trial import on_views
+from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load
@@ -182,9 +183,9 @@ def ours(found: Discovery, tests: Sequence[tuple[Record, bool]]) -> list[Row]:
         ('discovery', names, found.final, found.proof.after),
     ):
         errors = {'last quarter': held}
-        for record, steady in tests:
-            view = view_of(record, len(record) if steady else 0)
-            errors[record.name] = on_views(trial, [view]).rms
+        for record, _ in tests:
+            views = views_of(trial.model, trial.values, [record], trial.sampling_offset)
+            errors[record.name] = on_views(trial, views).rms
         rows.append(Row(tool, said, trial.parameters, errors))
     return rows
 

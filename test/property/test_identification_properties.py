@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from piezo_hysteresis.identification.factor import triangle
-from piezo_hysteresis.identification.objective import shifted
+from piezo_hysteresis.identification.reading import shifted
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.identification.targets import fold

@@ -48,7 +48,7 @@ def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
     (row,) = errors_of(saved.model, saved.values, load([data]), late)
     assert summary['records'][0]['nrmse_percent'] == pytest.approx(row.nrmse_percent)
     assert row.nrmse_percent < 1.0
-    assert summary['choice'][0]['name'] == 'hysteresis'
+    assert summary['choice'][0]['name'] == 'modified'
     ros = yaml.safe_load((out / 'params.yaml').read_text())['/**']['ros__parameters']
     assert ros['model.name'] == summary['model']
     report = (out / 'report.html').read_text()

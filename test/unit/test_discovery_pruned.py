@@ -7,7 +7,6 @@ import pytest
 from piezo_hysteresis.discovery.arena import Arena, added_of
 from piezo_hysteresis.discovery.baseline import baselines
 from piezo_hysteresis.discovery.dataset import split
-from piezo_hysteresis.discovery.floor import noise_floor
 from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_sim.sweep import simulate
@@ -27,7 +26,7 @@ def scene() -> Scene:
         {'kind': 'sine', 'frequency': f, 'amplitude': 1.0, 'duration': 1.0} for f in (2, 7, 19, 43)
     ]
     data = split(simulate('generic_bouc_wen', plan, HIDDEN, 2))
-    arena = Arena(data, noise_floor(data), 0, 1)
+    arena = Arena(data, 0, 1)
     return arena, baselines(data, named('classical')).joint
 
 
@@ -36,8 +35,8 @@ def given(arena: Arena, trial: Trial, name: str, variant: str, values: dict[str,
     effect = next(e for e in described(name) if e.variant == variant)
     found = add_effect(trial.model, effect)
     known = found.values(trial.values, {found.renamed[k]: v for k, v in values.items()})
-    known['sampling_offset'] = trial.values['sampling_offset']
-    bare = Trial(found.model, known, (), trial.parameters + 1, (*trial.added, added_of(found)))
+    parts, late = (*trial.added, added_of(found)), trial.sampling_offset
+    bare = Trial(found.model, known, (), trial.parameters + 1, parts, sampling_offset=late)
     return on_views(bare, arena.views)
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.discovery.dataset import split, thinned, view_of
+from piezo_hysteresis.discovery.dataset import split, thinned
 from piezo_hysteresis.discovery.screen import Promise, Screen
 from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_sim.sweep import simulate
@@ -34,7 +35,7 @@ def promised(name: str, variant: str, hidden: dict[str, float]) -> Promise:
         u = np.sin(2 * np.pi * frequency * DT * np.arange(2000))
         info = RecordInfo(excitation='sine', frequency=frequency)
         y = answer(candidate.model, truth, u)
-        views.append(view_of(Record(f'{frequency}', DT, u, y, info=info), 0))
+        views.append(whole(Record(f'{frequency}', DT, u, y, info=info)))
     before = on_views(Trial(base, own, (), 0), views)
     return Screen(before, views).promise(candidate)
 
@@ -65,7 +66,7 @@ def test_what_the_end_of_a_chirp_shows_is_not_cut_off() -> None:
         Record('sine', DT, sine, sine, info=RecordInfo(excitation='sine', frequency=2.0)),
         Record('chirp', DT, chirp, chirp, info=RecordInfo(excitation='chirp')),
     ]
-    views = [view_of(record, period) for record, period in zip(records, (500, 0), strict=True)]
+    views = [whole(record) for record in records]
     kept = {v.name: v.voltage.size for v in thinned(views, 4000, split(records).periods)}
     assert kept['chirp'] > 5800
     assert kept['sine'] < 3000

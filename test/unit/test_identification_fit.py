@@ -8,12 +8,14 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.linear import linear_parameters
-from piezo_hysteresis.identification.objective import Prior, shifted
+from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.periods import period_of
+from piezo_hysteresis.identification.reading import shifted
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.solver import Problem, solve
 from piezo_hysteresis.identification.starts import representative
-from piezo_hysteresis.identification.targets import fold, period_of, targets_of, whole
+from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, RecordInfo

@@ -160,7 +160,8 @@ def test_fitting_keeps_the_range_that_an_effect_was_given():
     wave = VOLTS * np.sin(2 * np.pi * 5 * DT * np.arange(2000))
     truth = candidate.values(candidate.model.defaults()) | {'memory3': 0.1 * METRES / VOLTS}
     truth |= {'A1': METRES / VOLTS, 'A': 0.3 * METRES / VOLTS, 'beta': 1 / VOLTS}
-    y = answer(candidate.model, truth, wave)
+    y = np.roll(answer(candidate.model, truth, wave), 1)  # measured before the voltage acts
+    y[0] = y[1]
     record = Record('wave', DT, wave, y, info=RecordInfo(excitation='sine', frequency=5.0))
     result = output_error(candidate.model, [record], sampling_offset=False, count=3)
     assert result.values['memory_range'] == VOLTS

@@ -167,6 +167,8 @@ class Discover:
         Which one, where a bag holds several.
     salvage : bool
         Use what is readable of damaged data.
+    begins, zero : str
+        How records begin and where their zeros lie, see `identification.circumstances.Choices`.
     """
 
     baseline: str
@@ -175,6 +177,8 @@ class Discover:
     warm_up: float | None = None
     actuator: str | None = None
     salvage: bool = False
+    begins: str = 'auto'
+    zero: str = 'auto'
 
     verb: ClassVar[str] = 'discover'
 
@@ -201,6 +205,7 @@ class Discover:
             If data, settings or folder cannot be used.
         """
         from piezo_hysteresis.discovery import discover
+        from piezo_hysteresis.identification.circumstances import Choices
         from piezo_hysteresis.identification.settings import require_settings, warmed
         from piezo_hysteresis.models import ModelFile, named
         from piezo_hysteresis.records import load
@@ -218,6 +223,7 @@ class Discover:
             name=word,
             seed=self.seed,
             workers=self.workers,
+            choices=Choices(self.begins, self.zero),
             progress=progress,
         )
         write_discovery(out, found, data)

@@ -14,6 +14,7 @@ _STRIDE, _LONG_STRIDE = 0.05, 0.2
 _MOST_STRIDES = 1000
 # Exponent from which on the decay is smooth enough where h passes zero for strides of that order.
 _SMOOTH = 1.2
+_BEYOND = 1.1  # times its height up to which h is followed in long strides
 
 
 @jit
@@ -78,7 +79,8 @@ def kernel(
         du = x[k] - last
         last = x[k]
         strides = max(1, ceil(min(abs(du) * rate * _STRIDE / _LONG_STRIDE, _MOST_STRIDES)))
-        if exponent > _SMOOTH and strides < _MOST_STRIDES:
+        # beyond its height h decays faster than the strides are made for
+        if exponent > _SMOOTH and strides < _MOST_STRIDES and abs(h) <= _BEYOND * height:
             h = long_strides(h, du, (a, a0, beta, gamma), height, exponent, strides)
             y[k] = a1 * last - h
             continue

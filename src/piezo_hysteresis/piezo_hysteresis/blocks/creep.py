@@ -9,10 +9,12 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
-_ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
-_PER_DECADE = 2
+ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
+PER_DECADE = 2
 # Nearer than this two elements are as good as one, and a fit that has them meet stays there.
 _APART = 3.0
+# Time constants of the spectrum [s]: a decade apart, so that shares in between make any curve.
+SPECTRUM = (0.01, 0.1, 1.0, 10.0)
 _FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onset)
 
 
@@ -53,16 +55,28 @@ def pair_kernel(
 
 
 @jit
+def over_onset(i: int) -> float:
+    """Return the time constant of element `i` of the logarithmic law over its onset."""
+    spacing: float = 10.0 ** (1.0 / PER_DECADE)
+    return float(_FIRST * sqrt(spacing) * spacing**i)
+
+
+@jit
 def logarithmic_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
     """Answer ``v`` with a bank of elements two to the decade; state is their outputs [m]."""
-    share = p[0] / _PER_DECADE
-    spacing = 10.0 ** (1.0 / _PER_DECADE)
-    tau = p[1] * _FIRST * sqrt(spacing)
-    for i in range(_ELEMENTS):
-        element(x, y, state, i, share, tau, dt)
-        tau *= spacing
+    for i in range(ELEMENTS):
+        element(x, y, state, i, p[0] / PER_DECADE, p[1] * over_onset(i), dt)
+
+
+@jit
+def spectrum_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v`` with one element per decade; state is their outputs [m]."""
+    for i in range(p.size):
+        element(x, y, state, i, p[i], SPECTRUM[i], dt)
 
 
 def _elements(shares: list[float], times: list[float]) -> System:
@@ -82,11 +96,14 @@ def pair_system(p: FloatArray) -> System:
 
 def logarithmic_system(p: FloatArray) -> System:
     """Return the bank as a linear system."""
-    spacing = 10.0 ** (1.0 / _PER_DECADE)
-    first = p[1] * _FIRST * sqrt(spacing)
     return _elements(
-        [p[0] / _PER_DECADE] * _ELEMENTS, [first * spacing**i for i in range(_ELEMENTS)]
+        [p[0] / PER_DECADE] * ELEMENTS, [p[1] * over_onset(i) for i in range(ELEMENTS)]
     )
+
+
+def spectrum_system(p: FloatArray) -> System:
+    """Return the elements of the spectrum as a linear system."""
+    return _elements(list(p), list(SPECTRUM))
 
 
 _ELEMENT = (
@@ -146,6 +163,28 @@ BLOCKS = (
         source='Kelvin-Voigt creep',
     ),
     Block(
+        name='creep_spectrum',
+        slot=Slot.SLOW,
+        parameters=tuple(
+            Parameter(
+                f'creep_share_{i}',
+                '1',
+                0.0,
+                -0.5,
+                2.0,
+                f'Creep within about {tau:g} s, after a very long time over the displacement.',
+                0.02,
+            )
+            for i, tau in enumerate(SPECTRUM)
+        ),
+        kernel=spectrum_kernel,
+        state_size=len(SPECTRUM),
+        between=Between.LINEAR,
+        system=spectrum_system,
+        description='Kelvin-Voigt elements a decade apart, of shares of their own.',
+        source='generalised Kelvin-Voigt creep: a spectrum of retardation',
+    ),
+    Block(
         name='logarithmic_creep',
         slot=Slot.SLOW,
         parameters=(
@@ -161,7 +200,7 @@ BLOCKS = (
             Parameter('creep_onset', 's', 0.1, 1e-4, 1e3, 'Time at which creep sets in.', 0.1),
         ),
         kernel=logarithmic_kernel,
-        state_size=_ELEMENTS,
+        state_size=ELEMENTS,
         between=Between.LINEAR,
         system=logarithmic_system,
         description=(
@@ -198,6 +237,6 @@ EFFECTS = tuple(
                 {'creep_time': 1.0, 'slow_creep_ratio': 10.0},
             ),
         ),
-        (BLOCKS[2], ('creep_per_decade',), ({'creep_onset': 0.01}, {'creep_onset': 1.0})),
+        (BLOCKS[3], ('creep_per_decade',), ({'creep_onset': 0.01}, {'creep_onset': 1.0})),
     )
 )

@@ -5,51 +5,62 @@ from piezo_hysteresis.blocks._plays import COUNT, bank
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.jit import jit
 
+FINE = 19  # thresholds of the fine bank, at 0.05 .. 0.95 of the range
+
 
 @jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
     """Answer ``w0 u + sum w_j play_j(u)``; state is the outputs of the plays [V]."""
-    spacing = p[0] / (COUNT + 1)
     weights = p[2:]
+    spacing = p[0] / (weights.size + 1)
     for k in range(x.size):
         y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing)
 
 
-RANGE = Parameter(
-    'pi_range',
-    'V',
-    1.0,
-    1e-9,
-    1e5,
-    'Input amplitude to which the thresholds 0.1 .. 0.9 refer.',
-    1.0,
-    follows_range=True,
-)
-
-BLOCK = Block(
-    name='prandtl_ishlinskii',
-    slot=Slot.HYSTERESIS,
-    parameters=(
-        RANGE,
-        Parameter('w0', 'm/V', 1e-4, -1e-2, 1e-2, 'Weight without threshold.', 1e-4),
-        *(
+def _block(name: str, prefix: str, weight: str, count: int) -> Block:
+    """Return a bank of `count` plays; the weights of all banks add up to the same gain."""
+    return Block(
+        name=name,
+        slot=Slot.HYSTERESIS,
+        parameters=(
             Parameter(
-                f'w{j}',
-                'm/V',
-                4e-6,
-                -1e-2,
-                1e-2,
-                f'Weight of the play of half width {j / (COUNT + 1):g} pi_range.',
-                5e-6,
-            )
-            for j in range(1, COUNT + 1)
+                f'{prefix}_range',
+                'V',
+                1.0,
+                1e-9,
+                1e5,
+                'Input amplitude to which the thresholds '
+                f'{1 / (count + 1):g} .. {count / (count + 1):g} refer.',
+                1.0,
+                follows_range=True,
+            ),
+            Parameter(f'{weight}0', 'm/V', 1e-4, -1e-2, 1e-2, 'Weight without threshold.', 1e-4),
+            *(
+                Parameter(
+                    f'{weight}{j}',
+                    'm/V',
+                    3.6e-5 / count,
+                    -1e-2,
+                    1e-2,
+                    f'Weight of the play of half width {j / (count + 1):g} {prefix}_range.',
+                    4.5e-5 / count,
+                )
+                for j in range(1, count + 1)
+            ),
         ),
-    ),
-    kernel=kernel,
-    state_size=COUNT,
-    between=Between.PATH,
-    description='Bank of play operators: rate-independent hysteresis with nonlocal memory.',
-    source='reference model; 001 and 004 name it as the alternative',
+        kernel=kernel,
+        state_size=count,
+        between=Between.PATH,
+        description=(
+            f'Bank of {count} play operators: rate-independent hysteresis with nonlocal memory.'
+        ),
+        source='reference model; 001 and 004 name it as the alternative',
+    )
+
+
+BLOCKS = (
+    _block('prandtl_ishlinskii', 'pi', 'w', COUNT),
+    _block('prandtl_ishlinskii_fine', 'fine_pi', 'fine_w', FINE),
 )

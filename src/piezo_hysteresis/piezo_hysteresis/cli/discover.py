@@ -12,6 +12,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.errors import IdentificationError
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--start', choices=STARTS, default='auto', help=START_HELP)
+    add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--actuator', help='which actuator, where a bag holds several')
     add('--salvage', action='store_true', help='use what is readable of damaged data')
 
@@ -57,6 +60,8 @@ def task_of(arguments: argparse.Namespace) -> Discover:
         warm_up=arguments.warm_up,
         actuator=arguments.actuator,
         salvage=arguments.salvage,
+        begins=arguments.start,
+        zero=arguments.zero,
     )
 
 

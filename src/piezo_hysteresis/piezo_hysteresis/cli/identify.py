@@ -12,6 +12,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES
 
@@ -24,12 +25,20 @@ _METHODS = 'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, cma
 
 # What each method takes besides records, model and progress.
 _TAKES = {
-    'output_error': ('weights', 'folded', 'sampling_offset', 'workers', 'start'),
+    'output_error': ('weights', 'folded', 'sampling_offset', 'begins', 'zero', 'workers', 'start'),
     'rls': ('forgetting', 'variant', 'offset', 'unit'),
-    'rls_ud': ('forgetting', 'start'),
-    'pi_bank': ('forgetting', 'start'),
+    'rls_ud': ('forgetting', 'start', 'sampling_offset'),
+    'pi_bank': ('forgetting', 'start', 'sampling_offset'),
 }
-_SEARCH = ('weights', 'folded', 'workers', 'max_evaluations')
+_SEARCH = (
+    'weights',
+    'folded',
+    'sampling_offset',
+    'begins',
+    'zero',
+    'workers',
+    'max_evaluations',
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -62,6 +71,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DATA',
         help='data that are not fitted: what the model misses is judged on them',
     )
+    add('--start', choices=STARTS, default='auto', help=START_HELP)
+    add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
     add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
     add('--weights', choices=('equal', 'relative'), help='errors in metres, or relative')
@@ -125,6 +136,8 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         'weights': arguments.weights,
         'folded': False if arguments.whole else None,
         'sampling_offset': False if arguments.no_sampling_offset else None,
+        'begins': arguments.start if arguments.start != 'auto' else None,
+        'zero': arguments.zero if arguments.zero != 'auto' else None,
         'max_evaluations': arguments.max_evaluations,
         'forgetting': arguments.forgetting,
         'variant': arguments.variant,
@@ -137,7 +150,8 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         name for name, value in given.items() if value is not None and name not in takes
     )
     if stray:
-        words = ', '.join('set' if name == 'start' else name for name in stray)
+        called = {'start': 'set', 'begins': 'start'}
+        words = ', '.join(called.get(name, name) for name in stray)
         raise IdentificationError(
             f'{arguments.method} does not take {words.replace("_", "-")}; leave it out'
         )

@@ -11,11 +11,12 @@ import json
 import sys
 import time
 
+from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.models import ModelFile
 
 HELP = 'free-run and one-step errors of a saved model'
 
-_STEADY = 'records are whole periods in steady state: simulate them twice, judge the second'
+_STEADY = 'the same as --start settled'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--out', required=True, metavar='DIR', help='folder of the results')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
     add('--steady', action='store_true', help=_STEADY)
+    add('--start', choices=STARTS, default='auto', help=START_HELP)
+    add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--actuator', help='which actuator, where a bag holds several')
 
 
@@ -33,17 +36,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
     from dataclasses import replace
 
+    from piezo_hysteresis.identification.circumstances import Choices
     from piezo_hysteresis.identification.comparison import (
         compared,
         comparison_summary,
         comparison_words,
     )
     from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-    from piezo_hysteresis.identification.errors import errors_of, free_run
+    from piezo_hysteresis.identification.errors import free_run_of, judged, views_of
     from piezo_hysteresis.identification.identify import record_summary
-    from piezo_hysteresis.identification.result import pooled_noise
+    from piezo_hysteresis.identification.noise import floor_of
     from piezo_hysteresis.identification.settings import warmed
-    from piezo_hysteresis.identification.targets import targets_of
     from piezo_hysteresis.identification.units import require_plausible
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.folder import check_folder, write_folder
@@ -56,15 +59,14 @@ def run(arguments: argparse.Namespace) -> int:
     records = warmed(records, arguments.warm_up)
     warnings = require_plausible(records)
     late = float(saved.provenance.notes.get('sampling_offset_s', 0.0))
-    steady = arguments.steady
-    rows = errors_of(saved.model, saved.values, records, late, steady=steady)
-    simulated = {
-        r.name: free_run(saved.model, saved.values, r, late, steady=steady) for r in records
-    }
-    noise = pooled_noise(targets_of(records))
-    left = residuals_of(saved.model, saved.values, records, late, noise)
+    choices = Choices('settled' if arguments.steady else arguments.start, arguments.zero)
+    views = views_of(saved.model, saved.values, records, late, choices)
+    rows = judged(saved.model, saved.values, views, late)
+    simulated = {v.name: free_run_of(saved.model, saved.values, v, late) for v in views}
+    noise = floor_of(records).rms
+    left = residuals_of(saved.model, saved.values, records, views, late)
     known = compared(left, saved.discrepancy) if saved.discrepancy is not None else []
-    judged = replace(saved, discrepancy=discrepancy_of(left, held_out=True))
+    told = replace(saved, discrepancy=discrepancy_of(left, held_out=True))
     summary = {
         'model': saved.model.name,
         'method': 'validate',
@@ -87,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.out,
         {
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
-            'model.yaml': judged.text(),
+            'model.yaml': told.text(),
             **figures(records, simulated, rows, noise_floor=noise),
         },
         'validate',

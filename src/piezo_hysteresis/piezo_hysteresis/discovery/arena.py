@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from piezo_hysteresis.discovery.blocks import block_edges
 from piezo_hysteresis.discovery.dataset import Dataset, thinned
-from piezo_hysteresis.discovery.floor import Noise, block_edges
 from piezo_hysteresis.discovery.significance import improvement
 from piezo_hysteresis.discovery.tones import on_one_clock
 from piezo_hysteresis.discovery.trial import (
@@ -17,7 +17,6 @@ from piezo_hysteresis.discovery.trial import (
     Trial,
     errors_of,
     fit_trial,
-    offset_bounds,
     on_views,
 )
 from piezo_hysteresis.identification.targets import Target
@@ -54,8 +53,6 @@ class Arena:
     ----------
     data : Dataset
         Only its training views are looked at; of held-out ones only the drive.
-    noise : Noise
-        Of the records.
     seed : int
         Of every random choice.
     workers : int
@@ -67,15 +64,13 @@ class Arena:
     def __init__(
         self,
         data: Dataset,
-        noise: Noise,
         seed: int,
         workers: int,
         hints: Sequence[Mapping[str, float]] = (),
     ) -> None:
         self.data = data
-        self.noise = noise
-        self.floor = noise.rms
-        self.negligible = NEGLIGIBLE + DOUBTS * noise.doubt
+        self.floor = data.noise.rms
+        self.negligible = NEGLIGIBLE + DOUBTS * data.noise.doubt
         self.seed = seed
         self.hints = tuple(hints)
         self._workers = max(1, workers)
@@ -93,7 +88,7 @@ class Arena:
         if any(block.clocked for block in trial.model.blocks):
             return self
         data = on_one_clock(self.data, trial)
-        return Arena(data, self.noise, self.seed, self._workers, self.hints)
+        return Arena(data, self.seed, self._workers, self.hints)
 
     def candidates(self, trial: Trial) -> tuple[Candidate, ...]:
         """Return the model of `trial` with every effect that it can take up."""
@@ -113,15 +108,15 @@ class Arena:
         return float(np.log(max(trial.square, 1e-300))) + self.penalty(trial)
 
     def excess(self, trial: Trial) -> float:
-        """Return the mean square above the floor, in units of the floor."""
-        return trial.square / trial.samples / self.floor**2 - 1.0
+        """Return the mean square above the noise of each record, in units of it."""
+        return trial.floors**2 - 1.0
 
     def lacks_something(self, trial: Trial) -> bool:
         """Tell whether the gap is above the floor anywhere by more than anybody would accept."""
         return self.excess(trial) > self.negligible or any(
-            float(e @ e) / e.size / self.floor**2 - 1.0
+            float(e @ e) / e.size / noise**2 - 1.0
             > NEGLIGIBLE_IN_ONE + DOUBTS * np.sqrt(2.0 / e.size)
-            for e in trial.errors
+            for e, noise in zip(trial.errors, trial.noises, strict=True)
         )
 
     def is_crumb(self, trial: Trial, start: Trial, times: float = 1.0) -> bool:
@@ -138,25 +133,19 @@ class Arena:
 
     def is_as_good(self, simpler: Trial, richer: Trial) -> bool:
         """Tell whether the richer model is no real improvement over the simpler one."""
-        gain = improvement(simpler, richer, self.edges, 1, self.floor)
-        share = (simpler.square - richer.square) / max(
-            simpler.square - simpler.samples * self.floor**2, 1e-300
-        )
+        gain = improvement(simpler, richer, self.edges, 1)
+        before, after = self.excess(simpler), self.excess(richer)
+        share = (before - after) / max(before, 1e-300)
         return gain.ratio < SURE or share < 0.05 or self.excess(simpler) < self.negligible
 
-    def fit(
-        self, trial: Trial, *beside: Trial, short: bool = False, evaluations: int = 0
-    ) -> Trial | None:
-        """Return `trial` fitted from its own values, to all training views or to short ones.
-
-        The sampling offset may lie where it may for `trial` or any model `beside` it.
-        """
+    def fit(self, trial: Trial, *, short: bool = False, evaluations: int = 0) -> Trial | None:
+        """Return `trial` fitted from its own values, to all training views or to short ones."""
         return fit_trial(
             trial.model,
             trial.values,
             self.short if short else self.views,
             evaluations=evaluations or LAST_EVALUATIONS,
-            offset=self._offset(trial, *beside),
+            sampling_offset=trial.sampling_offset,
             added=trial.added,
         )
 
@@ -167,7 +156,7 @@ class Arena:
             trial.values,
             views,
             evaluations=LAST_EVALUATIONS,
-            offset=self._offset(trial),
+            sampling_offset=trial.sampling_offset,
             added=trial.added,
         )
 
@@ -180,7 +169,7 @@ class Arena:
         """Return the model without the effect `word`, fitted from the values of `final`."""
         kept = [added for added in final.added if added.effect != word]
         bare = self._with_only(final, start, kept)
-        return None if bare is None else self.fit(bare, start)
+        return None if bare is None else self.fit(bare)
 
     def pruned(self, final: Trial, start: Trial) -> Trial:
         """Return `final` without additions that change nothing, itself if there are none.
@@ -194,7 +183,7 @@ class Arena:
         for place in reversed(range(len(final.added))):
             kept = [*final.added[:place], *final.added[place + 1 :]]
             bare = self._with_only(final, start, kept) if kept else None
-            fitted = None if bare is None else self.fit(bare, start)
+            fitted = None if bare is None else self.fit(bare)
             if fitted is not None and self.is_as_good(fitted, final):
                 final = fitted
         return final
@@ -204,7 +193,8 @@ class Arena:
         held = start.model.held  # an effect may have freed them
         found = {k: v for k, v in final.values.items() if k in start.values and k not in held}
         values = start.values | found
-        bare: Trial | None = Trial(start.model, values, (), 0)
+        late = final.sampling_offset
+        bare: Trial | None = Trial(start.model, values, (), 0, sampling_offset=late)
         for added in kept:
             bare = None if bare is None else self._again(bare, added, final)
         return bare
@@ -221,14 +211,14 @@ class Arena:
                 if name not in held
             }
             values = each.values(bare.values, {**each.neutral, **known})
-            values['sampling_offset'] = final.values['sampling_offset']
-            return Trial(each.model, values, (), 0, (*bare.added, added_of(each)))
+            parts = (*bare.added, added_of(each))
+            return Trial(each.model, values, (), 0, parts, sampling_offset=final.sampling_offset)
         return None
 
     def stays_finite(self, trial: Trial) -> bool:
         """Tell whether the model survives the held-out drives; what was measured is not used."""
         drives: list[Target] = list(self.data.held_out)
-        errors = errors_of(trial.model, trial.values, drives)
+        errors = errors_of(trial.model, trial.values, drives, trial.sampling_offset)
         limit = 100.0 * self.data.span
         return all(bool(np.all(np.abs(e) < limit)) for e in errors)
 
@@ -238,11 +228,6 @@ class Arena:
             return [function(each) for each in items]
         with ThreadPoolExecutor(self._workers) as pool:
             return list(pool.map(function, items))
-
-    def _offset(self, *trials: Trial) -> tuple[float, float]:
-        dt = self.views[0].dt
-        bounds = [offset_bounds(each.model, each.values, dt) for each in trials]
-        return min(low for low, _ in bounds), max(high for _, high in bounds)
 
 
 def added_of(candidate: Candidate) -> Added:

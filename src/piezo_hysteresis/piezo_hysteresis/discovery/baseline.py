@@ -6,17 +6,17 @@ model file was given, one that saw the slowest records only, and the joint fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from piezo_hysteresis.discovery.dataset import Dataset, thinned
+from piezo_hysteresis.discovery.dataset import Dataset, beginning_like, thinned
 from piezo_hysteresis.discovery.trial import (
     Trial,
-    errors_of,
     fit_trial,
-    offset_bounds,
+    on_views,
 )
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
@@ -79,6 +79,42 @@ def baselines(data: Dataset, given: Model | ModelFile) -> Baselines:
     return Baselines(joint, slow, nominal)
 
 
+def fitted_baselines(
+    data: Dataset, given: Model | ModelFile, choices: Choices
+) -> tuple[Baselines, Dataset]:
+    """Fit the baseline, and let it tell how each record began before it is fitted again.
+
+    Returns
+    -------
+    baselines : Baselines
+        The versions of the model.
+    data : Dataset
+        With starts, zeros and weights of the records as the joint fit tells them.
+
+    Raises
+    ------
+    IdentificationError
+        If the model cannot be fitted to the records at all.
+    """
+    base = baselines(data, given)
+    seen = told_by(base.joint, data, choices)
+    if all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in _pairs(data, seen)):
+        return base, seen
+    return baselines(seen, given), seen
+
+
+def _pairs(one: Dataset, other: Dataset) -> Iterator[tuple[Target, Target]]:
+    return zip((*one.training, *one.held_out), (*other.training, *other.held_out), strict=True)
+
+
+def told_by(trial: Trial, data: Dataset, choices: Choices) -> Dataset:
+    """Return the data with starts, zeros and weights as a fitted model tells them."""
+    names = {v.name for v in data.training}
+    views = [*data.training, *(v for v in data.held_out if v.name not in names)]
+    told = revised(trial.model, trial.values, trial.sampling_offset, views, data.records, choices)
+    return beginning_like(data, told)
+
+
 def _from_data(data: Dataset, model: Model) -> list[dict[str, float]]:
     """Start values from output error on the training records, jointly and on the slowest."""
     names = {v.name for v in data.training}
@@ -104,9 +140,8 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
 
 
 def _fitted(model: Model, start: Mapping[str, float], views: Sequence[Target]) -> Trial | None:
-    bounds = offset_bounds(model, start, views[0].dt)
-    return fit_trial(model, start, views, evaluations=EVALUATIONS, offset=bounds)
+    return fit_trial(model, start, views, evaluations=EVALUATIONS)
 
 
 def _judged(model: Model, values: Mapping[str, float], views: Sequence[Target]) -> Trial:
-    return Trial(model, dict(values), errors_of(model, values, views), 0)
+    return on_views(Trial(model, dict(values), (), 0), views)

@@ -72,15 +72,15 @@ def compete(arena: Arena, before: Trial, progress: Progress) -> Contest | None:
     first = arena.map(lambda p: _first_fit(arena, before, p), _chosen(promises))
     fitted = _ordered(arena, [trial for trial in first if trial is not None])
     progress(0.6, f'{len(fitted)} first fits')
-    leaders = _last_fits(arena, before, _semifinalists(fitted))
+    leaders = _last_fits(arena, _semifinalists(fitted))
     if not leaders:
         return None
-    others = _last_fits(arena, before, _other_ways(leaders, fitted))
+    others = _last_fits(arena, _other_ways(leaders, fitted))
     finalists = _ordered(arena, [*leaders, *others])
     progress(1.0, f'{len(finalists)} finalists')
     penalties = [arena.penalty(trial) for trial in finalists]
     shares = win_shares(finalists, penalties, arena.edges, arena.seed)
-    gain = improvement(before, finalists[0], arena.edges, len(every), arena.floor)
+    gain = improvement(before, finalists[0], arena.edges, len(every))
     return Contest(before, tuple(finalists), tuple(map(float, shares)), gain, len(every))
 
 
@@ -119,8 +119,7 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
     found = []
     for start in starts:
         trial = arena.fit(
-            Trial(candidate.model, start, (), 0, added),
-            before,
+            Trial(candidate.model, start, (), 0, added, sampling_offset=before.sampling_offset),
             short=True,
             evaluations=FIRST_EVALUATIONS,
         )
@@ -129,9 +128,9 @@ def _first_fit(arena: Arena, before: Trial, promise: Promise) -> Trial | None:
     return min(found, key=lambda t: t.square, default=None)
 
 
-def _last_fits(arena: Arena, before: Trial, trials: Sequence[Trial]) -> list[Trial]:
+def _last_fits(arena: Arena, trials: Sequence[Trial]) -> list[Trial]:
     """Fit on all of the training records; return what survives, best first."""
-    last = arena.map(lambda t: arena.fit(t, before), trials)
+    last = arena.map(arena.fit, trials)
     return _ordered(arena, [t for t in last if t is not None and arena.stays_finite(t)])
 
 

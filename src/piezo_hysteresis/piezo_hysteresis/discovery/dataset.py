@@ -1,27 +1,28 @@
-"""Training and held-out views of records: held-out data decide nothing.
+"""Training and held-out views of records: held-out data can veto, never propose.
 
-A view is an identification `Target`: what the model is driven with from rest, and which measured
-samples it is compared with.
+A view is an identification `Target`: what the model is driven with, and which measured samples it
+is compared with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.targets import Target, period_of
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of
+from piezo_hysteresis.identification.periods import period_of
+from piezo_hysteresis.identification.record_start import first_guess
+from piezo_hysteresis.identification.targets import Target, led_in, whole
 from piezo_hysteresis.records import Record
 
 # Share of the records, and of what is left of records that cannot be spared, that is held out.
 HELD_OUT = 0.25
 # Whole records are held out from this number of records on.
 FEWEST_TO_SPARE = 6
-# A record that does not start at rest is led in by this much of its own period [s].
-LEAD_IN = 3.0
 # Share of the largest speed of an input that counts as fastest.
 ALMOST = 0.98
 
@@ -38,12 +39,15 @@ class Dataset:
         Views that fits see, and views that only the proof sees.
     periods : dict of str to int
         Samples per period of the drive by record, 0 where it is not periodic.
+    noise : Noise
+        Of all records together; each view has its own.
     """
 
     records: tuple[Record, ...]
     training: tuple[Target, ...]
     held_out: tuple[Target, ...]
     periods: dict[str, int]
+    noise: Noise
 
     @property
     def amplitude(self) -> float:
@@ -60,24 +64,43 @@ class Dataset:
         return self.periods[name]
 
 
-def split(records: Sequence[Record]) -> Dataset:
+def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     """Split records into training and held-out views.
 
     Of many sines some are held out whole, never the extremes of frequency and amplitude. Beside
     them the others train whole, and so do chirps, whose end is an extreme of frequency as well;
     any other record gives its last part.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Of one actuator.
+    start : str
+        How records begin that do not say so themselves.
+
+    Raises
+    ------
+    IdentificationError
+        If no record lets its noise be seen.
     """
+    noises = noises_of(records)
+    floor = floor_of(records)
+    if not floor.lines:
+        raise IdentificationError(
+            'no record shows the noise: record at least two periods of each excitation, or some '
+            'seconds at rest'
+        )
     periods = {r.name: _period(r) for r in records}
     spared = _spared(records)
-    whole = ('sine', 'chirp') if spared else ('sine',)
+    train_whole = ('sine', 'chirp') if spared else ('sine',)
     training: list[Target] = []
     held_out: list[Target] = []
-    for record in records:
-        view = view_of(record, periods[record.name])
+    for record, noise in zip(records, noises, strict=True):
+        view = replace(whole(record, begins=first_guess(record, start)), noise=noise.rms)
         if record.name in spared:
             held_out.append(view)
             continue
-        if len(records) >= FEWEST_TO_SPARE and record.info.excitation in whole:
+        if len(records) >= FEWEST_TO_SPARE and record.info.excitation in train_whole:
             training.append(view)
             continue
         first, last = cut(view, 1.0 - HELD_OUT)
@@ -86,7 +109,7 @@ def split(records: Sequence[Record]) -> Dataset:
     if not held_out:
         parts = [cut(view, 1.0 - HELD_OUT) for view in training]
         training, held_out = [first for first, _ in parts], [last for _, last in parts]
-    return Dataset(tuple(records), tuple(training), tuple(held_out), periods)
+    return Dataset(tuple(records), tuple(training), tuple(held_out), periods, floor)
 
 
 def _period(record: Record) -> int:
@@ -113,38 +136,41 @@ def _spared(records: Sequence[Record]) -> set[str]:
     return spared
 
 
-def view_of(record: Record, period: int) -> Target:
-    """Return the whole record as a view, led in where it does not start at rest."""
-    voltage = record.voltage
-    first = record.warm_up_samples
-    reach = float(np.max(np.abs(voltage))) or 1.0
-    if period and abs(float(voltage[0])) > 0.02 * reach:
-        turns = ceil(LEAD_IN / (period * record.dt))
-        voltage = np.concatenate([np.tile(voltage[:period], turns), voltage])
-        first += turns * period
-    return Target(
-        name=record.name,
-        voltage=np.ascontiguousarray(voltage),
-        measured=np.ascontiguousarray(record.displacement[record.warm_up_samples :]),
-        first=first,
-        stride=1,
-        dt=record.dt,
-        frequency=record.info.frequency,
-        repeats=1,
-        noise=float('nan'),
-        period=0,
-        start=record.start - (first - record.warm_up_samples) * record.dt,
-    )
-
-
 def cut(view: Target, share: float) -> tuple[Target, Target]:
-    """Return the first `share` of the compared samples and the rest, both driven from rest."""
+    """Return the first `share` of the compared samples and the rest, both led in alike."""
     count = max(1, min(round(share * view.measured.size), view.measured.size - 1))
-    first = replace(
-        view, voltage=view.voltage[: view.first + count], measured=view.measured[:count]
+    return part_of(view, 0, count), part_of(view, count, view.measured.size)
+
+
+def part_of(view: Target, first: int, last: int) -> Target:
+    """Return the view with compared samples ``first`` to ``last - 1`` only."""
+    return replace(
+        view,
+        voltage=view.voltage[: view.first + last],
+        measured=view.measured[first:last],
+        first=view.first + first,
+        valid=None if view.valid is None else view.valid[first:last],
     )
-    last = replace(view, first=view.first + count, measured=view.measured[count:])
-    return first, last
+
+
+def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
+    """Return the data with starts, zeros and weights as they are in `views`, by name.
+
+    The held-out part of a record begins as its training part does.
+    """
+    known = {v.name: v for v in reversed(views)}
+    records = {r.name: r for r in data.records}
+
+    def like(view: Target) -> Target:
+        other = known.get(view.name)
+        if other is None:
+            return view
+        led = led_in(view, records[view.name], other.begins)
+        return replace(led, own_zero=other.own_zero, precision=other.precision)
+
+    return replace(
+        data, training=tuple(map(like, data.training)), held_out=tuple(map(like, data.held_out))
+    )
 
 
 def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> tuple[Target, ...]:
@@ -170,10 +196,7 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     wanted = np.array([v.voltage.size for v in views]) - np.array(least)
     share = max(0.0, spare) / max(float(wanted.sum()), 1.0)
     kept = [base + int(share * more) for base, more in zip(least, wanted, strict=True)]
-    return tuple(
-        replace(v, voltage=v.voltage[:n], measured=v.measured[: n - v.first])
-        for v, n in zip(views, kept, strict=True)
-    )
+    return tuple(part_of(v, 0, n - v.first) for v, n in zip(views, kept, strict=True))
 
 
 def _fastest(view: Target) -> int:

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.objective import shifted
-from piezo_hysteresis.models import ModelFile, answers_at_once
+from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.reading import samples_late, shifted
+from piezo_hysteresis.identification.record_start import STEP, first_guess
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.numerics.harmonics import harmonics
+from piezo_hysteresis.records import Record
 
 # Above the floor by this factor in this many windows running, the gap is real.
 BEYOND = 1.3
@@ -19,7 +22,7 @@ PATIENCE = 2
 MOST = 0.5
 TELLING = 0.02
 # Ticks by which the comparison lags, so that the model can be read between its samples.
-MARGIN = 3
+MARGIN = 5
 
 
 @dataclass(frozen=True)
@@ -74,13 +77,10 @@ class GapMonitor:
         self._dt = dt
         self._floor = floor if floor > 0 else float(loaded.provenance.noise_floor or 0.0)
         self._window = window
-        self._late = _late(loaded, dt)
-        self._voltage: list[float] = []
-        self._measured: list[float] = []
-        self._state = self._model.initial_state(dt)
-        self._simulated_tail = np.zeros(2 * MARGIN)
-        self._measured_tail = np.zeros(MARGIN)
-        self._streak = 0
+        self._values = dict(loaded.values)
+        self._offset = fitted = float(loaded.provenance.notes.get(OFFSET_NOTE, 0.0))
+        self._late = samples_late(self._model, self._packed, dt, fitted)
+        self.reset()
 
     @property
     def floor(self) -> float:
@@ -92,13 +92,14 @@ class GapMonitor:
         self._model.respond(np.zeros(4), self._packed, self._dt)
 
     def reset(self) -> None:
-        """Begin again at rest."""
-        self._voltage.clear()
-        self._measured.clear()
+        """Begin again, as the actuator is found."""
+        self._voltage: list[float] = []
+        self._measured: list[float] = []
         self._state = self._model.initial_state(self._dt)
         self._simulated_tail = np.zeros(2 * MARGIN)
         self._measured_tail = np.zeros(MARGIN)
         self._streak = 0
+        self._fresh = True
 
     def add(self, voltage: float, displacement: float) -> GapReport | None:
         """Take one tick; return a report when a window is full."""
@@ -107,9 +108,25 @@ class GapMonitor:
         if len(self._voltage) < self._window:
             return None
         u, y = np.array(self._voltage), np.array(self._measured)
+        if self._fresh:
+            self._fresh = False
+            self._begin(u, y)
         self._voltage.clear()
         self._measured.clear()
         return self._report(u, self._error(u, y))
+
+    def _begin(self, u: FloatArray, y: FloatArray) -> None:
+        """Bring the model to where the actuator is, if it was in motion when this began."""
+        record = Record('begins', self._dt, u, y)
+        if first_guess(record) == STEP:
+            return
+        (view,) = views_of(self._model, self._values, [record], self._offset)
+        before = view.voltage[: view.origin]
+        start = -view.origin * self._dt
+        self._state = self._model.initial_state(self._dt, start)
+        answer = self._model.respond(before, self._packed, self._dt, state=self._state)
+        known = np.concatenate([np.zeros(2 * MARGIN), answer])
+        self._simulated_tail = known[-2 * MARGIN :]
 
     def _error(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus simulated, `MARGIN` ticks behind, where both are known."""
@@ -120,7 +137,7 @@ class GapMonitor:
         measured = np.concatenate([self._measured_tail, y])
         self._simulated_tail = simulated[-2 * MARGIN :]
         self._measured_tail = measured[-MARGIN:]
-        read = shifted(simulated, self._late / self._dt)[MARGIN:-MARGIN]
+        read = shifted(simulated, self._late)[MARGIN:-MARGIN]
         return np.asarray(measured[: u.size] - read)
 
     def _report(self, u: FloatArray, error: FloatArray) -> GapReport:
@@ -136,18 +153,6 @@ class GapMonitor:
         beyond = self._streak >= PATIENCE
         family = family_of(orders, sizes, rms, self._floor) if beyond else ''
         return GapReport(rms, floors, frequency, orders, sizes, beyond, family)
-
-
-def _late(loaded: ModelFile, dt: float) -> float:
-    """Return by how much later than the model the displacement of a tick is sampled [s].
-
-    A tick holds the displacement before its voltage acts: that is one tick before a chain that
-    answers at once. Data that were fitted know it better than the convention.
-    """
-    fitted = float(loaded.provenance.notes.get(OFFSET_NOTE, 0.0))
-    if fitted:
-        return fitted
-    return -dt if answers_at_once(loaded.model, loaded.values, dt) else 0.0
 
 
 def fundamental(voltage: FloatArray, dt: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset, errors_rms
-from piezo_hysteresis.discovery.trial import Trial, errors_of
+from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.identification.targets import Target
 
 
@@ -46,6 +46,8 @@ class Proof:
         By held-out view, sorted by frequency.
     before, after : float
         Rms over all of them [m].
+    before_in_floors, after_in_floors : float
+        The same, each error in multiples of the noise of its record.
     stable : bool
         Whether the free run stays within a few strokes on every held-out drive.
     """
@@ -53,19 +55,28 @@ class Proof:
     rows: tuple[ProofRow, ...]
     before: float
     after: float
+    before_in_floors: float
+    after_in_floors: float
     stable: bool
 
 
 def prove(data: Dataset, before: Trial, after: Trial) -> Proof:
     """Judge two models on the held-out views."""
     views = data.held_out
-    old = errors_of(before.model, before.values, views)
-    new = errors_of(after.model, after.values, views)
+    judged_before, judged_after = on_views(before, views), on_views(after, views)
+    old, new = judged_before.errors, judged_after.errors
     rows = [_row(v, a, b) for v, a, b in zip(views, old, new, strict=True)]
     limit = 10.0 * data.span
     stable = all(bool(np.all(np.abs(e) < limit)) for e in new)
     ordered = sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record))
-    return Proof(tuple(ordered), errors_rms(old), errors_rms(new), stable)
+    return Proof(
+        tuple(ordered),
+        errors_rms(old),
+        errors_rms(new),
+        judged_before.floors,
+        judged_after.floors,
+        stable,
+    )
 
 
 def over_frequency(data: Dataset, before: Trial, after: Trial, proof: Proof) -> list[ProofRow]:

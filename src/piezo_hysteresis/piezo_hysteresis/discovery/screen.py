@@ -15,11 +15,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Residual
-from piezo_hysteresis.discovery.trial import Trial, errors_of, simulate
+from piezo_hysteresis.discovery.trial import Trial, errors_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.objective import shifted
-from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.reading import differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Candidate
@@ -94,10 +93,10 @@ class Screen:
     def __init__(self, trial: Trial, views: Sequence[Target]) -> None:
         self._trial = trial
         self._views = views
-        self._simulated = [simulate(trial.model, trial.values, v) for v in views]
-        self._residual = np.concatenate(
-            [v.measured - v.pick(y) for v, y in zip(views, self._simulated, strict=True)]
-        )
+        packed, late = trial.model.pack(trial.values), trial.sampling_offset
+        self._simulated = [simulated(trial.model, packed, v, late) for v in views]
+        self._errors = errors_of(trial.model, trial.values, views, late)
+        self._residual = np.concatenate(self._errors)
         self._basis = self._own_basis()
         self._left = self._project(self._residual)
 
@@ -124,7 +123,7 @@ class Screen:
         return moved / size if np.isfinite(size) and size > 0 else None
 
     def _flat(self, trial: Trial, values: dict[str, float]) -> FloatArray:
-        errors = errors_of(trial.model, values, self._views)
+        errors = errors_of(trial.model, values, self._views, trial.sampling_offset)
         return np.asarray(self._residual - np.concatenate(errors))
 
     def _project(self, vector: FloatArray) -> FloatArray:
@@ -136,7 +135,6 @@ class Screen:
         found: list[tuple[float, dict[str, float]]] = []
         for start in (*self._guesses(candidate), *candidate.starts):
             values = candidate.values(before, start)
-            values['sampling_offset'] = before.get('sampling_offset', 0.0)
             share, chosen = self._best_step(candidate, values)
             found.append((max(share, self._nearby(candidate, values)), chosen))
         found.sort(key=lambda each: -each[0])
@@ -150,22 +148,17 @@ class Screen:
         """Return starts that the residual itself suggests, where it is largest."""
         if candidate.effect.guess is None:
             return []
-        sizes = [
-            float(np.std(v.measured - v.pick(y)))
-            for v, y in zip(self._views, self._simulated, strict=True)
-        ]
+        sizes = [float(np.std(error)) for error in self._errors]
         block = candidate.effect.block
         # what depends on the clock shows best where the drive does little
         count = len(sizes) if block is not None and block.clocked else GUESSES
         guesses: list[dict[str, float]] = []
         for place in np.argsort(sizes)[::-1][:count]:
             view, y = self._views[place], self._simulated[place]
-            residual = np.zeros_like(view.voltage)
-            residual[view.first :] = view.measured - y[view.first :]
             seen = Residual(
                 view.voltage[view.first :],
                 y[view.first :],
-                residual[view.first :],
+                self._errors[place],
                 view.dt,
                 view.frequency,
                 view.start + view.first * view.dt,
@@ -199,24 +192,15 @@ class Screen:
         """
         if len(candidate.added) < MANY:
             return 0.0
-        late = values['sampling_offset']
-        own = {name: value for name, value in values.items() if name != 'sampling_offset'}
         rows = []
         try:
-            packed = candidate.model.pack(own)
+            packed = candidate.model.pack(values)
         except PiezoError:
             return 0.0
         for view in self._views:
-            _, change = sensitivities(
-                candidate.model,
-                packed,
-                candidate.added,
-                view.voltage,
-                view.dt,
-                view.frequency,
-                view.start,
-            )
-            rows.append(shifted(change, late / view.dt)[:, view.first :: view.stride])
+            late = self._trial.sampling_offset
+            _, change, _ = differentiated(candidate.model, packed, candidate.added, view, late)
+            rows.append(change[:, view.first :: view.stride])
         columns = np.hstack(rows)
         if not np.all(np.isfinite(columns)):
             return 0.0
@@ -226,7 +210,8 @@ class Screen:
 
     def _explained(self, candidate: Candidate, values: dict[str, float]) -> float:
         try:
-            errors = errors_of(candidate.model, values, self._views)
+            late = self._trial.sampling_offset
+            errors = errors_of(candidate.model, values, self._views, late)
         except PiezoError:
             return 0.0
         moved = self._residual - np.concatenate(errors)

@@ -79,7 +79,7 @@ def _silent(fraction: float, words: str) -> None:
 
 def _leaves_much(found: Found) -> bool:
     arena, _, final, _ = found
-    return final.rms / arena.floor > NEAR and arena.lacks_something(final)
+    return final.floors > NEAR and arena.lacks_something(final)
 
 
 def _others(arena: Arena, first: Contest) -> list[Step]:
@@ -95,7 +95,7 @@ def _others(arena: Arena, first: Contest) -> list[Step]:
             first,
             finalists=tuple(first.finalists[j] for j in order),
             shares=tuple(first.shares[j] for j in order),
-            gain=improvement(first.before, trial, arena.edges, first.tried, arena.floor),
+            gain=improvement(first.before, trial, arena.edges, first.tried),
         )
         found.append(Step(contest, trial))
     return found[:BRANCHES]

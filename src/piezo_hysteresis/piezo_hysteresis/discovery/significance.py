@@ -51,17 +51,15 @@ def block_squares(errors: Sequence[FloatArray], edges: BlockEdges) -> list[Float
     ]
 
 
-def improvement(
-    before: Trial, after: Trial, edges: BlockEdges, tried: int, floor: float
-) -> Improvement:
+def improvement(before: Trial, after: Trial, edges: BlockEdges, tried: int) -> Improvement:
     """Compare two trials on the same views; `tried` models were looked at to find `after`.
 
-    What is averaged is the logarithm of each block's mean square, the floor added: an effect that
-    is a hundred times larger in one record than in the others is no less sure for that.
+    What is averaged is the logarithm of each block's mean square, the noise of its record added:
+    an effect that is a hundred times larger in one record than in the others is no less sure.
     """
     old, new = block_squares(before.errors, edges), block_squares(after.errors, edges)
     total, variance = 0.0, 0.0
-    for a, b, marks in zip(old, new, edges, strict=True):
+    for a, b, marks, floor in zip(old, new, edges, before.noises, strict=True):
         noise = np.diff(marks) * floor**2
         change = np.diff(marks) * np.log((a + noise) / (b + noise))
         total += float(change.sum())
@@ -90,7 +88,7 @@ def win_shares(
         Of the resampling.
     """
     generator = np.random.default_rng(seed)
-    squares = [block_squares(t.errors, edges) for t in trials]
+    squares = [block_squares(t.weighted, edges) for t in trials]
     sums = np.zeros((len(trials), DRAWS))
     for view in range(len(edges)):
         rows = np.array([s[view] for s in squares])

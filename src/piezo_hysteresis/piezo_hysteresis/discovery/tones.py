@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.dataset import Dataset
-from piezo_hysteresis.discovery.trial import Trial, errors_of
+from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares, straight_line
 
@@ -123,7 +123,7 @@ def on_one_clock(data: Dataset, trial: Trial) -> Dataset:
         for v, e in zip(data.training, trial.errors, strict=True)
     }
     others = [v for v in data.held_out if v.name not in known]
-    errors = errors_of(trial.model, trial.values, others)
+    errors = on_views(trial, others).errors
     known |= {
         v.name: phasor(v, e, tone.frequency)
         for v, e in zip(others, errors, strict=True)

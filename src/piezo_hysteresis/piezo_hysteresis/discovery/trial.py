@@ -10,10 +10,11 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, shifted
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.reading import misfit
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import Model, answers_at_once
+from piezo_hysteresis.models import Model
 
 Values = Mapping[str, float]
 
@@ -49,7 +50,7 @@ class Trial:
     model : Model
         The chain.
     values : dict of str to float
-        Every parameter; ``sampling_offset`` besides them.
+        Every parameter.
     errors : tuple of ndarray
         Measured minus simulated of every training view [m].
     parameters : int
@@ -58,6 +59,12 @@ class Trial:
         Effects that the model has beyond the baseline, in the order in which they came.
     fitted : FitResult or None
         The fit, where there was one.
+    sampling_offset : float
+        By how much later than our convention the displacement was sampled [s].
+    noises : tuple of float
+        Noise of every view [m].
+    precisions : tuple of float
+        Weight of every view.
     """
 
     model: Model
@@ -66,6 +73,9 @@ class Trial:
     parameters: int
     added: tuple[Added, ...] = ()
     fitted: FitResult | None = None
+    sampling_offset: float = 0.0
+    noises: tuple[float, ...] = ()
+    precisions: tuple[float, ...] = ()
 
     @property
     def effect(self) -> str:
@@ -78,9 +88,22 @@ class Trial:
         return self.added[-1].variant if self.added else ''
 
     @property
+    def weighted(self) -> tuple[FloatArray, ...]:
+        """Errors, each view by its weight [m]."""
+        return tuple(e * p for e, p in zip(self.errors, self.precisions, strict=True))
+
+    @property
     def square(self) -> float:
-        """Sum of squared errors [m^2]."""
-        return sum(float(e @ e) for e in self.errors)
+        """Weighted sum of squared errors [m^2]."""
+        pairs = zip(self.errors, self.precisions, strict=True)
+        return sum(float(e @ e) * p**2 for e, p in pairs)
+
+    @property
+    def floors(self) -> float:
+        """Rms of the errors, each in multiples of the noise of its record."""
+        pairs = zip(self.errors, self.noises, strict=True)
+        total = sum(float(e @ e) / max(noise, 1e-300) ** 2 for e, noise in pairs)
+        return float(np.sqrt(total / max(self.samples, 1)))
 
     @property
     def samples(self) -> int:
@@ -90,35 +113,26 @@ class Trial:
     @property
     def rms(self) -> float:
         """Rms of the errors [m]."""
-        return float(np.sqrt(self.square / self.samples))
+        return float(np.sqrt(sum(float(e @ e) for e in self.errors) / max(self.samples, 1)))
 
 
-def simulate(model: Model, values: Values, view: Target) -> FloatArray:
-    """Return what `model` says about the whole drive of `view` [m], shape (n,)."""
-    own = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
-    state = model.initial_state(view.dt, view.start)
-    packed = model.pack(own)
-    y = model.respond(view.voltage, packed, view.dt, state=state, frequency=view.frequency)
-    late = values.get(SAMPLING_OFFSET, 0.0) / view.dt
-    return shifted(y, late) if late else y
-
-
-def errors_of(model: Model, values: Values, views: Sequence[Target]) -> tuple[FloatArray, ...]:
+def errors_of(
+    model: Model, values: Values, views: Sequence[Target], sampling_offset: float = 0.0
+) -> tuple[FloatArray, ...]:
     """Return measured minus simulated of every view [m]; infinite where a model diverges."""
+    packed = model.pack(values)
     with np.errstate(over='ignore', invalid='ignore'):
-        errors = [v.measured - v.pick(simulate(model, values, v)) for v in views]
+        errors = [misfit(model, packed, view, sampling_offset) for view in views]
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 
-def offset_bounds(model: Model, values: Values, dt: float) -> tuple[float, float]:
+def offset_bounds(dt: float) -> tuple[float, float]:
     """Return between what the sampling offset may lie without being an effect [s].
 
-    A recording may have taken voltage and displacement of a tick together, or the displacement
-    before the voltage acted. A chain that answers at once stands for the first, one whose
-    structure holds the voltage for the second.
+    A recording may have taken the displacement before the voltage of a tick acted, which is our
+    convention, or both together, which is as much as a tick later.
     """
-    own = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
-    return (-dt, 0.0) if answers_at_once(model, own, dt) else (0.0, dt)
+    return 0.0, dt
 
 
 def fit_trial(
@@ -127,31 +141,32 @@ def fit_trial(
     views: Sequence[Target],
     *,
     evaluations: int,
-    offset: tuple[float, float] | None,
+    sampling_offset: float = 0.0,
     added: tuple[Added, ...] = (),
 ) -> Trial | None:
     """Fit `model` from `values`; return None where it cannot be fitted at all.
 
     Parameters
     ----------
-    offset : (low, high) or None
-        Bounds of the sampling offset [s]; None fixes it at what `values` say.
+    model, values, views
+        What is fitted, from where, and to what.
+    evaluations : int
+        Limit of the fit.
+    sampling_offset : float
+        Where that of the recording begins [s]; it is fitted besides.
+    added : tuple of Added
+        What the model has beyond the baseline.
     """
-    start = dict(values)
-    known = start.pop(SAMPLING_OFFSET, 0.0)
-    bounds = _resolvable(model, views[0].dt)
-    sampling: bool | float = float(known)
-    if offset is not None:
-        sampling = True
-        bounds[SAMPLING_OFFSET] = offset
-        start[SAMPLING_OFFSET] = float(np.clip(known, *offset))
+    low, high = offset_bounds(views[0].dt)
+    bounds = {**_resolvable(model, views[0].dt), SAMPLING_OFFSET: (low, high)}
+    start = {**values, SAMPLING_OFFSET: float(np.clip(sampling_offset, low, high))}
     try:
         result = fit(
             model,
             (),
             start,
             targets=views,
-            sampling_offset=sampling,
+            sampling_offset=True,
             bounds=bounds,
             max_evaluations=evaluations,
             tolerance=1e-7,
@@ -177,11 +192,22 @@ def of_result(result: FitResult, added: tuple[Added, ...] = ()) -> Trial | None:
     errors = tuple(result.residuals[t.name] for t in result.targets)
     if not all(np.all(np.isfinite(e)) for e in errors):
         return None
-    values = {**result.values, SAMPLING_OFFSET: result.sampling_offset}
     count = len([name for name in result.free if name != SAMPLING_OFFSET])
-    return Trial(result.model, values, errors, count, added, result)
+    trial = Trial(
+        result.model, result.values, errors, count, added, result, result.sampling_offset
+    )
+    return _weighted_as(trial, result.targets)
 
 
 def on_views(trial: Trial, views: Sequence[Target]) -> Trial:
     """Return the same model and values judged on other views."""
-    return replace(trial, errors=errors_of(trial.model, trial.values, views), fitted=None)
+    errors = errors_of(trial.model, trial.values, views, trial.sampling_offset)
+    return _weighted_as(replace(trial, errors=errors, fitted=None), views)
+
+
+def _weighted_as(trial: Trial, views: Sequence[Target]) -> Trial:
+    return replace(
+        trial,
+        noises=tuple(view.noise for view in views),
+        precisions=tuple(view.precision for view in views),
+    )

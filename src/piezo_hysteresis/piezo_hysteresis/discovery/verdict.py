@@ -102,6 +102,8 @@ class Verdict:
     over_frequency: tuple[dict[str, Any], ...] = ()
     baseline_gaps_rms_m: dict[str, float] = field(default_factory=dict)
     free_run_stable: bool = True
+    sampling_offset_s: float = 0.0
+    starts: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, ready for JSON; numbers that are not finite become None."""

@@ -10,13 +10,12 @@ from typing import Any
 from piezo_hysteresis.discovery.advise import advise
 from piezo_hysteresis.discovery.annotate import annotated
 from piezo_hysteresis.discovery.arena import Arena
-from piezo_hysteresis.discovery.baseline import Baselines, baselines
+from piezo_hysteresis.discovery.baseline import Baselines, fitted_baselines
 from piezo_hysteresis.discovery.check import Check, check
 from piezo_hysteresis.discovery.compete import Contest
 from piezo_hysteresis.discovery.consistency import explained_together
 from piezo_hysteresis.discovery.dataset import Dataset, split
 from piezo_hysteresis.discovery.describe import describe
-from piezo_hysteresis.discovery.floor import noise_floor
 from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
 from piezo_hysteresis.discovery.prove import Proof, ProofRow, over_frequency, prove
@@ -24,6 +23,8 @@ from piezo_hysteresis.discovery.search import NEAR, Progress, search
 from piezo_hysteresis.discovery.settle import Step
 from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
+from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
 
@@ -72,6 +73,7 @@ def discover(
     name: str = '',
     seed: int = 0,
     workers: int = 1,
+    choices: Choices | None = None,
     progress: Progress = lambda fraction, words: None,
 ) -> Discovery:
     """Find what `baseline` misses in `records`.
@@ -88,6 +90,8 @@ def discover(
         Of every random choice: the same seed gives the same verdict.
     workers : int
         Threads; the verdict does not depend on it.
+    choices : Choices, optional
+        What is known of how the records begin and where their zeros lie.
     progress : callable
         Told ``(fraction, words)``.
 
@@ -97,20 +101,22 @@ def discover(
         If nothing can be said from the records; the message says what to record.
     """
     began = time.monotonic()
+    choices = choices or Choices()
     records = annotated(records)
     found = check(records)
-    data = split(records)
-    noise = noise_floor(data)
+    data = split(records, choices.start)
     progress(0.02, 'checked, split and noise measured')
-    base = baselines(data, baseline)
+    base, data = fitted_baselines(data, baseline, choices)
     progress(0.12, 'baselines fitted')
     hints = [trial.values for trial in (base.slow,) if trial is not None]
-    arena = Arena(data, noise, seed, workers, hints)
+    arena = Arena(data, seed, workers, hints)
     arena, steps, final, last = search(arena, base.joint, progress)
     progress(0.95, 'proving on held-out records')
     proof = prove(arena.data, base.joint, final)
     seen = arena.data
-    discovery = Discovery(_placeholder(), seen, noise.rms, base, tuple(steps), final, proof, found)
+    discovery = Discovery(
+        _placeholder(), seen, seen.noise.rms, base, tuple(steps), final, proof, found
+    )
     verdict = _verdict(discovery, arena, last, name or base.joint.model.name, seed)
     return replace(discovery, verdict=replace(verdict, seconds=time.monotonic() - began))
 
@@ -133,8 +139,8 @@ def _verdict(
             open_values = explained_together(arena, found.final)
     left = arena.lacks_something(final) and not open_values
     # An effect that does not prove itself on held-out records is not the one.
-    proven = _explained(found.baselines.joint.rms / floor, found.final.rms / floor) and _explained(
-        proof.before / floor, proof.after / floor
+    proven = _explained(found.baselines.joint.floors, found.final.floors) and _explained(
+        proof.before_in_floors, proof.after_in_floors
     )
     word = _word(bool(found.steps), left, proven)
     description = describe(data, views, final.errors, floor) if left else open_values
@@ -144,7 +150,7 @@ def _verdict(
         baseline=name,
         seed=seed,
         noise_floor_rms_m=floor,
-        held_out=HeldOut(proof.before, proof.after, proof.before / floor, proof.after / floor),
+        held_out=HeldOut(proof.before, proof.after, proof.before_in_floors, proof.after_in_floors),
         effects=effects if word == 'named' else (),
         verdict=word,
         unexplained=Unexplained(left, description),
@@ -172,8 +178,20 @@ def _verdict(
         ),
         baseline_gaps_rms_m=_gaps(found.baselines),
         free_run_stable=proof.stable,
+        sampling_offset_s=found.final.sampling_offset,
+        starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
     )
     return replace(verdict, summary=summary_of(verdict))
+
+
+def _circumstances(view: Target) -> dict[str, Any]:
+    """Return what is true of one record only."""
+    return {
+        'start': str(view.begins),
+        'own_zero': view.own_zero,
+        'noise_rms_m': view.noise,
+        'lost_samples': view.lost,
+    }
 
 
 def _told(row: ProofRow, floor: float) -> dict[str, Any]:

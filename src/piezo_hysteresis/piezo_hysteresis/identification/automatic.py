@@ -7,22 +7,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification.checks import require_usable
-from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.output_error import output_error, refined, suited
+from piezo_hysteresis.identification.reading import misfit
 from piezo_hysteresis.identification.result import FitResult
-from piezo_hysteresis.models import Model, add_effect, described, named
+from piezo_hysteresis.identification.targets import Target, targets_of
+from piezo_hysteresis.models import Candidate, Model, add_effect, applicable, described, named
 from piezo_hysteresis.records import Record
 
 Progress = Callable[[float, str], None]
 
-#: Effects that are tried, in the order in which they usually matter; `mode` is structural.
-LADDER = ('mode', 'creep', 'nonlocal_memory', 'amplifier_lag', 'electrostriction')
+#: Memories that are tried, the plainest first.
+MEMORIES = ('modified', 'prandtl_ishlinskii_fine')
+#: Effects that are tried on top, in the order in which they usually matter.
+LADDER = ('mode', 'sensor_nonlinearity', 'amplifier_lag', 'creep', 'electrostriction')
 
 TRAINED = 0.7  # share of each record that is fitted; the rest decides
 _GAIN = 0.98  # an effect must lower the error below this share of what it was
-_TRIAL, _POLISH = 15, 100  # evaluations of each start, and of the best of them
+_TRIAL, _POLISH = 10, 80  # evaluations of each start, and of the best of them
+_ROUGH = 1e-4  # relative change at which a trial ends
+# Inner loops of plays close, as those of actuators do and those of Bouc-Wen do not. Records of one
+# amplitude do not show it, so plays may leave so much more.
+_INNER_LOOPS = 1.25
 _TOLERATED = 1.01  # and may never raise the held-out error above this share
 
 
@@ -32,8 +44,10 @@ class Step:
 
     Attributes
     ----------
+    memory : str
+        Name of the model that it began with.
     name : str
-        What was added; ``hysteresis`` for the first model.
+        What was added; the name of the model for the first one.
     parameters : int
         Number of free parameters.
     trained_rms, held_out_rms : float
@@ -42,6 +56,7 @@ class Step:
         Whether the next model was built on it.
     """
 
+    memory: str
     name: str
     parameters: int
     trained_rms: float
@@ -56,9 +71,9 @@ class Choice:
     Attributes
     ----------
     model : Model
-        The chain.
+        The chain, scaled to the records.
     start : dict of str to float
-        Values fitted to the first part of the records.
+        Values fitted to the first part of the records, and their ``sampling_offset``.
     steps : tuple of Step
         Every model that was tried, in order.
     """
@@ -69,13 +84,17 @@ class Choice:
 
 
 def choose_model(
-    records: Sequence[Record], progress: Progress = lambda fraction, words: None
+    records: Sequence[Record],
+    progress: Progress = lambda fraction, words: None,
+    choices: Choices | None = None,
 ) -> Choice:
     """Choose a chain for records of which nothing is known.
 
-    It begins with an off-centre Bouc-Wen hysteresis, 000 (1). Each further effect of `LADDER` is
-    fitted to the first 70 % of every record together with all others. It stays where it lowers
-    the free-run error there, or on the rest of the records, by 2 % and does not raise the latter.
+    Two chains are built: one on an off-centre Bouc-Wen hysteresis, 000 (1), one on a bank of
+    plays. Each further effect of `LADDER` is fitted to the first 70 % of every record together
+    with all others. It stays where it lowers the free-run error there, or on the rest of the
+    records, by 2 % and does not raise the latter. The plays are chosen unless the other chain is
+    clearly better on the rest: their inner loops close.
 
     Parameters
     ----------
@@ -83,6 +102,8 @@ def choose_model(
         What was measured.
     progress : callable
         Told ``(fraction, words)``.
+    choices : Choices, optional
+        What is known of starts and zeros.
 
     Raises
     ------
@@ -90,59 +111,152 @@ def choose_model(
         If the records cannot identify anything.
     """
     require_usable(records)
-    cuts = [max(round(TRAINED * len(record)), 2) for record in records]
-    training = [r.section(0, cut) for r, cut in zip(records, cuts, strict=True)]
-    progress(0.0, 'hysteresis')
-    best = output_error(named('modified'), training, count=2)
-    model, errors = named('modified'), _errors(best, records, cuts)
-    steps = [Step('hysteresis', len(best.free), *errors, True)]
-    for k, effect in enumerate(LADDER, start=1):
-        progress(k / (len(LADDER) + 1), effect)
-        larger, result = _larger(model, best, effect, training)
-        trained, held_out = _errors(result, records, cuts)
-        kept = held_out <= _TOLERATED * errors[1] and (
-            held_out <= _GAIN * errors[1] or trained <= _GAIN * errors[0]
+    ladder = _Ladder(records, choices or Choices())
+    steps: list[Step] = []
+    ends: list[_Rung] = []
+    for k, memory in enumerate(MEMORIES):
+        best: _Rung | None = None
+        for j, name in enumerate((memory, *LADDER)):
+            progress((k + j / (1 + len(LADDER))) / len(MEMORIES), name)
+            tried = ladder.memory(name) if best is None else ladder.larger(best, name)
+            if tried is None:
+                continue
+            kept = best is None or tried.improves(best)
+            row = (memory, name, len(tried.fit.free), tried.trained, tried.held_out, kept)
+            steps.append(Step(*row))
+            best = tried if kept else best
+        if best is not None:
+            ends.append(best)
+    plain, plays = ends
+    chosen = plays if plays.held_out <= _INNER_LOOPS * plain.held_out else plain
+    return Choice(chosen.fit.model, chosen.values(), tuple(steps))
+
+
+@dataclass(frozen=True)
+class _Rung:
+    """A fitted model and its free-run errors before and behind the cuts [m]."""
+
+    fit: FitResult
+    trained: float
+    held_out: float
+
+    def improves(self, before: _Rung) -> bool:
+        lower = self.held_out <= _GAIN * before.held_out or self.trained <= _GAIN * before.trained
+        return lower and self.held_out <= _TOLERATED * before.held_out
+
+    def values(self) -> dict[str, float]:
+        free = {name: self.fit.values[name] for name in self.fit.model.free_names}
+        return {**free, SAMPLING_OFFSET: self.fit.sampling_offset}
+
+
+def _alike(one: Sequence[Target], other: Sequence[Target]) -> bool:
+    return [t.begins for t in one] == [t.begins for t in other]
+
+
+def _left(fit: FitResult) -> float:
+    """Return the median size of what a fit leaves [m]: its weights are its own."""
+    return float(np.median(np.abs(np.concatenate(list(fit.residuals.values())))))
+
+
+class _Ladder:
+    """The records, cut in two, and how models are fitted to the first part."""
+
+    def __init__(self, records: Sequence[Record], choices: Choices) -> None:
+        self._records = records
+        self._choices = choices
+        self._cuts = [max(round(TRAINED * len(record)), 2) for record in records]
+        self._training = [r.section(0, c) for r, c in zip(records, self._cuts, strict=True)]
+        self._plain = targets_of(
+            self._training, folded=False, start=choices.start, zero=choices.zero
         )
-        steps.append(Step(effect, len(result.free), trained, held_out, kept))
-        if kept:
-            model, best, errors = larger, result, (trained, held_out)
-    start = {name: best.values[name] for name in model.free_names}
-    return Choice(model, start, tuple(steps))
+        self._voltage = max(float(np.max(np.abs(r.voltage))) for r in records)
+        self._span = max(float(np.ptp(r.displacement)) for r in records)
 
+    def memory(self, name: str) -> _Rung:
+        """Fit a named model from the data alone."""
+        chain = suited(named(name), self._records)
+        return self._judged(
+            output_error(
+                chain,
+                self._training,
+                folded=False,
+                begins=self._choices.start,
+                zero=self._choices.zero,
+                count=2,
+            )
+        )
 
-def _larger(
-    model: Model, best: FitResult, effect: str, training: Sequence[Record]
-) -> tuple[Model, FitResult]:
-    """Return `model` with an effect, in its reference scale, and a fit of it."""
-    if effect == 'mode':
-        larger = named('bouc_wen_mode').free('A0')
-        known = {name: best.values[name] for name in larger.free_names if name in best.values}
-        return larger, output_error(larger, training, start=known, count=3)
-    description = described(effect)[0]
-    voltage = max(float(np.max(np.abs(r.voltage))) for r in training)
-    span = max(float(np.ptp(r.displacement)) for r in training)
-    # best.model is scaled to the records already, and so must be what is added to it
-    candidate = add_effect(best.model, description, voltage, span / 2)
-    starts = [candidate.values(best.values, each) for each in candidate.starts]
-    tried = [fit(candidate.model, training, s, max_evaluations=_TRIAL) for s in starts]
-    first = min(tried, key=lambda each: each.cost)
-    result = fit(candidate.model, training, first.values, max_evaluations=_POLISH)
-    return add_effect(model, description).model, result
+    def larger(self, before: _Rung, effect: str) -> _Rung | None:
+        """Fit the model before with one effect more, in the best of its ways."""
+        model = before.fit.model
+        if effect == 'mode':
+            return self._with_mode(before)
+        ways = [d for d in described(effect) if applicable(model, d)]
+        if not ways:
+            return None
+        return self._fitted(
+            before, [add_effect(model, d, self._voltage, self._span / 2) for d in ways]
+        )
 
+    def _with_mode(self, before: _Rung) -> _Rung:
+        """Fit the model before with a mode, whose frequency is looked for everywhere."""
+        model = before.fit.model.with_block(named_block('mode'))
+        known = before.values()
+        return self._judged(
+            output_error(
+                model,
+                self._training,
+                start=known,
+                folded=False,
+                begins=self._choices.start,
+                zero=self._choices.zero,
+                count=3,
+            )
+        )
 
-def _errors(fit: FitResult, records: Sequence[Record], cuts: Sequence[int]) -> tuple[float, float]:
-    """Return the free-run error [m] before and behind the cuts, over all records."""
-    parts: tuple[list[float], list[float]] = ([], [])
-    sizes = [0, 0]
-    for record, cut in zip(records, cuts, strict=True):
-        with np.errstate(over='ignore', invalid='ignore'):
-            simulated = free_run(fit.model, fit.values, record, fit.sampling_offset)
-            error = record.displacement - simulated
-            for k, part in enumerate((error[record.warm_up_samples : cut], error[cut:])):
-                parts[k].append(float(part @ part))
-                sizes[k] += part.size
-    trained, held_out = (
-        float(np.sqrt(sum(squares) / max(size, 1)))
-        for squares, size in zip(parts, sizes, strict=True)
-    )
-    return trained, held_out
+    def _fitted(self, before: _Rung, candidates: Sequence[Candidate]) -> _Rung:
+        """Fit from every start of every candidate for a little, and from the best to the end."""
+        seen, late = before.fit.targets, before.fit.sampling_offset
+        tried = [
+            fit(
+                each.model,
+                (),
+                {**each.values(before.fit.values, start), SAMPLING_OFFSET: late},
+                targets=seen,
+                sampling_offset=True,
+                max_evaluations=_TRIAL,
+                tolerance=_ROUGH,
+            )
+            for each in candidates
+            for start in each.starts
+        ]
+        first = min(tried, key=lambda each: each.cost)
+        again = {**first.values, SAMPLING_OFFSET: first.sampling_offset}
+        # what was missing may have passed for a start: the plain ones get another chance
+        views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
+        found = [
+            refined(
+                first.model,
+                each,
+                self._training,
+                again,
+                choices=self._choices,
+                max_evaluations=_POLISH,
+            )
+            for each in views
+        ]
+        return self._judged(min(found, key=_left))
+
+    def _judged(self, found: FitResult) -> _Rung:
+        """Return a fit with its errors over the whole records, before and behind the cuts."""
+        packed, late = found.model.pack(found.values), found.sampling_offset
+        views = views_of(found.model, found.values, self._records, late, self._choices)
+        parts: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+        for view, record, cut in zip(views, self._records, self._cuts, strict=True):
+            with np.errstate(over='ignore', invalid='ignore'):
+                error = misfit(found.model, packed, view, late)
+            before = max(cut - record.warm_up_samples, 0)
+            parts[0].append(error[:before])
+            parts[1].append(error[before:])
+        trained, held_out = (float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for p in parts)
+        return _Rung(found, trained, held_out)

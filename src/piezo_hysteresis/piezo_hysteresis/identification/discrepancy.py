@@ -10,7 +10,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.checks import main_frequency
-from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.reading import misfit
+from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Condition, Discrepancy, Model
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
@@ -54,43 +55,39 @@ def residuals_of(
     model: Model,
     values: Mapping[str, float],
     records: Sequence[Record],
+    views: Sequence[Target],
     sampling_offset: float = 0.0,
-    noise: float = nan,
 ) -> list[Residual]:
-    """Return what a model leaves of records.
+    """Return what a model leaves of records, each after its warm-up.
 
     Parameters
     ----------
     model, values : Model, mapping of str to float
         The chain and its parameters.
     records : sequence of Record
-        Each is run from its start and judged after its warm-up.
+        What was measured.
+    views : sequence of Target
+        The same records whole, with how each begins, its zero and its noise.
     sampling_offset : float
         By how much later than our convention the displacement was sampled [s].
-    noise : float
-        Rms of the noise of one sample [m]; NaN where it is not known.
     """
-    return [
-        _of_record(
-            record,
-            record.displacement - free_run(model, values, record, sampling_offset, checked=False),
-            noise,
+    packed = model.pack(values, checked=False)
+    found = []
+    for record, view in zip(records, views, strict=True):
+        with np.errstate(over='ignore', invalid='ignore'):
+            error = misfit(model, packed, view, sampling_offset)
+        found.append(
+            Residual(
+                name=record.name,
+                error=error,
+                dt=record.dt,
+                frequency=record.info.frequency or main_frequency(record),
+                amplitude=0.5 * float(np.ptp(record.voltage)),
+                stroke=float(np.ptp(view.kept(view.measured))),
+                noise=view.noise,
+            )
         )
-        for record in records
-    ]
-
-
-def _of_record(record: Record, error: FloatArray, noise: float) -> Residual:
-    kept = slice(record.warm_up_samples, None)
-    return Residual(
-        name=record.name,
-        error=error[kept],
-        dt=record.dt,
-        frequency=record.info.frequency or main_frequency(record),
-        amplitude=0.5 * float(np.ptp(record.voltage)),
-        stroke=float(np.ptp(record.displacement[kept])),
-        noise=noise,
-    )
+    return found
 
 
 def discrepancy_of(residuals: Iterable[Residual], *, held_out: bool) -> Discrepancy | None:

@@ -9,7 +9,10 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.objective import shifted
+from piezo_hysteresis.identification.circumstances import Choices, revised
+from piezo_hysteresis.identification.reading import misfit, simulated
+from piezo_hysteresis.identification.record_start import RecordStart, first_guess
+from piezo_hysteresis.identification.targets import Target, targets_of, whole
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
@@ -28,12 +31,24 @@ class RecordErrors:
         Rms of the free-run error [m], offset included.
     nrmse_percent : float
         100 times the free-run error over the standard deviation of the displacement.
+    start : str
+        How the record is taken to begin.
+    own_zero : bool
+        Whether its displacement is counted from a zero of its own.
+    noise_rms : float
+        Noise of one sample [m]; NaN where it cannot be told.
+    lost : int
+        Samples that do not count: spikes and drop-outs.
     """
 
     record: str
     one_step_rms: float
     free_run_rms: float
     nrmse_percent: float
+    start: str = 'step'
+    own_zero: bool = False
+    noise_rms: float = float('nan')
+    lost: int = 0
 
 
 def free_run(
@@ -42,10 +57,10 @@ def free_run(
     record: Record,
     sampling_offset: float = 0.0,
     *,
-    steady: bool = False,
+    begins: RecordStart | None = None,
     checked: bool = True,
 ) -> FloatArray:
-    """Simulate a record from rest; return the displacement [m], shape (n,).
+    """Simulate a record; return the displacement [m], shape (n,).
 
     Parameters
     ----------
@@ -57,24 +72,62 @@ def free_run(
         Whose voltage drives it.
     sampling_offset : float
         By how much later than our convention the displacement was sampled [s].
-    steady : bool
-        The record is whole periods in steady state: run through it once before it counts.
+    begins : RecordStart, optional
+        How the record begins; as it shows itself where not given.
     checked : bool
         False simulates also what the model refuses, such as unstable recursions.
     """
-    voltage = np.tile(record.voltage, 2) if steady else record.voltage
+    target = whole(record, begins=begins or first_guess(record))
     packed = model.pack(values, checked=checked)
     with np.errstate(over='ignore', invalid='ignore'):
-        y = model.respond(
-            voltage,
-            packed,
-            record.dt,
-            state=model.initial_state(record.dt, record.start),
-            frequency=record.info.frequency,
-        )
-    if sampling_offset:
-        y = shifted(y, sampling_offset / record.dt)
-    return y[-len(record) :]
+        return simulated(model, packed, target, sampling_offset)[target.origin :]
+
+
+def free_run_of(
+    model: Model,
+    values: Mapping[str, float],
+    view: Target,
+    sampling_offset: float = 0.0,
+    *,
+    checked: bool = True,
+) -> FloatArray:
+    """Return what the model says from where the record of `view` begins [m], in its own zero."""
+    packed = model.pack(values, checked=checked)
+    with np.errstate(over='ignore', invalid='ignore'):
+        y = simulated(model, packed, view, sampling_offset)
+        if view.own_zero:
+            y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
+    return y[view.origin :]
+
+
+def views_of(
+    model: Model,
+    values: Mapping[str, float],
+    records: Sequence[Record],
+    sampling_offset: float = 0.0,
+    choices: Choices | None = None,
+    *,
+    checked: bool = True,
+) -> tuple[Target, ...]:
+    """Return whole records with starts and zeros as the model tells them.
+
+    Parameters
+    ----------
+    model, values, sampling_offset
+        The model, its parameters, and the clock of the recordings [s].
+    records : sequence of Record
+        What was measured.
+    choices : Choices, optional
+        What is known of starts and zeros.
+    checked : bool
+        False takes models that cannot be simulated as they are.
+    """
+    wanted = choices or Choices()
+    targets = targets_of(records, folded=False, start=wanted.start, zero=wanted.zero)
+    if not checked:
+        return tuple(targets)
+    told = revised(model, values, sampling_offset, targets, records, wanted, alone=True)
+    return tuple(told)
 
 
 def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> FloatArray:
@@ -97,26 +150,42 @@ def errors_of(
     values: Mapping[str, float],
     records: Sequence[Record],
     sampling_offset: float = 0.0,
+    choices: Choices | None = None,
     *,
-    steady: bool = False,
     checked: bool = True,
 ) -> tuple[RecordErrors, ...]:
-    """Return the errors of a model over records, each after its warm-up; see `free_run`."""
+    """Return the errors of a model over records, each after its warm-up; see `views_of`."""
+    views = views_of(model, values, records, sampling_offset, choices, checked=checked)
+    return judged(model, values, views, sampling_offset, checked=checked)
+
+
+def judged(
+    model: Model,
+    values: Mapping[str, float],
+    views: Sequence[Target],
+    sampling_offset: float = 0.0,
+    *,
+    checked: bool = True,
+) -> tuple[RecordErrors, ...]:
+    """Return the errors of a model over whole records that begin as `views` say."""
+    packed = model.pack(values, checked=checked)
     rows = []
-    for record in records:
-        simulated = free_run(
-            model, values, record, sampling_offset, steady=steady, checked=checked
-        )
-        error = record.displacement - simulated
-        cut = slice(record.warm_up_samples, None)
-        free = _rms(error[cut])
-        spread = float(np.std(record.displacement[cut]))
+    for view in views:
+        with np.errstate(over='ignore', invalid='ignore'):
+            error = misfit(model, packed, view, sampling_offset)
+        kept = view.kept(error)
+        free = _rms(kept)
+        spread = float(np.std(view.kept(view.measured)))
         rows.append(
             RecordErrors(
-                record=record.name,
-                one_step_rms=_rms(one_step(model, values, error)[cut]),
+                record=view.name,
+                one_step_rms=_rms(view.kept(one_step(model, values, error))),
                 free_run_rms=free,
                 nrmse_percent=100 * free / spread if spread > 0 else float('nan'),
+                start=str(view.begins),
+                own_zero=view.own_zero,
+                noise_rms=view.noise,
+                lost=view.lost,
             )
         )
     return tuple(rows)

@@ -16,6 +16,9 @@ from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
+#: Samples by which the clock of a recording may differ from our convention.
+FARTHEST = 2.0
+
 
 def fit(
     model: Model,
@@ -60,7 +63,7 @@ def fit(
     stride : int
         Compare every `stride`-th sample of whole records.
     sampling_offset : bool or float
-        True to fit when the displacement was sampled, within one sample; or that time [s].
+        True to fit when the displacement was sampled, within two samples; or that time [s].
     max_evaluations, tolerance
         See `solver.solve`.
     workers : int
@@ -153,7 +156,7 @@ def _box(
     dt: float,
 ) -> tuple[FloatArray, FloatArray]:
     limits = {q.name: (q.low, q.high) for q in model.parameters}
-    limits[SAMPLING_OFFSET] = (-dt, dt)
+    limits[SAMPLING_OFFSET] = (-FARTHEST * dt, FARTHEST * dt)
     for name, (low, high) in (bounds or {}).items():
         if name in limits:
             limits[name] = (max(low, limits[name][0]), min(high, limits[name][1]))

@@ -13,16 +13,19 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-from piezo_hysteresis.identification.errors import RecordErrors, errors_of
+from piezo_hysteresis.identification.errors import RecordErrors, judged, views_of
+from piezo_hysteresis.identification.noise import floor_of
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.output_error import output_error
-from piezo_hysteresis.identification.result import FitResult, pooled_noise
+from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.search import SEARCHES
 from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
-from piezo_hysteresis.identification.targets import targets_of
+from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.records import Record
 
@@ -69,6 +72,8 @@ class Identification:
         More of it, for methods that simulate.
     discrepancy : Discrepancy or None
         What the model misses; on the fitted records, as long as no others were given.
+    views : tuple of Target
+        The whole records, with starts and zeros as they are taken.
     """
 
     model: Model
@@ -88,6 +93,7 @@ class Identification:
     seconds: float
     fit: FitResult | None = field(default=None, repr=False)
     discrepancy: Discrepancy | None = field(default=None, repr=False)
+    views: tuple[Target, ...] = field(default=(), repr=False)
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -160,6 +166,10 @@ def record_summary(errors: RecordErrors) -> dict[str, Any]:
         'one_step_rms_m': _finite(errors.one_step_rms),
         'free_run_rms_m': _finite(errors.free_run_rms),
         'nrmse_percent': _finite(errors.nrmse_percent),
+        'start': errors.start,
+        'own_zero': errors.own_zero,
+        'noise_rms_m': _finite(errors.noise_rms),
+        'lost_samples': errors.lost,
     }
 
 
@@ -218,7 +228,9 @@ def identify(
         max_evaluations=options.get('max_evaluations'),
         forgetting=options.get('forgetting'),
     )
-    held_at(model, {}, options.get('start') or {})
+    given = dict(options.get('start') or {})
+    given.pop(SAMPLING_OFFSET, None)
+    held_at(model, {}, given)
     said = require_usable(records)
     if method in ONLINE_METHODS:
         return _online(records, model, method, said, begun, progress, options)
@@ -228,7 +240,8 @@ def identify(
         fit = identify_by_search(
             model, records, method, seed=seed, workers=workers, progress=progress, **options
         )
-    return from_fit(fit, method, records, said, begun)
+    choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
+    return from_fit(fit, method, records, said, begun, choices)
 
 
 def from_fit(
@@ -237,6 +250,7 @@ def from_fit(
     records: Sequence[Record],
     warnings: Sequence[str] = (),
     begun: float | None = None,
+    choices: Choices | None = None,
 ) -> Identification:
     """Return a fit with its errors over whole records.
 
@@ -252,9 +266,13 @@ def from_fit(
         Said before those of the fit.
     begun : float, optional
         ``time.perf_counter()`` at the start.
+    choices : Choices, optional
+        What the user says of starts and zeros.
     """
     begun = time.perf_counter() if begun is None else begun
-    rows = errors_of(fit.model, fit.values, records, fit.sampling_offset)
+    views = views_of(fit.model, fit.values, records, fit.sampling_offset, choices)
+    rows = judged(fit.model, fit.values, views, fit.sampling_offset)
+    floor = floor_of(records).rms
     return Identification(
         model=fit.model,
         method=method,
@@ -265,14 +283,15 @@ def from_fit(
         condition=fit.condition,
         converged=fit.converged,
         message=fit.message,
-        warnings=(*warnings, *fit.warnings, *_misfit(rows, fit.noise)),
+        warnings=(*warnings, *fit.warnings, *_misfit(rows)),
         records=rows,
-        noise_floor=fit.noise,
+        noise_floor=floor,
         sampling_offset=fit.sampling_offset,
         history=fit.history,
         seconds=time.perf_counter() - begun,
         fit=fit,
-        discrepancy=_discrepancy(fit.model, fit.values, records, fit.sampling_offset, fit.noise),
+        discrepancy=_discrepancy(fit.model, fit.values, records, views, fit.sampling_offset),
+        views=views,
     )
 
 
@@ -280,12 +299,12 @@ def _discrepancy(
     model: Model,
     values: Mapping[str, float],
     records: Sequence[Record],
+    views: Sequence[Target],
     sampling_offset: float,
-    noise: float,
     *,
     held_out: bool = False,
 ) -> Discrepancy | None:
-    left = residuals_of(model, values, records, sampling_offset, noise)
+    left = residuals_of(model, values, records, views, sampling_offset)
     return discrepancy_of(left, held_out=held_out)
 
 
@@ -298,28 +317,37 @@ def judged_on(found: Identification, records: Sequence[Record]) -> Identificatio
         If the records can tell nothing.
     """
     require_usable(records)
-    noise = pooled_noise(targets_of(records))
-    left = _discrepancy(
-        found.model, found.values, records, found.sampling_offset, noise, held_out=True
-    )
+    late = found.sampling_offset
+    views = views_of(found.model, found.values, records, late)
+    left = _discrepancy(found.model, found.values, records, views, late, held_out=True)
     return replace(found, discrepancy=left)
 
 
-def _misfit(rows: Sequence[RecordErrors], noise: float) -> list[str]:
-    """Say so where the model leaves much more than noise."""
-    if not (np.isfinite(noise) and noise > 0):
-        return []
+def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
+    """Say what records lost, and so where the model leaves much more than their noise."""
+    said = [
+        f'record {row.record}: {row.lost} samples are spikes or drop-outs and do not count.'
+        for row in rows
+        if row.lost
+    ]
     worst = max(rows, key=lambda row: row.free_run_rms)
     if not np.isfinite(worst.free_run_rms):
-        return [f'the free run diverges on record {worst.record}: simulate with another method.']
-    ratio = worst.free_run_rms / noise
+        return [
+            *said,
+            f'the free run diverges on record {worst.record}: simulate with another method.',
+        ]
+    known = [row for row in rows if row.noise_rms > 0]
+    if not known:
+        return said
+    worst = max(known, key=lambda row: row.free_run_rms / row.noise_rms)
+    ratio = worst.free_run_rms / worst.noise_rms
     if ratio < 3:
-        return []
+        return said
     sentence = (
         f'the model misses {ratio:.0f} times the noise floor on record {worst.record}: standard '
         'deviations do not cover that; run discover to learn what is missing.'
     )
-    return [sentence]
+    return [*said, sentence]
 
 
 def _online(
@@ -331,17 +359,16 @@ def _online(
     progress: Progress | None,
     options: Mapping[str, Any],
 ) -> Identification:
-    recursion, warnings, settled, history = run_online(
-        model, records, method, progress=progress, **options
-    )
-    estimate = recursion.estimate()
+    run = run_online(model, records, method, progress=progress, **options)
+    estimate = run.method.estimate()
     chain = model
     if method != 'rls' and 'pi_range' in model.parameter_names:
         span = max(float(np.max(np.abs(r.voltage))) for r in records)
         chain = model.hold(pi_range=span)
     values = {**chain.defaults(), **estimate.parameters()}
-    rows = errors_of(chain, values, records, checked=False)
-    noise = pooled_noise(targets_of(records))
+    late = run.sampling_offset
+    views = views_of(chain, values, records, late, checked=False)
+    rows = judged(chain, values, views, late, checked=False)
     return Identification(
         model=chain,
         method=method,
@@ -352,13 +379,14 @@ def _online(
         names=estimate.names,
         correlation=estimate.correlation,
         condition=estimate.condition_number,
-        converged=settled,
-        message='at rest' if settled else 'still drifting',
-        warnings=(*said, *warnings, *_misfit(rows, noise)),
+        converged=run.settled,
+        message='at rest' if run.settled else 'still drifting',
+        warnings=(*said, *run.warnings, *_misfit(rows)),
         records=rows,
-        noise_floor=noise,
-        sampling_offset=0.0,
-        history=history,
+        noise_floor=floor_of(records).rms,
+        sampling_offset=late,
+        history=run.history,
         seconds=time.perf_counter() - begun,
-        discrepancy=_discrepancy(chain, values, records, 0.0, noise),
+        discrepancy=_discrepancy(chain, values, records, views, late),
+        views=views,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from math import floor, isfinite
+from math import isfinite
 from typing import TypeVar
 
 import numpy as np
@@ -13,60 +13,19 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.factor import inner, triangle
-from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.reading import (
+    differentiated,
+    misfit,
+    nuisance_rows,
+    simulated,
+)
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model
 
 #: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
 SAMPLING_OFFSET = 'sampling_offset'
 
 Result = TypeVar('Result')
-
-
-def shifted(rows: FloatArray, samples: float) -> FloatArray:
-    """Return ``rows`` read `samples` later, by cubic interpolation along the last axis.
-
-    Exact for whole samples; the ends repeat their last value.
-    """
-    whole = floor(samples)
-    f = samples - whole
-    weights = np.array(
-        [
-            -f * (f - 1) * (f - 2) / 6,
-            (f + 1) * (f - 1) * (f - 2) / 2,
-            -(f + 1) * f * (f - 2) / 2,
-            (f + 1) * f * (f - 1) / 6,
-        ]
-    )
-    flat = np.ascontiguousarray(np.atleast_2d(rows), dtype=np.float64)
-    return _interpolated(flat, whole - 1, weights).reshape(rows.shape)
-
-
-@jit
-def _interpolated(rows: FloatArray, first: int, weights: FloatArray) -> FloatArray:
-    """Return the weighted sum of four neighbours, the first `first` samples later."""
-    n = rows.shape[1]
-    total = np.empty_like(rows)
-    inside = max(0, min(n, -first))
-    outside = max(inside, min(n, n - 3 - first))
-    for j in range(rows.shape[0]):
-        row = rows[j]
-        for k in range(inside, outside):
-            i = k + first
-            total[j, k] = (
-                weights[0] * row[i]
-                + weights[1] * row[i + 1]
-                + weights[2] * row[i + 2]
-                + weights[3] * row[i + 3]
-            )
-        for part in range(2):
-            for k in range(0 if part == 0 else outside, inside if part == 0 else n):
-                sum_ = 0.0
-                for i in range(4):
-                    sum_ += weights[i] * row[min(max(k + first + i, 0), n - 1)]
-                total[j, k] = sum_
-    return total
 
 
 @dataclass(frozen=True)
@@ -143,20 +102,22 @@ class Objective:
 
     def simulate(self, target: Target, x: FloatArray, packed: FloatArray) -> FloatArray:
         """Return what the model says about the samples of `target` [m]."""
-        y = self.model.respond(
-            target.voltage,
-            packed,
-            target.dt,
-            state=self.model.initial_state(target.dt, target.start),
-            frequency=target.frequency,
-        )
-        late = self.values(x).get(SAMPLING_OFFSET, 0.0)
-        return target.pick(shifted(y, late / target.dt) if late else y)
+        return target.pick(simulated(self.model, packed, target, self.sampling_offset(x)))
+
+    def sampling_offset(self, x: FloatArray) -> float:
+        """Return how much later than our convention the displacement was sampled [s]."""
+        return self.values(x).get(SAMPLING_OFFSET, 0.0)
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Return measured minus simulated of every target [m], without weights."""
         packed = self.packed(x)
-        return self._map(lambda t: t.measured - self.simulate(t, x, packed))
+        return self._map(lambda t: self._left(t, x, packed))
+
+    def _left(
+        self, target: Target, x: FloatArray, packed: FloatArray, *, weighted: bool = False
+    ) -> FloatArray:
+        late = self.sampling_offset(x)
+        return misfit(self.model, packed, target, late, weighted=weighted)
 
     def cost(self, x: FloatArray) -> float:
         """Half the weighted sum of squares at `x`; inf where `x` is impossible."""
@@ -168,7 +129,7 @@ class Objective:
         def square(target: Target) -> float:
             # parameters may make the model overflow: then they are impossible, not an error
             with np.errstate(over='ignore', invalid='ignore'):
-                error = target.measured - self.simulate(target, x, packed)
+                error = self._left(target, x, packed, weighted=True)
                 return inner(error, error)
 
         squares = self._map(square)
@@ -181,23 +142,11 @@ class Objective:
 
     def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
-        y, rows = sensitivities(
-            self.model,
-            self.packed(x),
-            self._own,
-            target.voltage,
-            target.dt,
-            target.frequency,
-            target.start,
+        y, rows, slope = differentiated(
+            self.model, self.packed(x), self._own, target, self.sampling_offset(x)
         )
-        late = self.values(x).get(SAMPLING_OFFSET, 0.0) / target.dt
         if SAMPLING_OFFSET in self.free:
-            slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)
-            place = self.free.index(SAMPLING_OFFSET)
-            rows = np.insert(shifted(rows, late) if late else rows, place, slope, axis=0)
-        elif late:
-            rows = shifted(rows, late)
-        y = shifted(y, late) if late else y
+            rows = np.insert(rows, self.free.index(SAMPLING_OFFSET), slope, axis=0)
         return target.pick(y), rows[:, target.first :: target.stride]
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -212,10 +161,15 @@ class Objective:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
                 y, rows = self.jacobian(target, x)
-                stacked = np.vstack([rows, y - target.measured]) * (weight * target.weight)
-            if not np.all(np.isfinite(stacked)):
+                seen = np.vstack([rows, y - target.measured])
+                own, prior = nuisance_rows(
+                    self.model, self.packed(x), target, self.sampling_offset(x)
+                )
+                if target.factors is not None:
+                    seen, own = seen * target.factors, own * target.factors
+            if not np.all(np.isfinite(seen)):
                 return np.full((p + 1, p + 1), np.inf)
-            return triangle(stacked)
+            return _without(own, prior, seen) * (weight * target.weight)
 
         blocks = self._map(compress, list(zip(self.targets, self.weights, strict=True)))
         for j, mean, scale in self._priors:
@@ -240,3 +194,13 @@ class Objective:
             return [function(each) for each in work]
         with ThreadPoolExecutor(self._workers) as pool:
             return list(pool.map(function, work))
+
+
+def _without(own: FloatArray, prior: FloatArray, seen: FloatArray) -> FloatArray:
+    """Return the triangle of `seen` with what a record knows of itself taken out of it."""
+    if not len(own):
+        return triangle(seen)
+    q = len(own)
+    held = np.zeros((q + len(seen), q))
+    held[:q] = np.diag(prior)
+    return triangle(np.hstack([np.vstack([own, seen]), held]))[q:, q:]

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
+from piezo_hysteresis.identification.fit import FARTHEST
 from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.reading import shifted
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record
+
+# Samples by which the clock is moved, one step after another, and what a better one must gain.
+_CLOCK_STEPS = (1.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
+_CLOCK_GAIN = 0.02
 
 ONLINE_METHODS = ('rls', 'rls_ud', 'pi_bank')
 
@@ -75,7 +82,102 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
     raise IdentificationError(f'these settings do not belong to {method}')
 
 
+@dataclass(frozen=True)
+class OnlineRun:
+    """What a recursive method found in records.
+
+    Attributes
+    ----------
+    method : OnlineMethod
+        As it is after the last sample.
+    warnings : tuple of str
+        What a user must know.
+    settled : bool
+        Whether the estimate stood still over the last tenth of the data.
+    history : tuple of float
+        Rms of the prediction error over each tenth of the data [m].
+    sampling_offset : float
+        By how much later than our convention the displacement was sampled [s].
+    """
+
+    method: OnlineMethod
+    warnings: tuple[str, ...]
+    settled: bool
+    history: tuple[float, ...]
+    sampling_offset: float = 0.0
+
+
 def run_online(
+    model: Model,
+    records: Sequence[Record],
+    method: str,
+    *,
+    sampling_offset: bool = True,
+    progress: Progress | None = None,
+    **options: Any,
+) -> OnlineRun:
+    """Run a recursive method over records, one after another, each from rest.
+
+    A recursion takes the clock of its data as given, so it runs again and again over displacements
+    read a little earlier or later, and the clock with the smallest prediction error holds.
+
+    Parameters
+    ----------
+    model : Model
+        A chain that the method knows.
+    records : sequence of Record
+        At one rate.
+    method : str
+        One of `ONLINE_METHODS`.
+    sampling_offset : bool
+        Whether to find when the displacement was sampled; False trusts our convention.
+    progress : callable, optional
+        Told ``(fraction, words)``.
+    **options
+        Of the method: start, forgetting, variant, offset, unit.
+
+    Raises
+    ------
+    IdentificationError
+        If the method does not know the model, or the records differ in rate.
+    """
+    if any(block.name == 'mode' for block in model.blocks):
+        options = {**options, 'start': _with_mode(records, options.get('start') or {})}
+
+    # without a mode it takes voltage and displacement of one tick together
+    ahead = 0.0 if any(block.inertia for block in model.blocks) else 1.0
+
+    def run(late: float) -> tuple[float, OnlineRun]:
+        seen = [_read_earlier(record, late) for record in records]
+        told = progress if late == 0.0 else None
+        found = run_on_clock(model, seen, method, progress=told, **options)
+        last = found.history[len(found.history) // 2 :]
+        error = float(np.sqrt(np.mean(np.square(last))))
+        late_s = (late + ahead) * records[0].dt
+        return error, replace(found, sampling_offset=late_s)
+
+    best = trusted = run(0.0)
+    if method == 'rls':
+        # as printed: its autoregression makes up for the clock
+        return trusted[1]
+    if not sampling_offset:
+        return trusted[1]
+    at = 0.0
+    for step in _CLOCK_STEPS:
+        tried = [(run(at + way), at + way) for way in (-step, step) if abs(at + way) <= FARTHEST]
+        for found, late in tried:
+            if found[0] < best[0]:
+                best, at = found, late
+    return best[1] if best[0] < (1.0 - _CLOCK_GAIN) * trusted[0] else trusted[1]
+
+
+def _read_earlier(record: Record, samples: float) -> Record:
+    if samples == 0.0:
+        return record
+    return replace(record, displacement=shifted(record.displacement, -samples))
+
+
+def run_on_clock(
     model: Model,
     records: Sequence[Record],
     method: str,
@@ -86,20 +188,8 @@ def run_online(
     offset: bool = True,
     unit: str = 'mm',
     progress: Progress | None = None,
-) -> tuple[OnlineMethod, tuple[str, ...], bool, tuple[float, ...]]:
-    """Run a recursive method over records, one after another, each from rest.
-
-    Returns
-    -------
-    method : OnlineMethod
-        As it is after the last sample.
-    warnings : tuple of str
-        What a user must know.
-    settled : bool
-        Whether the estimate stood still over the last tenth of the data.
-    history : tuple of float
-        Rms of the prediction error over each tenth of the data [m].
-    """
+) -> OnlineRun:
+    """Run a recursive method over records whose clock is known, see `run_online`."""
     if len({record.dt for record in records}) > 1:
         raise IdentificationError(
             f'{method} needs records of one sampling rate; resample them, or use output_error'
@@ -125,7 +215,15 @@ def run_online(
     at_rest = settled(before, after)
     if not at_rest:
         said = (*said, 'the estimates still drift at the end: record longer, or use output_error.')
-    return recursion, (*said, *after.notes), at_rest, tuple(history)
+    return OnlineRun(recursion, (*said, *after.notes), at_rest, tuple(history))
+
+
+def _with_mode(records: Sequence[Record], start: Mapping[str, float]) -> dict[str, float]:
+    """Return `start` with a mode, that of an output-error fit where it names none."""
+    if 'natural_frequency' in start:
+        return dict(start)
+    found = output_error(named('bouc_wen_mode'), records).values
+    return {**start, **{k: found[k] for k in ('natural_frequency', 'damping_ratio')}}
 
 
 def settled(before: Estimate, after: Estimate) -> bool:
@@ -181,9 +279,7 @@ def _well_posed(
     said: tuple[str, ...] = ()
     frequency, damping = 0.0, 0.02
     if 'mode' in blocks:
-        frozen = dict(start)
-        if 'natural_frequency' not in frozen:
-            frozen = output_error(named('bouc_wen_mode'), records).values
+        frozen = _with_mode(records, start)
         frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
         said = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
     settings = UdSettings(

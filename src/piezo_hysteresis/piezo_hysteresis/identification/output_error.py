@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.starts import representative, starts
@@ -20,6 +23,12 @@ from piezo_hysteresis.records import Record
 _FOLLOWED_SAMPLES = 150_000
 #: Records on which starts are followed; the best is polished on all.
 _FOLLOWED_RECORDS = 5
+#: How often what a fit tells of the records may change what it is fitted to, and what change of a
+#: weight is one.
+_REVISIONS = 3
+#: A clock as our convention has it is kept where it leaves hardly more.
+_NO_WORSE = 1e-3
+_ALIKE = 0.2
 
 
 def suited(model: Model, records: Sequence[Record]) -> Model:
@@ -31,7 +40,9 @@ def suited(model: Model, records: Sequence[Record]) -> Model:
             'neither voltage nor displacement may be constant in all records; record a sine of '
             'the full range'
         )
-    return for_range(model, voltage, span / 2)
+    low = min(float(r.voltage.min()) for r in records)
+    high = max(float(r.voltage.max()) for r in records)
+    return for_range(model, voltage, span / 2, (high - low) / 2)
 
 
 def output_error(
@@ -44,6 +55,8 @@ def output_error(
     folded: bool = True,
     stride: int = 1,
     sampling_offset: bool | float = True,
+    begins: str = 'auto',
+    zero: str = 'auto',
     count: int | None = None,
     max_evaluations: int = 200,
     workers: int = 1,
@@ -51,12 +64,17 @@ def output_error(
 ) -> FitResult:
     """Fit a chain to records by free-run least squares, with start values from the data.
 
+    The records are taken as they show themselves first; the model that this gives tells how each
+    began, where its zero lies and how much it counts, and is then fitted anew.
+
     Parameters
     ----------
     model, records, free, weights, folded, stride, sampling_offset, workers, progress
-        See `fit`; a sampling offset of less than three standard deviations is set to zero.
+        See `fit`; the rest as in `refined`.
     start : mapping of str to float, optional
-        Values known beforehand; the others are found.
+        Values known beforehand; the others are found. May hold ``sampling_offset``.
+    begins, zero : str
+        How records begin and where their zeros lie, see `circumstances.Choices`.
     count : int, optional
         Starts that are followed; the best is polished. As many as a second or so allows (3 to
         16) where not given.
@@ -77,28 +95,123 @@ def output_error(
         raise IdentificationError('there is no record to fit; give at least one')
     chain = suited(model, records)
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
-    targets = targets_of(records, folded=folded and not slow, stride=stride)
+    choices = Choices(begins, zero)
+    targets = targets_of(
+        records, folded=folded and not slow, stride=stride, start=begins, zero=zero
+    )
     names = tuple(chain.free_names if free is None else free)
     few = representative(targets, _FOLLOWED_RECORDS)
     if count is None:
         samples = sum(t.voltage.size for t in few)
         count = int(np.clip(_FOLLOWED_SAMPLES // samples, 3, 16))
-    begins = starts(chain, targets, names, start, count=count)
+    known = dict(start or {})
+    late = {SAMPLING_OFFSET: known.pop(SAMPLING_OFFSET, 0.0)}
+    if set(names) <= set(known):
+        # a model that is known already tells how the records begin before it is fitted
+        told = {**chain.defaults(), **known}
+        targets = revised(chain, told, late[SAMPLING_OFFSET], targets, records, choices)
+        few = representative(targets, _FOLLOWED_RECORDS)
     tried = [
-        _attempt(chain, few, each.values, names, weights, False, max_evaluations // 6, workers)
-        for each in begins
+        _attempt(
+            chain,
+            few,
+            {**each.values, **late},
+            names,
+            weights,
+            sampling_offset,
+            max_evaluations // 6,
+            workers,
+        )
+        for each in starts(chain, targets, names, known, count=count)
     ]
     best = min(tried, key=lambda each: each.cost)
-    offset: bool | float = sampling_offset
-    result = _attempt(
-        chain, targets, best.values, names, weights, offset, max_evaluations, workers, progress
+    return refined(
+        chain,
+        targets,
+        records,
+        _with_offset(best),
+        choices=choices,
+        free=names,
+        weights=weights,
+        sampling_offset=sampling_offset,
+        max_evaluations=max_evaluations,
+        workers=workers,
+        progress=progress,
     )
-    late = result.sampling_offset
-    if sampling_offset is True and abs(late) < 3 * result.std.get('sampling_offset', np.inf):
-        result = _attempt(
-            chain, targets, result.values, names, weights, False, max_evaluations, workers
+
+
+def refined(
+    model: Model,
+    targets: Sequence[Target],
+    records: Sequence[Record],
+    start: Mapping[str, float],
+    *,
+    choices: Choices,
+    free: Sequence[str] | None = None,
+    weights: str | Mapping[str, float] = 'equal',
+    sampling_offset: bool | float = True,
+    max_evaluations: int = 200,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> FitResult:
+    """Fit from one start, and again with what the fit tells of the records, until that rests.
+
+    Parameters
+    ----------
+    model : Model
+        Any chain, scaled to the records.
+    targets : sequence of Target
+        What is compared, as far as it is known.
+    records : sequence of Record
+        From which the targets were made.
+    start : mapping of str to float
+        Values to begin from; may hold ``sampling_offset``.
+    choices : Choices
+        What the user says of the records.
+    free, weights, sampling_offset, workers, progress
+        See `fit`; a sampling offset that explains nothing is set to zero.
+    max_evaluations : int
+        Of each fit.
+    """
+    names = tuple(model.free_names if free is None else free)
+
+    def attempt(
+        seen: Sequence[Target], values: Mapping[str, float], late: bool | float
+    ) -> FitResult:
+        return _attempt(
+            model, seen, values, names, weights, late, max_evaluations, workers, progress
         )
+
+    result = attempt(targets, start, sampling_offset)
+    for _ in range(_REVISIONS):
+        if not np.isfinite(result.cost):
+            return result
+        seen = revised(model, result.values, result.sampling_offset, targets, records, choices)
+        if all(map(_alike, targets, seen, result.residuals.values())):
+            break
+        targets = seen
+        result = attempt(targets, _with_offset(result), sampling_offset)
+    if sampling_offset is True and result.sampling_offset != 0.0:
+        trusted = attempt(targets, result.values, False)
+        if trusted.cost <= (1.0 + _NO_WORSE) * result.cost:
+            return trusted
     return result
+
+
+def _alike(one: Target, other: Target, error: FloatArray) -> bool:
+    """Tell whether two views of a record make the same fit, for errors [m] like these."""
+    if one.begins != other.begins or one.own_zero != other.own_zero:
+        return False
+
+    def square(target: Target) -> float:
+        weighted = error if target.influence is None else error * target.influence
+        return float(weighted @ weighted) * target.precision**2
+
+    return abs(square(one) - square(other)) <= _ALIKE * square(one)
+
+
+def _with_offset(result: FitResult) -> dict[str, float]:
+    return {**result.values, SAMPLING_OFFSET: result.sampling_offset}
 
 
 def _attempt(

@@ -121,13 +121,12 @@ class FitResult:
 
 
 def pooled_noise(targets: Sequence[Target]) -> float:
-    """Return the noise of one sample [m] from period to period; NaN where nothing was folded."""
-    known = [t for t in targets if t.repeats > 1]
+    """Return the noise of one sample over all targets [m]; NaN where none shows it."""
+    known = {t.name: t for t in targets if np.isfinite(t.noise)}.values()
     if not known:
         return float('nan')
-    freedom = [(t.repeats - 1) * t.period for t in known]
-    squares = sum(t.noise**2 * f for t, f in zip(known, freedom, strict=True))
-    return sqrt(squares / sum(freedom))
+    samples = np.array([t.measured.size * t.repeats for t in known])
+    return sqrt(float(np.average([t.noise**2 for t in known], weights=samples)))
 
 
 def result_of(objective: Objective, solution: Solution) -> FitResult:

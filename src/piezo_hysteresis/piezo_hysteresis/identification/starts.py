@@ -101,11 +101,17 @@ def _cut(target: Target) -> Target:
     end = min(target.voltage.size, max(_SCAN_LENGTH, target.first + _SCAN_SAMPLES))
     kept = target.measured[: len(range(target.first, end, target.stride))]
     thin = max(1, kept.size // _SCAN_SAMPLES)
+
+    def thinned(row: FloatArray | None) -> FloatArray | None:
+        return None if row is None else np.ascontiguousarray(row[: kept.size : thin])
+
     return replace(
         target,
         voltage=target.voltage[:end],
         measured=np.ascontiguousarray(kept[::thin]),
         stride=target.stride * thin,
+        valid=thinned(target.valid),
+        influence=thinned(target.influence),
     )
 
 

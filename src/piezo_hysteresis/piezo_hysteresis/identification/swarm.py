@@ -9,8 +9,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks.base import Slot
-from piezo_hysteresis.identification.fit import target_weights
-from piezo_hysteresis.identification.objective import Objective
+from piezo_hysteresis.identification.circumstances import Choices, revised
+from piezo_hysteresis.identification.fit import FARTHEST, target_weights
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.result import FitResult, result_of
 from piezo_hysteresis.identification.search import Progress, SearchResult, search
@@ -18,6 +19,9 @@ from piezo_hysteresis.identification.solver import Solution
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
+
+# What a search tells of the records may change what is searched, but once.
+_TURNS = 2
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,13 @@ def box_of(model: Model, targets: Sequence[Target], free: Sequence[str]) -> Box:
     """
     known = {q.name: q for q in model.parameters}
     special = _ranges(targets)
+    step = min(t.dt for t in targets)
     rows, logarithmic = [], []
     for name in free:
+        if name == SAMPLING_OFFSET:
+            rows.append((-FARTHEST * step, FARTHEST * step))
+            logarithmic.append(False)
+            continue
         q = known[name]
         if name in special:
             low, high = special[name]
@@ -109,6 +118,9 @@ def identify_by_search(
     max_evaluations: int = 4000,
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
+    sampling_offset: bool = True,
+    begins: str = 'auto',
+    zero: str = 'auto',
     workers: int = 1,
     progress: Progress | None = None,
 ) -> FitResult:
@@ -122,6 +134,10 @@ def identify_by_search(
     ----------
     model, records, weights, folded, workers
         See `fit`.
+    sampling_offset : bool
+        Whether to search when the displacement was sampled, too.
+    begins, zero : str
+        How records begin and where their zeros lie, see `circumstances.Choices`.
     method, seed, max_evaluations, progress
         See `search`.
 
@@ -132,27 +148,37 @@ def identify_by_search(
     """
     chain = suited(model, records)
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
-    targets = targets_of(records, folded=folded and not slow)
-    values = chain.defaults()
+    choices = Choices(begins, zero)
+    targets = targets_of(records, folded=folded and not slow, start=begins, zero=zero)
+    late = (SAMPLING_OFFSET,) if sampling_offset else ()
     trail: list[SearchResult] = []
-    for part, free, seen in _steps(chain, targets, method):
-        box = box_of(chain, seen, free)
-        base = {name: values[name] for name in part.parameter_names}
-        objective = Objective(
-            part, seen, free, base, weights=target_weights(seen, weights), workers=workers
-        )
-        found = search(
-            lambda z, box=box, objective=objective: objective.cost(box.point(z)),  # type: ignore[misc]
-            box.low,
-            box.high,
-            method=method,
-            seed=seed,
-            max_evaluations=max_evaluations,
-            progress=progress,
-        )
-        trail.append(found)
-        values.update(zip(free, (float(v) for v in box.point(found.x)), strict=True))
-    return _result(chain, targets, values, weights, trail, workers)
+    for _ in range(_TURNS):
+        values = {**chain.defaults(), SAMPLING_OFFSET: 0.0}
+        for part, free, seen in _steps(chain, targets, method):
+            names = (*free, *late)
+            box = box_of(chain, seen, names)
+            base = {name: values[name] for name in (*part.parameter_names, SAMPLING_OFFSET)}
+            objective = Objective(
+                part, seen, names, base, weights=target_weights(seen, weights), workers=workers
+            )
+            found = search(
+                lambda z, box=box, objective=objective: objective.cost(box.point(z)),  # type: ignore[misc]
+                box.low,
+                box.high,
+                method=method,
+                seed=seed,
+                max_evaluations=max_evaluations,
+                progress=progress,
+            )
+            trail.append(found)
+            values.update(zip(names, (float(v) for v in box.point(found.x)), strict=True))
+        own = {name: values[name] for name in chain.parameter_names}
+        told = revised(chain, own, values[SAMPLING_OFFSET], targets, records, choices)
+        if all(a.begins == b.begins and a.own_zero == b.own_zero
+               for a, b in zip(told, targets, strict=True)):  # fmt: skip
+            break
+        targets = told
+    return _result(chain, targets, values, late, weights, trail, workers)
 
 
 def _steps(
@@ -183,11 +209,12 @@ def _result(
     model: Model,
     targets: Sequence[Target],
     values: Mapping[str, float],
+    late: tuple[str, ...],
     weights: str | Mapping[str, float],
     trail: Sequence[SearchResult],
     workers: int,
 ) -> FitResult:
-    free = model.free_names
+    free = (*model.free_names, *late)
     objective = Objective(
         model, targets, free, values, weights=target_weights(targets, weights), workers=workers
     )

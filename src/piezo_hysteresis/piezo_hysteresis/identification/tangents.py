@@ -17,6 +17,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
+from piezo_hysteresis.identification.creep_tangents import (
+    creep,
+    creep_pair,
+    creep_spectrum,
+    logarithmic_creep,
+)
 from piezo_hysteresis.jit import jit
 
 Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
@@ -302,6 +308,7 @@ def nonlocal_memory(
 
 TANGENTS: dict[str, Tangent] = {
     'nonlocal_memory_fine': nonlocal_memory,
+    'prandtl_ishlinskii_fine': prandtl_ishlinskii,
     'series_mode': mode,
     **{
         each.__name__: each
@@ -314,6 +321,10 @@ TANGENTS: dict[str, Tangent] = {
             gain,
             prandtl_ishlinskii,
             nonlocal_memory,
+            creep,
+            creep_pair,
+            creep_spectrum,
+            logarithmic_creep,
         )
     },
 }

@@ -9,14 +9,22 @@ from math import ceil, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.noise import noise_of, noises_of
+from piezo_hysteresis.identification.outliers import mended, outliers
+from piezo_hysteresis.identification.periods import period_of, periodic_from
+from piezo_hysteresis.identification.record_start import (
+    NEAR_ZERO,
+    SETTLED,
+    SETTLING,
+    STEP,
+    RecordStart,
+    first_guess,
+    lead_in,
+)
 from piezo_hysteresis.records import Record
 
-#: Time a model gets to forget its start before a folded period is compared [s].
-SETTLING = 3.0
 #: Behind the name of a record: its way into the steady state.
 WAY_IN = ' (start)'
-_REST = 0.05  # first voltage over the largest up to which a record begins at rest
-_PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
 
 
 @dataclass(frozen=True)
@@ -28,7 +36,8 @@ class Target:
     name : str
         Name of the record.
     voltage : ndarray, shape (n,)
-        What the model is driven with from rest, up to the last compared sample [V].
+        What the model is driven with from the virgin state at 0 V, up to the last compared sample
+        [V].
     measured : ndarray, shape (m,)
         Displacement that samples ``first, first + stride, ...`` are compared with [m].
     first, stride : int
@@ -40,11 +49,24 @@ class Target:
     repeats : int
         Periods that `measured` is the mean of; 1 where nothing was folded.
     noise : float
-        Rms scatter of one sample from period to period [m]; NaN where it is not known.
+        Rms noise of one sample [m], see `noise.noises_of`; NaN where it is not known.
     period : int
         Samples per folded period; 0 where nothing was folded.
     start : float
-        Time of the first sample [s], for blocks that depend on it.
+        Time of the first driven sample [s], for blocks that depend on it.
+    origin : int
+        Driven sample at which the record begins; what is before leads in.
+    begins : RecordStart
+        How it is taken to begin.
+    own_zero : bool
+        Whether its displacement is counted from a zero of its own.
+    precision : float
+        Factor of its residual besides that of its repeats: how well a sample of it is known
+        against those of the other targets.
+    valid : ndarray, shape (m,), or None
+        1 where a compared sample counts, 0 where it is a spike or lost; None where all count.
+    influence : ndarray, shape (m,), or None
+        Factor of each residual in a fit, 1 or less where it is far out; None where all are 1.
     """
 
     name: str
@@ -58,47 +80,37 @@ class Target:
     noise: float
     period: int
     start: float = 0.0
+    origin: int = 0
+    begins: RecordStart = STEP
+    own_zero: bool = False
+    precision: float = 1.0
+    valid: FloatArray | None = None
+    influence: FloatArray | None = None
 
     @property
     def weight(self) -> float:
-        """Factor by which a residual counts, because it stands for `repeats` periods."""
-        return sqrt(self.repeats)
+        """Factor by which a residual counts: it stands for `repeats` periods, and by its noise."""
+        return sqrt(self.repeats) * self.precision
+
+    @property
+    def lost(self) -> int:
+        """Number of samples that do not count."""
+        return 0 if self.valid is None else int(self.valid.size - self.valid.sum())
+
+    @property
+    def factors(self) -> FloatArray | None:
+        """Factor of each residual in a fit: its influence, 0 where it is lost; None for 1."""
+        if self.valid is None or self.influence is None:
+            return self.influence if self.valid is None else self.valid
+        return self.valid * self.influence
+
+    def kept(self, samples: FloatArray) -> FloatArray:
+        """Return those of the compared samples, shape (m,), that count."""
+        return samples if self.valid is None else samples[self.valid > 0.0]
 
     def pick(self, simulated: FloatArray) -> FloatArray:
         """Return the samples of `simulated`, shape (n,), that are compared; shape (m,)."""
         return simulated[self.first :: self.stride]
-
-
-def period_of(record: Record) -> int:
-    """Return the smallest period of the voltage in samples, 0 where it is not periodic.
-
-    Looks at the second half of the record, so that a start-up does not hide the period.
-    """
-    u = record.voltage[len(record) // 2 :]
-    n = u.size
-    power = float(np.mean((u - u.mean()) ** 2))
-    if n < 8 or power <= 1e-30 * max(1.0, float(np.max(np.abs(u))) ** 2):
-        return 0
-    centred = u - u.mean()
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(centred, size)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
-    squares = np.concatenate([[0.0], np.cumsum(centred**2)])
-    lags = np.arange(1, n // 2 + 1)
-    # mean of (u[k+N] - u[k])^2 for every lag N at once
-    energy = squares[n - lags] + squares[n] - squares[lags]
-    change = (energy - 2 * correlation[lags]) / (n - lags)
-    exact = _smallest(centred, lags[change < _PERIODIC**2 * power], 1e-9 * sqrt(power))
-    return exact or _smallest(
-        centred, lags[change < _PERIODIC**2 * power], _PERIODIC * sqrt(power)
-    )
-
-
-def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
-    for lag in lags:
-        if sqrt(float(np.mean((u[lag:] - u[:-lag]) ** 2))) < limit:
-            return int(lag)
-    return 0
 
 
 def fold(record: Record, settling: float = SETTLING) -> list[Target]:
@@ -121,7 +133,8 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     if count < 2:
         return []
     first = len(record) - count * period
-    periods = record.displacement[first:].reshape(count, period)
+    measured = mended(record.displacement, outliers(record.displacement, period, same), period)
+    periods = measured[first:].reshape(count, period)
     steady = _steady(periods)
     if steady is None:
         return []
@@ -141,25 +154,12 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
         noise=noise,
         period=period,
         start=record.start,
+        begins=SETTLED,
     )
-    from_rest = abs(record.voltage[0]) <= _REST * float(np.max(np.abs(record.voltage)))
+    from_rest = abs(record.voltage[0]) <= NEAR_ZERO * float(np.max(np.abs(record.voltage)))
     if not from_rest or begin - record.warm_up_samples < 2:
         return [mean]
-    way_in = replace(
-        whole(record),
-        name=record.name + WAY_IN,
-        voltage=record.voltage[:begin],
-        measured=record.displacement[record.warm_up_samples : begin],
-    )
-    return [mean, way_in]
-
-
-def periodic_from(u: FloatArray, period: int) -> int:
-    """First sample from which the voltage repeats itself to the end."""
-    change = np.abs(u[period:] - u[:-period])
-    limit = 6 * _PERIODIC * float(np.std(u[u.size // 2 :]))
-    broken = np.flatnonzero(change > limit)
-    return int(broken[-1]) + 1 if broken.size else 0
+    return [mean, replace(whole(record.section(0, begin)), name=record.name + WAY_IN, noise=noise)]
 
 
 def _steady(periods: FloatArray) -> tuple[int, float] | None:
@@ -201,10 +201,24 @@ def _drive(record: Record, period: int, first: int, settling: float) -> tuple[Fl
     return np.ascontiguousarray(voltage), start
 
 
-def whole(record: Record, stride: int = 1) -> Target:
-    """Return the record as it is, compared from its warm-up on, at every `stride`-th sample."""
+def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target:
+    """Return the record as it is, compared from its warm-up on, at every `stride`-th sample.
+
+    Parameters
+    ----------
+    record : Record
+        What was measured.
+    stride : int
+        Every so many samples are compared.
+    begins : RecordStart
+        How the model is led in.
+    """
+    period = period_of(record)
+    bad = outliers(
+        record.displacement, period, periodic_from(record.voltage, period) if period else 0
+    )
     first = record.warm_up_samples
-    return Target(
+    target = Target(
         name=record.name,
         voltage=record.voltage,
         measured=np.ascontiguousarray(record.displacement[first::stride]),
@@ -213,16 +227,54 @@ def whole(record: Record, stride: int = 1) -> Target:
         dt=record.dt,
         frequency=record.info.frequency,
         repeats=1,
-        noise=float('nan'),
+        noise=noise_of(record).rms,
         period=0,
         start=record.start,
+        valid=np.where(bad[first::stride], 0.0, 1.0) if np.any(bad) else None,
+    )
+    return led_in(target, record, begins)
+
+
+def led_in(target: Target, record: Record, begins: RecordStart) -> Target:
+    """Return a target of a whole record that begins otherwise."""
+    before = lead_in(record, begins)
+    return replace(
+        target,
+        voltage=np.concatenate([before, target.voltage[target.origin :]]),
+        first=target.first + before.size - target.origin,
+        start=target.start + (target.origin - before.size) * target.dt,
+        origin=before.size,
+        begins=begins,
     )
 
 
-def targets_of(records: Sequence[Record], *, folded: bool = True, stride: int = 1) -> list[Target]:
-    """Return what a fit compares with: folded where asked for and possible, else whole."""
-    targets = []
-    for record in records:
+def targets_of(
+    records: Sequence[Record],
+    *,
+    folded: bool = True,
+    stride: int = 1,
+    start: str = 'auto',
+    zero: str = 'auto',
+) -> list[Target]:
+    """Return what a fit compares with: folded where asked for and possible, else whole.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        What was measured.
+    folded : bool
+        Average the periods of records that repeat themselves.
+    stride : int
+        Every so many samples of a whole record are compared.
+    start : str
+        How records begin that do not say so themselves, one of `record_start.STARTS`.
+    zero : str
+        ``record`` counts the displacement of each record from a zero of its own; ``auto`` and
+        ``common`` from one for all.
+    """
+    targets: list[Target] = []
+    for record, noise in zip(records, noises_of(records), strict=True):
         parts = fold(record) if folded else []
-        targets += parts or [whole(record, stride)]
-    return targets
+        parts = parts or [whole(record, stride, first_guess(record, start))]
+        targets += [replace(each, noise=noise.rms) for each in parts]
+    return [replace(t, own_zero=True) for t in targets] if zero == 'record' else targets

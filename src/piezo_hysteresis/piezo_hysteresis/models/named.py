@@ -110,6 +110,12 @@ RECIPES: dict[str, Recipe] = {
         'reference model',
         {'pi_range': 1.0},
     ),
+    'prandtl_ishlinskii_fine': Recipe(
+        ('prandtl_ishlinskii_fine', 'offset'),
+        'A bank of nineteen play operators.',
+        'reference model',
+        {'fine_pi_range': 1.0},
+    ),
     'preisach': Recipe(
         ('preisach', 'offset'),
         'Preisach plane of 36 cells.',

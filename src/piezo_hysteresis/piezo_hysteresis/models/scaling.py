@@ -53,7 +53,12 @@ def suited(block: Block, ratios: tuple[float, float]) -> Block:
     return replace(block, parameters=tuple(parameters))
 
 
-def for_range(model: Model, input_amplitude: float, displacement_amplitude: float) -> Model:
+def for_range(
+    model: Model,
+    input_amplitude: float,
+    displacement_amplitude: float,
+    input_swing: float | None = None,
+) -> Model:
     """Return `model` with defaults, scales and held ranges that suit an actuator.
 
     Parameters
@@ -64,6 +69,9 @@ def for_range(model: Model, input_amplitude: float, displacement_amplitude: floa
         Largest absolute input [V or N] that the model is to cover.
     displacement_amplitude : float
         Half the span of the displacement [m].
+    input_swing : float, optional
+        Half the span of the input [V or N], where it is not symmetric: thresholds beyond it are
+        never passed. The largest input where not given.
 
     Returns
     -------
@@ -86,9 +94,10 @@ def for_range(model: Model, input_amplitude: float, displacement_amplitude: floa
         input_amplitude / REFERENCE_INPUT,
         displacement_amplitude / REFERENCE_DISPLACEMENT,
     )
+    swing = ((input_swing or input_amplitude) / REFERENCE_INPUT, ratios[1])
     own = [q for block in model.blocks for q in block.parameters]
     held = {
-        name: model.held[name] * (factor(q, ratios) if _grows(q, model.held[name]) else 1.0)
+        name: model.held[name] * (factor(q, swing) if _grows(q, model.held[name]) else 1.0)
         for q, name in zip(own, model.parameter_names, strict=True)
         if name in model.held
     }

@@ -161,6 +161,19 @@ class LinearStage:
         return made
 
 
+def free_states(stage: Stage, dt: float) -> range:
+    """Return the places in the state of a stage that an actuator in motion begins with.
+
+    Position and velocity of a mode, elements of creep, a lag: what dies out by itself.
+    """
+    if isinstance(stage, LinearStage):
+        ring = stage.delays * ring_size(dt) + 1 if stage.delays else 0
+        return range(ring, stage.initial_state(dt, 0.0).size)
+    if isinstance(stage, TickStage) and stage.block.between is Between.LINEAR:
+        return range(stage.block.initial_state(dt).size)
+    return range(0)
+
+
 @dataclass(frozen=True)
 class PathStage:
     """Blocks that are followed between the ticks; see `PathRun`.

@@ -17,6 +17,7 @@ from piezo_hysteresis.identification.online import OnlineMethod, online, settled
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.nodes.hindsight import Hindsight, Sample
 from piezo_ros_common.order import AHEAD, Intake, Stamps
 
@@ -289,7 +290,10 @@ class Course:
             if math.isfinite(value)
         }
         values = {**model.defaults(), **estimate.parameters()}
-        provenance = Provenance(fit=fit, rate=self.rate, notes={'samples': estimate.samples})
+        notes: dict[str, Any] = {'samples': estimate.samples}
+        if not isinstance(self.method, OnlineUd):
+            notes[OFFSET_NOTE] = 1.0 / self.rate  # it takes both signals of a tick together
+        provenance = Provenance(fit=fit, rate=self.rate, notes=notes)
         return ModelFile(model, values, deviations, provenance)
 
     def _rest(self) -> None:

@@ -108,12 +108,14 @@ def _marker(message: Any, path: Path, log: DamageLog) -> Marker:
     return Marker(
         int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec),
         message.record,
-        numbers.pop('rate'),
+        numbers['rate'],
         RecordInfo(
             actuator=message.actuator,
             excitation=message.excitation or 'unknown',
+            frequency=numbers['frequency'],
+            amplitude=numbers['amplitude'],
+            warm_up=numbers['warm_up'],
             input_unit=message.input_unit or 'V',
-            **numbers,
         ),
         message.header.frame_id if judges else '',
         message.excitation if judges else '',

@@ -28,6 +28,9 @@ class RecordInfo:
         Seconds at the start that errors leave out [s].
     input_unit : str
         ``V`` for a voltage, ``N`` for a force (mechanical benchmarks).
+    start : str
+        How it begins: ``rest``, ``step``, ``settled`` or ``estimate``; ``auto`` where it is not
+        known.
     """
 
     actuator: str = ''
@@ -36,11 +39,12 @@ class RecordInfo:
     amplitude: float = 0.0
     warm_up: float = 0.0
     input_unit: str = 'V'
+    start: str = 'auto'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Record:
-    """One experiment at a constant rate.
+    """One experiment at a constant rate; two of them are equal only if they are the same one.
 
     ``voltage[k]`` is what is commanded at tick k; ``displacement[k]`` is what is measured at tick
     k, before that voltage acts.

@@ -11,7 +11,6 @@ import yaml
 
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.apply import simulator_parameters
-from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.models import ModelFile, Provenance
 from piezo_hysteresis.reporting.discovery_report import discovery_page
 from piezo_hysteresis.reporting.folder import write_folder
@@ -36,7 +35,7 @@ def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
             free_run_rms=final.rms,
             notes={
                 'effects': effects,
-                'sampling_offset_s': float(final.values.get(SAMPLING_OFFSET, 0.0)),
+                'sampling_offset_s': float(final.sampling_offset),
             },
         ),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.prove import over_frequency
-from piezo_hysteresis.discovery.trial import Trial, simulate
+from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.uncertainty import digits
 from piezo_hysteresis.reporting.page import Plot, Section, render, table
@@ -111,10 +111,11 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
     name = found.proof.rows[int(np.argmax(gains))].record
     view = next(v for v in views if v.name == name)
     part = _part(view, found.data.periods[name])
-    before = simulate(found.baselines.joint.model, found.baselines.joint.values, view)
-    after = simulate(found.final.model, found.final.values, view)
-    measured = np.full_like(view.voltage, np.nan)
+    measured, before, after = (np.full_like(view.voltage, np.nan) for _ in range(3))
     measured[view.first :] = view.measured
+    for row, trial in ((before, found.baselines.joint), (after, found.final)):
+        (error,) = on_views(trial, [view]).errors
+        row[view.first :] = view.measured - error
     time = np.arange(view.voltage.size, dtype=np.float64) * view.dt
     unit = found.data.records[0].info.input_unit
     loops = loop_figure(

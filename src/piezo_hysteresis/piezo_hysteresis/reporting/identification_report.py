@@ -9,7 +9,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.annotate import annotated
 from piezo_hysteresis.identification.automatic import Step
-from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_certainty import (
@@ -74,10 +74,10 @@ def free_runs(records: Sequence[Record], found: Identification) -> dict[str, Flo
     """Return the free run of the model on every record [m], by record name."""
     with np.errstate(over='ignore', invalid='ignore'):
         return {
-            each.name: free_run(
+            each.name: free_run_of(
                 found.model, found.values, each, found.sampling_offset, checked=False
             )
-            for each in records
+            for each in found.views
         }
 
 

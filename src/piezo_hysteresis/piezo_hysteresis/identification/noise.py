@@ -1,0 +1,197 @@
+"""The noise of each record, measured without a model: its rms and its colour.
+
+Periods of a record are compared with the period before, so that everything that repeats drops
+out; what is left is judged by its running median spectrum, so that a tone, a drift or a few
+bursts, which a better model may well explain, do not count as noise. A record that does not
+repeat shows its noise in differences of high order, which hardly see anything that moves smoothly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb, sqrt
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.outliers import mended, outliers
+from piezo_hysteresis.identification.periods import period_of, periodic_from, remembered
+from piezo_hysteresis.records import Record
+
+# Lines of a running median, and that of a windowed spectrum of white noise over its mean: half of
+# its lines are independent.
+WIDTH = 101
+RUNNING_MEDIAN = 0.704
+# Records whose noise differs by less than this from most are the same.
+AGREE = 0.02
+# Standard deviation of an rms from one line of a spectrum by its median: 1 / (2 ln 2).
+SPREAD = 0.72
+# Of the differences that a record without periods is judged by, and the windows they fill.
+_ORDERS = (4, 6, 8)
+_WINDOWS = 40
+_SHORTEST_WINDOW = 64
+_LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
+_MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What one record shows of the noise.
+
+    Attributes
+    ----------
+    rms : float
+        Of the noise [m]; NaN where it cannot be told.
+    lines : int
+        Independent lines of the spectrum that it was taken from, half of those of a windowed one:
+        it is known to about ``0.72 / sqrt(lines)``.
+    colour : float
+        Correlation of one sample with the next: 0 for white noise, towards 1 for slow noise; NaN
+        where it cannot be told.
+    """
+
+    rms: float
+    lines: int
+    colour: float = float('nan')
+
+    @property
+    def doubt(self) -> float:
+        """Standard deviation of the mean square, as a share of it."""
+        return 2.0 * SPREAD / sqrt(self.lines)
+
+
+NOT_TOLD = Noise(float('nan'), 0)
+
+
+@remembered
+def noise_of(record: Record) -> Noise:
+    """Return the noise of one record after its warm-up, blind to spikes and drop-outs."""
+    period = period_of(record)
+    first = periodic_from(record.voltage, period) if period else 0
+    bad = outliers(record.displacement, period, first)
+    measured = mended(record.displacement, bad, period)
+    if float(np.ptp(record.voltage)) == 0.0:
+        return robust_noise(measured[record.warm_up_samples :])
+    steady = _steady(record, measured, period) if period else measured[:0]
+    if period and steady.size >= 2 * period:
+        return robust_noise(steady[period:] - steady[:-period], period)
+    return differences_noise(measured[record.warm_up_samples :])
+
+
+def noises_of(records: Sequence[Record]) -> list[Noise]:
+    """Return the noise of every record; those that agree within their doubt share one value.
+
+    Nothing says that two records are equally noisy. But where most of them are, as far as each
+    can tell, together they tell it better.
+    """
+    found = [noise_of(record) for record in records]
+    alike, middle = consensus(found)
+    return [alike if not noise.lines or _agrees(noise, middle) else noise for noise in found]
+
+
+def consensus(found: Sequence[Noise]) -> tuple[Noise, float]:
+    """Return the noise on which most records agree, and the rms about which they do [m]."""
+    known = [noise for noise in found if noise.lines]
+    if not known:
+        return NOT_TOLD, float('nan')
+    rms = np.array([noise.rms for noise in known])
+    lines = np.array([noise.lines for noise in known])
+    order = np.argsort(rms)
+    share = np.cumsum(lines[order]) / np.sum(lines)
+    middle = float(rms[order][np.searchsorted(share, 0.5)])
+    return pooled([noise for noise in known if _agrees(noise, middle)]), middle
+
+
+def _agrees(noise: Noise, rms: float) -> bool:
+    if not noise.lines:
+        return False
+    return abs(noise.rms - rms) <= rms * (AGREE + 3.0 * SPREAD / sqrt(noise.lines))
+
+
+def floor_of(records: Sequence[Record]) -> Noise:
+    """Return the noise on which most records agree, what reports call the noise floor."""
+    return consensus([noise_of(record) for record in records])[0]
+
+
+def pooled(found: Sequence[Noise]) -> Noise:
+    """Return the noise of several records together; each counts by what it tells."""
+    known = [noise for noise in found if noise.lines]
+    if not known:
+        return NOT_TOLD
+    lines = np.array([noise.lines for noise in known])
+    square = float(np.average([noise.rms**2 for noise in known], weights=lines))
+    colours = [noise.colour for noise in known if np.isfinite(noise.colour)]
+    colour = float(np.mean(colours)) if colours else float('nan')
+    return Noise(sqrt(square), int(lines.sum()), colour)
+
+
+def _steady(record: Record, measured: FloatArray, period: int) -> FloatArray:
+    """Return the part of the displacement in which the input repeats and transients are over."""
+    first = max(periodic_from(record.voltage, period), record.warm_up_samples)
+    if first > record.warm_up_samples and len(record) - first >= 4 * period:
+        first += period
+    return measured[first:]
+
+
+def robust_noise(signal: FloatArray, lag: int = 0) -> Noise:
+    """Return the noise in `signal`, blind to lines and to slow changes.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n,)
+        What does not repeat [m].
+    lag : int
+        Samples after which it was subtracted from itself; 0 where it was not.
+    """
+    if signal.size < 4 * WIDTH:
+        if signal.size <= 8:
+            return NOT_TOLD
+        # Too short for a running median; half the median of squares is robust enough.
+        mean_square = np.median(signal**2) / 0.4549 / (2.0 if lag else 1.0)
+        return Noise(float(np.sqrt(mean_square)), signal.size // 4)
+    # without a window, a tone between two lines would leak into all of them
+    window = np.hanning(signal.size)
+    power = np.abs(np.fft.rfft(window * (signal - signal.mean()))) ** 2 / np.sum(window**2)
+    gain = _gain_of_difference(window, lag, power.size)
+    # where the difference cancels everything there is nothing to see
+    kept = np.flatnonzero(gain > 0.3)[2:]
+    smooth = median_filter(power[kept] / gain[kept], WIDTH, mode='nearest') / RUNNING_MEDIAN
+    turn = np.cos(2.0 * np.pi * kept / signal.size)
+    colour = float(smooth @ turn) / max(float(smooth.sum()), 1e-300)
+    return Noise(float(np.sqrt(np.mean(smooth))), kept.size // 2, colour)
+
+
+def _gain_of_difference(window: FloatArray, lag: int, lines: int) -> FloatArray:
+    """Return the mean square of every line of a windowed difference, for white noise of rms 1."""
+    if lag == 0:
+        return np.ones(lines)
+    if lag < window.size:
+        alike = float(window[lag:] @ window[:-lag]) / float(window @ window)
+    else:
+        alike = 0.0
+    angle = 2.0 * np.pi * lag * np.arange(lines) / window.size
+    return np.asarray(2.0 * (1.0 - alike * np.cos(angle)))
+
+
+def differences_noise(measured: FloatArray) -> Noise:
+    """Return the noise of a record that does not repeat, as if it were white.
+
+    Differences of high order pass white noise with a known gain and hardly anything that moves
+    smoothly. The median over a window is blind to jumps and corners; over the windows the lower
+    half counts, in which the drive is slow. The order that sees least sees the noise alone.
+    """
+    length = max(measured.size // _WINDOWS, _SHORTEST_WINDOW)
+    count = measured.size // length
+    if count < 2:
+        return NOT_TOLD
+    found = []
+    for order in _ORDERS:
+        change = np.diff(measured, order)[: count * length - order]
+        sizes = [
+            float(np.median(np.abs(change[k * length : (k + 1) * length]))) for k in range(count)
+        ]
+        quiet = np.sort(sizes)[: max(count // 2, 1)]
+        found.append(_MAD * float(np.median(quiet)) / sqrt(comb(2 * order, order)))
+    return Noise(min(found) / (1.0 - _LOWER_HALF / sqrt(length)), measured.size // 4)

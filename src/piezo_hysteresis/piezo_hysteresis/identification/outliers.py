@@ -1,0 +1,137 @@
+"""Samples that no actuator made: spikes, and drop-outs of the sensor or of the recorder."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from piezo_hysteresis.arrays import BoolArray, FloatArray
+
+# Robust standard deviations from which a sample is none of the others'.
+_FAR = 8.0
+_MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
+# A short excursion stands out when it is so many times larger than any other nearby.
+_STANDS_OUT = 5.0
+_NEARBY = 15
+_WIDEST = 3  # samples of an excursion that is told without a second period
+_FROZEN = 4  # samples for which a sensor may say the same by chance
+_SETTLING = 3.0  # typical differences of a period, over those of most, from which it settles
+_SMALLEST = 1e-5  # share of the stroke below which nothing is an outlier
+_FEWEST_PERIODS = 3  # of which the median is not moved by one bad one
+
+
+def outliers(displacement: FloatArray, period: int, first: int = 0) -> BoolArray:
+    """Return which samples are spikes or drop-outs, shape (n,).
+
+    Periods are compared with their median, phase by phase; what does not repeat is looked at for
+    excursions of a few samples that come back to where they left, and for a reading that jumps
+    away, stands still and jumps back. Neither asks what the actuator is.
+
+    Parameters
+    ----------
+    displacement : ndarray, shape (n,)
+        Measured [m].
+    period : int
+        Samples per period of the drive; 0 where it does not repeat.
+    first : int
+        Sample from which it repeats.
+    """
+    found = excursions(displacement) | frozen(displacement)
+    count = (displacement.size - first) // period if period else 0
+    if count >= _FEWEST_PERIODS:
+        begin = displacement.size - count * period
+        found[begin:] |= _unlike(displacement[begin:].reshape(count, period)).ravel()
+    return found
+
+
+def _unlike(periods: FloatArray) -> BoolArray:
+    """Return which samples differ from those of the same phase, shape (count, period)."""
+    left = periods - np.median(periods, axis=0)
+    left -= np.median(left, axis=1, keepdims=True)  # a drift from period to period is no outlier
+    size = np.abs(left)
+    typical = np.median(size, axis=1, keepdims=True)
+    usual = max(float(np.median(typical)), _SMALLEST * float(np.ptp(periods)))
+    # a period that is still settling differs from the others everywhere: no heap of outliers
+    return np.asarray((size > _FAR * _MAD * usual) & (typical < _SETTLING * usual))
+
+
+def excursions(y: FloatArray) -> BoolArray:
+    """Return which samples leave the course of their neighbours for one to three samples."""
+    found = np.zeros(y.size, dtype=bool)
+    for width in range(1, _WIDEST + 1):
+        if y.size < 2 * _NEARBY:
+            break
+        before, after = y[: -width - 1], y[width + 1 :]
+        steps = np.arange(1, width + 1) / (width + 1)
+        course = before[:, None] + steps * (after - before)[:, None]
+        inside = np.lib.stride_tricks.sliding_window_view(y[1:-1], width)
+        away = inside - course
+        least = np.min(np.abs(away), axis=1)
+        one_side = np.abs(np.sum(np.sign(away), axis=1)) == width
+        returns = np.abs(after - before - (width + 1) * _slope(y, width)) < 0.3 * least
+        largest = np.max(np.abs(away), axis=1)
+        others = _largest_nearby(largest, width)
+        for k in np.flatnonzero(one_side & returns & (least > _STANDS_OUT * others)):
+            found[k + 1 : k + 1 + width] = True
+    return found
+
+
+def _slope(y: FloatArray, width: int) -> FloatArray:
+    """Return the mean slope beside every excursion of `width` samples [m per sample]."""
+    step = np.diff(y, prepend=y[0], append=y[-1])
+    return np.asarray(0.5 * (step[: -width - 2] + step[width + 2 :]))
+
+
+def _largest_nearby(size: FloatArray, width: int) -> FloatArray:
+    """Return the largest of the neighbours, those that share samples left out."""
+    half = _NEARBY // 2
+    reach = half + width + 1
+    wide = maximum_filter1d(size, 2 * half + 1, mode='nearest')
+    padded = np.pad(wide, reach, mode='edge')
+    return np.asarray(np.maximum(padded[: size.size], padded[2 * reach :]))
+
+
+def frozen(y: FloatArray) -> BoolArray:
+    """Return which samples belong to a reading that jumps away, stands still and jumps back."""
+    found = np.zeros(y.size, dtype=bool)
+    same = np.diff(y) == 0.0
+    if same.mean() > 0.2:  # coarse sensors and records of rest stand still by themselves
+        return found
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    usual = _MAD * float(np.median(np.abs(np.diff(y)))) + 1e-300
+    for begin, end in edges.reshape(-1, 2):
+        if end - begin + 1 < _FROZEN or begin == 0 or end + 1 >= y.size:
+            continue
+        out, back = y[begin] - y[begin - 1], y[end + 1] - y[end]
+        if min(abs(out), abs(back)) > _FAR * usual and out * back < 0.0:
+            found[begin : end + 1] = True
+    return found
+
+
+def mended(displacement: FloatArray, bad: BoolArray, period: int = 0) -> FloatArray:
+    """Return the displacement with what is `bad` filled in.
+
+    Where the drive repeats, by what the same phase of the period before or behind reads; else by a
+    line.
+
+    Parameters
+    ----------
+    displacement : ndarray, shape (n,)
+        Measured [m].
+    bad : ndarray of bool, shape (n,)
+        From `outliers`.
+    period : int
+        Samples per period of the drive; 0 where it does not repeat.
+    """
+    if not np.any(bad) or np.all(bad):
+        return displacement
+    k = np.arange(displacement.size)
+    whole = displacement.copy()
+    whole[bad] = np.interp(k[bad], k[~bad], displacement[~bad])
+    if period:
+        places = np.flatnonzero(bad)
+        for there in (places - period, places + period):
+            fits = (there >= 0) & (there < bad.size)
+            fits[fits] = ~bad[there[fits]]
+            whole[places[fits]] = displacement[there[fits]]
+    return whole

@@ -1,0 +1,71 @@
+"""The period of a drive, and from where on it repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt
+from typing import TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.records import Record
+
+Told = TypeVar('Told')
+
+_PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
+
+
+def remembered(function: Callable[[Record], Told]) -> Callable[[Record], Told]:
+    """Return `function` that works once on each record: records never change."""
+    known: WeakKeyDictionary[Record, Told] = WeakKeyDictionary()
+
+    def told(record: Record) -> Told:
+        if record not in known:
+            known[record] = function(record)
+        return known[record]
+
+    told.__doc__ = function.__doc__
+    return told
+
+
+@remembered
+def period_of(record: Record) -> int:
+    """Return the smallest period of the voltage in samples, 0 where it is not periodic.
+
+    Looks at the second half of the record, so that a start-up does not hide the period.
+    """
+    u = record.voltage[len(record) // 2 :]
+    n = u.size
+    power = float(np.mean((u - u.mean()) ** 2))
+    if n < 8 or power <= 1e-30 * max(1.0, float(np.max(np.abs(u))) ** 2):
+        return 0
+    centred = u - u.mean()
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(centred, size)
+    correlation = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
+    squares = np.concatenate([[0.0], np.cumsum(centred**2)])
+    lags = np.arange(1, n // 2 + 1)
+    # mean of (u[k+N] - u[k])^2 for every lag N at once
+    energy = squares[n - lags] + squares[n] - squares[lags]
+    change = (energy - 2 * correlation[lags]) / (n - lags)
+    exact = _smallest(centred, lags[change < _PERIODIC**2 * power], 1e-9 * sqrt(power))
+    return exact or _smallest(
+        centred, lags[change < _PERIODIC**2 * power], _PERIODIC * sqrt(power)
+    )
+
+
+def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
+    for lag in lags:
+        if sqrt(float(np.mean((u[lag:] - u[:-lag]) ** 2))) < limit:
+            return int(lag)
+    return 0
+
+
+def periodic_from(u: FloatArray, period: int) -> int:
+    """First sample from which the voltage repeats itself to the end."""
+    change = np.abs(u[period:] - u[:-period])
+    limit = 6 * _PERIODIC * float(np.std(u[u.size // 2 :]))
+    broken = np.flatnonzero(change > limit)
+    return int(broken[-1]) + 1 if broken.size else 0

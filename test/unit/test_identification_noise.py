@@ -1,0 +1,102 @@
+"""The noise floor of records, in which more than noise changes from period to period."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.dataset import split
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.noise import floor_of, noise_of, noises_of
+from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.records import Record, RecordInfo
+
+RATE, NOISE = 1000.0, 2e-8
+
+
+def record(frequency, seconds=4.0, seed=0, add=0.0, noise=NOISE):
+    t = np.arange(round(seconds * RATE)) / RATE
+    u = np.sin(2 * np.pi * frequency * t)
+    y = 1e-4 * (u - 0.2 * u**3) + add + noise * np.random.default_rng(seed).normal(size=t.size)
+    info = RecordInfo(
+        excitation='sine' if frequency else 'rest', frequency=float(frequency), amplitude=1.0
+    )
+    return Record(f'{frequency}Hz_{seed}', 1.0 / RATE, u, y, info=info)
+
+
+def sweep(add=0.0):
+    return [record(f, seed=k, add=add) for k, f in enumerate((1, 2, 4, 5, 8, 10, 20, 0))]
+
+
+def test_it_is_as_sure_as_it_says():
+    found = floor_of(sweep())
+    assert 0.0 < found.doubt < 0.06
+    assert (found.rms / NOISE) ** 2 == pytest.approx(1.0, abs=3.0 * found.doubt)
+
+
+def test_tones_and_drift_are_no_noise():
+    t = np.arange(4000) / RATE
+    disturbed = sweep(2e-6 * np.sin(2 * np.pi * 17.37 * t) + 1e-5 * t)
+    found = floor_of(disturbed)
+    assert found.rms == pytest.approx(NOISE, rel=0.06)
+
+
+def test_a_record_with_noise_of_its_own_keeps_it_to_itself():
+    records = sweep()
+    records[2] = record(4, seed=2, noise=5.0 * NOISE)
+    assert noise_of(records[2]).rms == pytest.approx(5.0 * NOISE, rel=0.1)
+    found = noises_of(records)
+    assert found[2].rms == pytest.approx(5.0 * NOISE, rel=0.1)
+    # those that are alike tell one value together, better than each of them
+    others = {noise.rms for k, noise in enumerate(found) if k != 2}
+    assert len(others) == 1
+    assert others.pop() == pytest.approx(NOISE, rel=0.05)
+
+
+def bent(voltage, seed=3):
+    """Return a record of a bent gain that is driven by any voltage."""
+    noise = NOISE * np.random.default_rng(seed).normal(size=voltage.size)
+    return Record('any', 1.0 / RATE, voltage, 1e-4 * (voltage - 0.2 * voltage**3) + noise)
+
+
+def test_records_that_never_repeat_show_their_noise():
+    t = np.arange(20000) / RATE
+    chirp = bent(np.sin(2 * np.pi * (1.0 + 2.0 * t) * t))
+    staircase = bent(np.repeat(np.sin(np.arange(20)), 1000))
+    for record in (chirp, staircase):
+        assert noise_of(record).rms == pytest.approx(NOISE, rel=0.15)
+
+
+@pytest.mark.parametrize('kind', ['sine', 'chirp'])
+def test_spikes_and_drop_outs_move_nothing(kind):
+    t = np.arange(12000) / RATE
+    clean = bent(np.sin(2 * np.pi * (5.0 if kind == 'sine' else 5.0 + 2.0 * t) * t))
+    spoilt = clean.displacement.copy()
+    spoilt[6001] += 30e-6
+    if kind == 'sine':
+        spoilt[4000:4040] = 0.0
+    record = replace(clean, displacement=spoilt)
+    assert noise_of(record).rms == pytest.approx(noise_of(clean).rms, rel=0.02)
+    found = whole(record)
+    assert found.lost >= (41 if kind == 'sine' else 1)
+    assert found.lost < 60
+    assert found.valid is not None
+    assert found.valid[6001] == 0.0
+    assert whole(clean).lost < 10
+
+
+def test_slow_noise_has_a_colour():
+    rng = np.random.default_rng(1)
+    slow = np.convolve(rng.normal(size=20100), np.ones(20) / 20.0, 'same')[:20000]
+    t = np.arange(20000) / RATE
+    u = np.sin(2 * np.pi * 5.0 * t)
+    white = Record('w', 1.0 / RATE, u, 1e-4 * u + NOISE * rng.normal(size=t.size))
+    red = Record('r', 1.0 / RATE, u, 1e-4 * u + 1e-7 * slow)
+    assert abs(noise_of(white).colour) < 0.1
+    assert noise_of(red).colour > 0.8
+
+
+def test_records_that_show_no_noise_are_refused():
+    short = [record(100, seconds=0.03)]
+    with pytest.raises(IdentificationError, match='no record shows the noise'):
+        split(short)
