@@ -25,8 +25,8 @@ lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
 
 test: lint
-	@$(run) python -m pytest -n 2 test/unit test/property test/docs
-	@$(run) python -m pytest -n 2 --dist loadfile --reruns 1 test/ros $(wildcard test/blind)
+	@$(run) python -m pytest -n 2 test/unit test/property test/docs $(wildcard test/blind)
+	@$(run) python -m pytest -n 2 --dist loadfile --reruns 1 test/ros
 
 clean:
 	rm -rf build install log .venv out

@@ -1,6 +1,75 @@
-"""Property tests draw the same examples in every run, so that a red run can be repeated."""
+"""What holds for all tests: the same examples in every run, no skip and no rerun in silence."""
 
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
 from hypothesis import settings
 
+# Property tests draw the same examples in every run, so that a red run can be repeated.
 settings.register_profile('repeatable', derandomize=True, deadline=None)
 settings.load_profile('repeatable')
+
+# With this set, a test that is skipped fails the run unless it stands on the list.
+NO_SKIPS = 'PIEZO_NO_SKIPS'
+ALLOWED = Path(__file__).with_name('allowed_skips.txt')
+
+
+def allowed_skips() -> dict[str, str]:
+    """Return why tests may be skipped, by the beginning of their names."""
+    lines = [line for line in ALLOWED.read_text(encoding='utf-8').splitlines() if line[:1] != '#']
+    return dict(line.split(': ', 1) for line in lines if line)
+
+
+class Ledger:
+    """Counts what was skipped and what was run again; of the process that reports to people."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._reruns_allowed = bool(config.getoption('reruns', 0))
+        self._skipped: dict[str, str] = {}
+        self._again: list[str] = []
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.outcome == 'rerun':
+            self._again.append(report.nodeid)
+        elif report.skipped and not hasattr(report, 'wasxfail'):
+            self._skipped[report.nodeid] = _reason(report)
+
+    def pytest_collectreport(self, report: Any) -> None:
+        if report.skipped:
+            self._skipped[report.nodeid] = _reason(report)
+
+    def _forbidden(self) -> dict[str, str]:
+        if not os.environ.get(NO_SKIPS):
+            return {}
+        beginnings = tuple(allowed_skips())
+        return {k: why for k, why in self._skipped.items() if not k.startswith(beginnings)}
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_sessionfinish(self, session: pytest.Session) -> Iterator[None]:
+        yield
+        if self._forbidden() and session.exitstatus == pytest.ExitCode.OK:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        say = terminalreporter.write_line
+        for name, why in self._forbidden().items():
+            say(f'FAILED {name}: it was skipped ({why}), and {ALLOWED.name} does not list it')
+        if self._reruns_allowed:
+            say(f'live tests that needed another try: {len(self._again)}')
+            for name in self._again:
+                say(f'  {name}')
+
+
+def _reason(report: Any) -> str:
+    return str(report.longrepr[2]) if isinstance(report.longrepr, tuple) else str(report.longrepr)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the process that reports keep the ledger; the workers of xdist report to it."""
+    if not hasattr(config, 'workerinput'):
+        config.pluginmanager.register(Ledger(config), 'ledger')
