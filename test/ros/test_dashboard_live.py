@@ -141,6 +141,7 @@ def test_the_page_over_live_processes(
     )
     run_sweep(browser, 'first', seconds='1')
     browser.until("model('sweep.words').text.includes('recorded as first')", 120.0)
+    assert words(browser, 'sweep.words').count(f'<td>/{SPACE}/dashboard_recorder</td>') == 6
     browser.until("model('discovery.data').value.includes('first')")
     browser.click('discovery.start')
     browser.until("model('discovery.bar').visible")
