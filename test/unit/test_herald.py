@@ -106,3 +106,17 @@ def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
     book.note('/piezo/simulator', 'ready', 'runs')
     assert book.is_ready('piezo/simulator')
     assert book.quiet() == FRESH
+
+
+def test_who_has_just_come_is_about_to_speak() -> None:
+    now = [100.0]
+    book = WorkBook(lambda: now[0])
+    book.meet(['/recorder', '/foreign'])
+    assert book.unheard() == ['foreign', 'recorder']
+    book.note('/recorder', 'starting', 'starting (0 s)')
+    assert book.unheard() == ['foreign']
+    now[0] += FRESH  # whoever never speaks under its own name holds nobody up for long
+    book.meet(['/recorder', '/foreign', '/late'])
+    assert book.unheard() == ['late']
+    book.meet(['/recorder'])
+    assert book.unheard() == []

@@ -22,9 +22,19 @@ class Neighbours(WorkBook):
 
     def __init__(self, node: Node, *, everywhere: bool = False) -> None:
         super().__init__()
+        self._node = node
         self._own = node.get_fully_qualified_name()
         self._place = None if everywhere else node.get_namespace().strip('/')
         node.create_subscription(DiagnosticArray, TOPIC, self._on_diagnostics, 10)
+
+    def look(self) -> None:
+        """Notice who of them has come: a node that can speak of itself does so once it is made."""
+        there = {
+            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+            for info in self._node.get_publishers_info_by_topic(TOPIC)
+            if self._place is None or info.node_namespace.strip('/') == self._place
+        }
+        self.meet(there - {self._own})
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from piezo_ros_common.herald import WORKS, State
 
@@ -23,6 +23,7 @@ class WorkBook:
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._said: dict[str, tuple[str, str, float]] = {}
+        self._met: dict[str, float] = {}
         self.newest = float('-inf')
 
     def note(self, name: str, state: str, words: str) -> None:
@@ -34,6 +35,18 @@ class WorkBook:
         self._said[name.strip('/')] = (state, words, now)
         if state in WORKS:
             self.newest = now
+
+    def meet(self, names: Iterable[str]) -> None:
+        """Take note of who is there and could speak; who has gone is forgotten."""
+        now = self._now()
+        self._met = {name: self._met.get(name, now) for name in (n.strip('/') for n in names)}
+
+    def unheard(self) -> list[str]:
+        """Return who came a moment ago and has not said a word yet: it is about to."""
+        now = self._now()
+        return sorted(
+            name for name, met in self._met.items() if name not in self._said and now - met < FRESH
+        )
 
     def quiet(self) -> float:
         """Return how long no node has said that it works [s]; infinite where none ever did."""

@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.confirmation import Progress
 from piezo_hysteresis.nodes.reports import QUIET, Reports, subscribers
+from piezo_ros_common.neighbours import Neighbours
 
 
 class Listeners:
@@ -25,6 +26,8 @@ class Listeners:
         Topic of the samples.
     patience : callable
         Returns the longest wait [s].
+    neighbours : Neighbours
+        Of the node; who of them has just come is waited for.
     recorders : bool
         Wait for recorders only, for nobody where there is none.
 
@@ -37,9 +40,16 @@ class Listeners:
     """
 
     def __init__(
-        self, node: Node, topic: str, patience: Callable[[], float], *, recorders: bool = False
+        self,
+        node: Node,
+        topic: str,
+        patience: Callable[[], float],
+        neighbours: Neighbours,
+        *,
+        recorders: bool = False,
     ) -> None:
         self._node = node
+        self._neighbours = neighbours
         self._patience = patience
         self._recorders = recorders
         self.awaited = ''
@@ -69,8 +79,11 @@ class Listeners:
 
     def _complete(self, begun: float) -> bool:
         self._reports.look()
+        self._neighbours.look()
+        if self._neighbours.unheard() or self._reports.silent():
+            return False
         quiet = time.monotonic() - max(begun, self._reports.quiet_since()) >= QUIET
-        return quiet and not self._reports.silent() and (self._recorders or bool(self._known()))
+        return quiet and (self._recorders or bool(self._known()))
 
     def _missing(self) -> str:
         if silent := self._reports.silent():

@@ -145,7 +145,7 @@ class PlayerNode(Node):
             self._find_recorders(states[0])
 
     def _find_listeners(self, state: str) -> None:
-        listeners = self._listeners = Listeners(self, state, self._patience)
+        listeners = self._listeners = Listeners(self, state, self._patience, self._neighbours)
         listeners.find()
         # What lies in front of the first marker of the bag belongs to no record.
         marker = self._marker = state.removesuffix(topics.STATE) + topics.MARKER
@@ -158,7 +158,7 @@ class PlayerNode(Node):
         listeners.begin()
 
     def _find_recorders(self, state: str) -> None:
-        listeners = Listeners(self, state, self._patience, recorders=True)
+        listeners = Listeners(self, state, self._patience, self._neighbours, recorders=True)
         listeners.find()
         if listeners.anybody:
             listeners.wait_matched(list(self._topics.values()))

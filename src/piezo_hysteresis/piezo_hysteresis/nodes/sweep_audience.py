@@ -13,6 +13,7 @@ from piezo_hysteresis.nodes.reports import QUIET, Reports
 from piezo_hysteresis.nodes.sweep_plan import SweepRecord
 from piezo_interfaces.msg import RecordMarker
 from piezo_ros_common import topics
+from piezo_ros_common.diagnostics import TOPIC as DIAGNOSTICS
 from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LOOP
@@ -80,11 +81,18 @@ class SweepAudience:
             return missing
         if silent := reports.silent():
             return f'the first word of {", ".join(silent)} on its status'
-        if working := self._neighbours.working():
-            return working
+        if starting := self._starting():
+            return starting
         now = time.monotonic()
         calm = now - max(asked, reports.quiet_since()) >= QUIET
         return '' if calm or now - asked > LONGEST_QUIET else 'nodes that are just starting'
+
+    def _starting(self) -> str:
+        """Return who of the others is not there as a whole yet; empty for nobody."""
+        self._neighbours.look()
+        if unheard := self._neighbours.unheard():
+            return f'the first word of {", ".join(unheard)} on {DIAGNOSTICS}'
+        return self._neighbours.working()
 
     def mark(self, record: SweepRecord, sample: int) -> int:
         """Say that a record begins at tick `sample`; return the stamp of the marker [ns]."""
