@@ -12,12 +12,13 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.identification.factor import inner, triangle
+from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.reading import (
     differentiated,
     misfit,
     nuisance_rows,
     simulated,
+    square,
 )
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
@@ -111,13 +112,8 @@ class Objective:
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Return measured minus simulated of every target [m], without weights."""
         packed = self.packed(x)
-        return self._map(lambda t: self._left(t, x, packed))
-
-    def _left(
-        self, target: Target, x: FloatArray, packed: FloatArray, *, weighted: bool = False
-    ) -> FloatArray:
         late = self.sampling_offset(x)
-        return misfit(self.model, packed, target, late, weighted=weighted)
+        return self._map(lambda t: misfit(self.model, packed, t, late))
 
     def cost(self, x: FloatArray) -> float:
         """Half the weighted sum of squares at `x`; inf where `x` is impossible."""
@@ -126,13 +122,14 @@ class Objective:
         except ModelError:
             return float('inf')
 
-        def square(target: Target) -> float:
+        late = self.sampling_offset(x)
+
+        def left(target: Target) -> float:
             # parameters may make the model overflow: then they are impossible, not an error
             with np.errstate(over='ignore', invalid='ignore'):
-                error = self._left(target, x, packed, weighted=True)
-                return inner(error, error)
+                return square(self.model, packed, target, late)
 
-        squares = self._map(square)
+        squares = self._map(left)
         total = sum(
             (t.weight * w) ** 2 * s
             for t, w, s in zip(self.targets, self.weights, squares, strict=True)

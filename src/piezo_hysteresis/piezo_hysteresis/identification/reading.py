@@ -13,6 +13,7 @@ from math import floor
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.record_start import path_to
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
@@ -222,18 +223,42 @@ def misfit(
     weighted : bool
         Times the influence that each residual has in a fit.
     """
+    return _split(model, packed, target, sampling_offset, weighted=weighted)[1]
+
+
+def square(
+    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
+) -> float:
+    """Return what a fit makes small of a target [m^2].
+
+    The weighted squares that are left with the nuisances at their best, and what the prior of
+    the nuisances charges for these: `misfit` alone would leave the latter out.
+    """
+    plain, left = _split(model, packed, target, sampling_offset, weighted=True)
+    return inner(plain, left)
+
+
+def _split(
+    model: Model,
+    packed: FloatArray,
+    target: Target,
+    sampling_offset: float,
+    *,
+    weighted: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return measured less simulated without nuisances, and with them at their best."""
     error = target.measured - target.pick(simulated(model, packed, target, sampling_offset))
     factors = target.factors if weighted else target.valid
     if factors is not None:
         error = error * factors
     if not target.own_zero and target.begins.kind != 'estimate':
-        return error
+        return error, error
     if not np.all(np.isfinite(error)):
-        return error
+        return error, error
     rows, prior = nuisance_rows(model, packed, target, sampling_offset)
     if not len(rows):
-        return error
+        return error, error
     if factors is not None:
         rows = rows * factors
     gram = rows @ rows.T + np.diag(prior**2)
-    return np.asarray(error - solve_square(gram, rows @ error).values @ rows)
+    return error, np.asarray(error - solve_square(gram, rows @ error).values @ rows)

@@ -1,0 +1,40 @@
+"""The solver is told one and the same sum of squares by both of its questions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
+from piezo_hysteresis.identification.output_error import suited
+from piezo_hysteresis.identification.record_start import RecordStart
+from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record
+
+DT = 1e-3
+BEGINS = RecordStart('estimate', (0.7,))
+
+
+@pytest.mark.parametrize('own_zero', [False, True])
+@pytest.mark.parametrize('name', ['bouc_wen_mode', 'prandtl_ishlinskii'])
+def test_cost_and_linearisation_agree_where_the_start_is_estimated(
+    name: str, own_zero: bool
+) -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(800) * DT
+    u = np.sin(2 * np.pi * 5 * t + 1.0)
+    y = 4e-5 * np.sin(2 * np.pi * 5 * t + 0.9) + 1e-6 * rng.standard_normal(t.size)
+    record = Record('r', DT, u, y)
+    model = suited(named(name), [record])
+    target = replace(whole(record, begins=BEGINS), own_zero=own_zero)
+    target = replace(target, influence=rng.uniform(0.3, 1.0, target.measured.size))
+    free = (*model.free_names, SAMPLING_OFFSET)
+    values = {**model.defaults(), SAMPLING_OFFSET: 2e-4}
+    objective = Objective(model, [target], free, values)
+    x = np.array([values[each] for each in free])
+    told = objective.linearise(x)[2]
+    assert objective.cost(x) == pytest.approx(told, rel=1e-9)
+    assert told > 0.0
