@@ -25,11 +25,8 @@ from piezo_hysteresis.compensation.hinf import (
 from piezo_hysteresis.compensation.loop import tracking_metrics
 from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.compensation.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.slope_selector import (
-    SlopeSelectedInverse,
-    fit_inverse,
-    selector_table,
-)
+from piezo_hysteresis.compensation.slope_selector import SlopeSelectedInverse
+from piezo_hysteresis.identification.inverse_rows import fit_inverse, selector_table
 from piezo_hysteresis.waveforms import Sine, Triangle, Waveform, from_spec
 
 # 003 table 1: frequency, rms and largest error without and with its compensator [um].

@@ -14,13 +14,13 @@ from piezo_hysteresis.compensation.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.loop import reference_points
 from piezo_hysteresis.compensation.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.physical import PhysicalInverse, least_slope
-from piezo_hysteresis.compensation.slope_selector import (
+from piezo_hysteresis.compensation.slope_selector import SlopeSelectedInverse
+from piezo_hysteresis.errors import CompensationError, IdentificationError
+from piezo_hysteresis.identification.inverse_rows import (
     InverseBoucWen,
-    SlopeSelectedInverse,
     fit_inverse,
     selector_table,
 )
-from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine, Triangle
@@ -377,7 +377,7 @@ def test_selector_recovers_its_rows_and_follows_triangles():
     for row, found in zip(rows, fitted, strict=True):
         assert found.c == pytest.approx(row.c, rel=0.02)
         assert found.b == pytest.approx(row.b, rel=0.1)
-    with pytest.raises(CompensationError):
+    with pytest.raises(IdentificationError):
         selector_table(rows[:1])
 
 

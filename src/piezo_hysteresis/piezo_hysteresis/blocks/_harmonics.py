@@ -13,18 +13,20 @@ def add_sine(
     state: FloatArray,
     sine: float,
     cosine: float,
-    step: float,
+    dt: float,
+    frequency: float,
     order: int,
 ) -> None:
-    """Add a harmonic of the drive; state is the phase of the drive [cycles], step its advance."""
-    cycles = state[0]
+    """Add a harmonic of the drive; state is (time of the first sample [s], cycles since)."""
+    begun, cycles = state[0] * frequency, state[1]
+    step = frequency * dt
     on = 1.0 if step > 0.0 else 0.0
     for k in range(x.size):
-        angle = 2.0 * pi * order * cycles
+        angle = 2.0 * pi * order * (begun + cycles)
         y[k] = x[k] + on * (sine * sin(angle) + cosine * cos(angle))
         cycles += step
         cycles -= int(cycles)
-    state[0] = cycles
+    state[1] = cycles
 
 
 @jit
@@ -33,17 +35,20 @@ def add_recursion(
     y: FloatArray,
     state: FloatArray,
     p: FloatArray,
-    step: float,
+    dt: float,
+    frequency: float,
     order: int,
 ) -> None:
     """Add ``yn[k] = yn[k-1] + ca yn[k-2] + cb yn[k-3] + al_a sin + al_b cos``.
 
-    State is the phase of the drive [cycles] and the last three yn [m].
+    State is (time of the first sample [s], cycles since, the last three yn [m]).
     """
-    cycles, y1, y2, y3 = state[0], state[1], state[2], state[3]
+    begun, cycles = state[0] * frequency, state[1]
+    y1, y2, y3 = state[2], state[3], state[4]
+    step = frequency * dt
     on = 1.0 if step > 0.0 else 0.0
     for k in range(x.size):
-        angle = 2.0 * pi * order * cycles
+        angle = 2.0 * pi * order * (begun + cycles)
         new = y1 + p[0] * y2 + p[1] * y3 + on * (p[2] * sin(angle) + p[3] * cos(angle))
         y3 = y2
         y2 = y1
@@ -51,7 +56,7 @@ def add_recursion(
         y[k] = x[k] + new
         cycles += step
         cycles -= int(cycles)
-    state[0] = cycles
-    state[1] = y1
-    state[2] = y2
-    state[3] = y3
+    state[1] = cycles
+    state[2] = y1
+    state[3] = y2
+    state[4] = y3

@@ -147,6 +147,9 @@ class Block:
         Paper and equation.
     check : callable or None
         ``check(values)`` returns '' or the reason why these parameters are impossible together.
+    phased : bool
+        Whether it follows the phase of a drive that began at time 0; ``state[0]`` is the time
+        of the first sample then [s].
     clocked : bool
         Whether ``state[0]`` is the time [s] of the first sample, for blocks that depend on it.
     beside : bool
@@ -191,6 +194,7 @@ class Block:
     source: str = ''
     check: Callable[[Mapping[str, float]], str] | None = None
     clocked: bool = False
+    phased: bool = False
     beside: bool = False
     parts: tuple[Block, ...] = ()
     between: Between = Between.TICK
@@ -212,11 +216,11 @@ class Block:
         dt : float
             Sampling interval [s].
         start : float
-            Time of the first sample [s]; matters to clocked blocks only.
+            Time of the first sample [s]; matters to clocked and phased blocks only.
         """
         size = self.state_size if isinstance(self.state_size, int) else self.state_size(dt)
         state = np.zeros(size)
-        if self.clocked:
+        if self.clocked or self.phased:
             state[0] = start
         return state
 

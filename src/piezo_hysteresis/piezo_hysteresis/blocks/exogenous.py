@@ -13,16 +13,16 @@ from piezo_hysteresis.jit import jit
 def kernel3(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Add y3; state is the phase of the drive [cycles] and the last three y3 [m]."""
-    add_recursion(x, y, state, p, frequency * dt, 3)
+    """Add y3; see `add_recursion` for the state."""
+    add_recursion(x, y, state, p, dt, frequency, 3)
 
 
 @jit
 def kernel5(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Add y5; state is the phase of the drive [cycles] and the last three y5 [m]."""
-    add_recursion(x, y, state, p, frequency * dt, 5)
+    """Add y5; see `add_recursion` for the state."""
+    add_recursion(x, y, state, p, dt, frequency, 5)
 
 
 def check3(values: Mapping[str, float]) -> str:
@@ -61,7 +61,8 @@ BLOCKS = (
         slot=Slot.ADDED,
         parameters=_parameters(3, ('c3', 'c4', 'al1', 'al2')),
         kernel=kernel3,
-        state_size=4,
+        state_size=5,
+        phased=True,
         description=(
             'Third harmonic by the printed recursion; in steady state one record determines two '
             'of its four parameters.'
@@ -74,7 +75,8 @@ BLOCKS = (
         slot=Slot.ADDED,
         parameters=_parameters(5, ('c5', 'c6', 'al3', 'al4')),
         kernel=kernel5,
-        state_size=4,
+        state_size=5,
+        phased=True,
         description=(
             'Fifth harmonic by the printed recursion; in steady state one record determines two '
             'of its four parameters.'

@@ -11,16 +11,16 @@ from piezo_hysteresis.jit import jit
 def kernel3(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Add the third harmonic; state is the phase of the drive [cycles]."""
-    add_sine(x, y, state, p[0], p[1], frequency * dt, 3)
+    """Add the third harmonic; state is (time of the first sample [s], cycles since)."""
+    add_sine(x, y, state, p[0], p[1], dt, frequency, 3)
 
 
 @jit
 def kernel5(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Add the fifth harmonic; state is the phase of the drive [cycles]."""
-    add_sine(x, y, state, p[0], p[1], frequency * dt, 5)
+    """Add the fifth harmonic; state is (time of the first sample [s], cycles since)."""
+    add_sine(x, y, state, p[0], p[1], dt, frequency, 5)
 
 
 BLOCKS = tuple(
@@ -40,7 +40,8 @@ BLOCKS = tuple(
             for kind in ('sine', 'cosine')
         ),
         kernel=kernel,
-        state_size=1,
+        state_size=2,
+        phased=True,
         description=(
             f'Harmonic of order {order} with the phase of the drive; nothing where the drive has '
             'no fundamental frequency.'

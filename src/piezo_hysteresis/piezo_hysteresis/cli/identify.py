@@ -21,12 +21,15 @@ if TYPE_CHECKING:
 
 HELP = 'identify a model from records'
 
-_METHODS = 'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, cma or de'
+_METHODS = (
+    'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, cma, de, or of a paper: '
+    'fujii2018, tatebatake2017, zhou2021, xiao2014, fang2019'
+)
 
 # What each method takes besides records, model and progress.
 _TAKES = {
     'output_error': ('weights', 'folded', 'sampling_offset', 'begins', 'zero', 'workers', 'start'),
-    'rls': ('forgetting', 'variant', 'offset', 'unit'),
+    'rls': ('forgetting', 'variant', 'offset', 'unit', 'p0', 'start'),
     'rls_ud': ('forgetting', 'start', 'sampling_offset'),
     'pi_bank': ('forgetting', 'start', 'sampling_offset'),
 }
@@ -38,6 +41,7 @@ _SEARCH = (
     'zero',
     'workers',
     'max_evaluations',
+    'swarm',
 )
 
 
@@ -79,9 +83,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--whole', action='store_true', help='never average over periods')
     add('--no-sampling-offset', action='store_true', help='trust the sampling instants')
     add('--max-evaluations', type=int, help='budget of a search')
+    add(
+        '--swarm',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='constants of a swarm: population, constriction, inertia, inertia_end, own, common, '
+        'tolerance',
+    )
     add('--forgetting', type=float, help='forgetting factor of a recursive method')
     add('--variant', choices=('V1', 'V2'), help='form of rls: V1 is 000 (3), V2 is 001 (10)')
-    add('--no-offset', action='store_true', help='rls without the constant column, as printed')
+    add('--no-offset', action='store_true', help='rls without an offset, as printed')
+    add('--p0', type=float, help='rls: P starts as this times the identity (1, as printed)')
     add('--unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
     add('--workers', type=int, default=1, help='threads; the result is the same')
     add('--actuator', help='which actuator, where a bag holds several')
@@ -99,13 +112,14 @@ def run(arguments: argparse.Namespace) -> int:
 def task_of(arguments: argparse.Namespace) -> Identify:
     """Return what the words ask for."""
     from piezo_hysteresis.batch.tasks import Identify
+    from piezo_hysteresis.identification.settings import pairs
 
     return Identify(
         model=arguments.model,
         method=arguments.method,
         seed=arguments.seed,
-        hold=_pairs(arguments.hold),
-        start=_pairs(arguments.set),
+        hold=pairs(arguments.hold),
+        start=pairs(arguments.set),
         before=tuple(arguments.before),
         warm_up=arguments.warm_up,
         frequency=arguments.frequency,
@@ -115,23 +129,11 @@ def task_of(arguments: argparse.Namespace) -> Identify:
     )
 
 
-def _pairs(words: list[str]) -> dict[str, float]:
-    pairs: dict[str, float] = {}
-    for word in words:
-        name, equals, value = word.partition('=')
-        if name in pairs:
-            raise IdentificationError(f'{name} is given twice; give it once')
-        try:
-            pairs[name] = float(value)
-        except ValueError:
-            equals = ''
-        if not equals:
-            raise IdentificationError(f'{word!r} should be NAME=VALUE with a number in SI units')
-    return pairs
-
-
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Options that the method takes; one that belongs to another method is refused."""
+    from piezo_hysteresis.identification.methods import base_of
+    from piezo_hysteresis.identification.settings import pairs
+
     given = {
         'weights': arguments.weights,
         'folded': False if arguments.whole else None,
@@ -139,13 +141,15 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         'begins': arguments.start if arguments.start != 'auto' else None,
         'zero': arguments.zero if arguments.zero != 'auto' else None,
         'max_evaluations': arguments.max_evaluations,
+        'swarm': pairs(arguments.swarm) or None,
         'forgetting': arguments.forgetting,
         'variant': arguments.variant,
         'offset': False if arguments.no_offset else None,
         'unit': arguments.unit,
+        'p0': arguments.p0,
         'start': arguments.set or arguments.model.endswith(('.yaml', '.yml')) or None,
     }
-    takes = _TAKES.get(arguments.method, _SEARCH)
+    takes = _TAKES.get(base_of(arguments.method), _SEARCH)
     stray = sorted(
         name for name, value in given.items() if value is not None and name not in takes
     )

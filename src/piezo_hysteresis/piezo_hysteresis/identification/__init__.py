@@ -2,7 +2,8 @@
 
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.identify import METHODS, Identification, identify
+from piezo_hysteresis.identification.identify import Identification, identify
+from piezo_hysteresis.identification.methods import METHODS
 from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.online import OnlineMethod, online
 from piezo_hysteresis.identification.output_error import output_error

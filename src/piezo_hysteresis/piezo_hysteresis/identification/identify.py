@@ -16,12 +16,12 @@ from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
 from piezo_hysteresis.identification.errors import RecordErrors, judged, views_of
+from piezo_hysteresis.identification.methods import base_of, settled_by
+from piezo_hysteresis.identification.nested import output_error_in_stages
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
-from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.result import FitResult
-from piezo_hysteresis.identification.search import SEARCHES
 from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
@@ -29,7 +29,7 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.records import Record
 
-METHODS = ('output_error', *ONLINE_METHODS, *SEARCHES)
+_MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss on average.'
 
 
 @dataclass(frozen=True)
@@ -217,10 +217,8 @@ def identify(
         If the records cannot identify anything, or a setting is impossible; the sentence says
         what to record or to set instead.
     """
-    if method not in METHODS:
-        raise IdentificationError(
-            f'method {method!r} is unknown; choose one of {", ".join(METHODS)}'
-        )
+    base = base_of(method)
+    options = {**settled_by(method), **options}
     begun = time.perf_counter()
     require_settings(
         seed=seed,
@@ -232,13 +230,13 @@ def identify(
     given.pop(SAMPLING_OFFSET, None)
     held_at(model, {}, given)
     said = require_usable(records)
-    if method in ONLINE_METHODS:
+    if base in ONLINE_METHODS:
         return _online(records, model, method, said, begun, progress, options)
-    if method == 'output_error':
-        fit = output_error(model, records, workers=workers, progress=progress, **options)
+    if base == 'output_error':
+        fit = output_error_in_stages(model, records, workers=workers, progress=progress, **options)
     else:
         fit = identify_by_search(
-            model, records, method, seed=seed, workers=workers, progress=progress, **options
+            model, records, base, seed=seed, workers=workers, progress=progress, **options
         )
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
     return from_fit(fit, method, records, said, begun, choices)
@@ -359,13 +357,17 @@ def _online(
     progress: Progress | None,
     options: Mapping[str, Any],
 ) -> Identification:
-    run = run_online(model, records, method, progress=progress, **options)
+    run = run_online(model, records, base_of(method), progress=progress, **options)
     estimate = run.method.estimate()
     chain = model
-    if method != 'rls' and 'pi_range' in model.parameter_names:
+    if 'pi_range' in model.parameter_names:
         span = max(float(np.max(np.abs(r.voltage))) for r in records)
         chain = model.hold(pi_range=span)
     values = {**chain.defaults(), **estimate.parameters()}
+    std = {n: float(s) for n, s in zip(estimate.names, estimate.standard_deviations, strict=True)}
+    if run.zero is not None:
+        values['offset'], std['offset'] = run.zero.offset, run.zero.spread
+        said = (*said, _MEAN_APART)
     late = run.sampling_offset
     views = views_of(chain, values, records, late, checked=False)
     rows = judged(chain, values, views, late, checked=False)
@@ -373,9 +375,7 @@ def _online(
         model=chain,
         method=method,
         values=values,
-        std=dict(
-            zip(estimate.names, (float(s) for s in estimate.standard_deviations), strict=True)
-        ),
+        std=std,
         names=estimate.names,
         correlation=estimate.correlation,
         condition=estimate.condition_number,

@@ -43,6 +43,11 @@ def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tu
 
 
 def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
+    """Tell whether the response is affine in `names`, and the last of them does something.
+
+    What does nothing at the defaults (the recursion of a harmonic that has no input yet, a knot
+    that the signal does not come to) is affine by accident only.
+    """
     scales = {q.name: q.scale for q in model.parameters}
     base = {**model.defaults(), **dict.fromkeys(names, 0.0)}
     rng = np.random.default_rng(0)
@@ -57,7 +62,10 @@ def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
 
     zero, first, second, total = run(base), run(one), run(two), run(both)
     scale = float(np.max(np.abs(first - zero), initial=0.0))
+    alone = {**base, names[-1]: one[names[-1]]}
     with np.errstate(over='ignore', invalid='ignore'):
+        if not np.max(np.abs(run(alone) - zero)) > 0.0:
+            return False
         gap = float(np.max(np.abs(first + second - total - zero)))
     return bool(np.isfinite(gap) and gap <= 1e-7 * scale)
 

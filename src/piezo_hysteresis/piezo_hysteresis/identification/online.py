@@ -44,6 +44,9 @@ class OnlineMethod(Protocol):
     def free_run(self, voltage: FloatArray) -> FloatArray:
         """Simulate the present estimate from rest."""
 
+    def drive_at(self, frequency: float, start: float = 0.0) -> None:
+        """Go on with another drive [Hz] from the time `start` [s], where it matters."""
+
     def rest(self) -> None:
         """Begin another record from rest, keeping what was learnt."""
 
@@ -83,6 +86,22 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
 
 
 @dataclass(frozen=True)
+class Zero:
+    """An offset found after a recursion, from its free runs.
+
+    Attributes
+    ----------
+    offset : float
+        Mean over the records of what their free runs miss on average [m].
+    spread : float
+        Its standard deviation from record to record; inf for one record, which cannot tell [m].
+    """
+
+    offset: float
+    spread: float
+
+
+@dataclass(frozen=True)
 class OnlineRun:
     """What a recursive method found in records.
 
@@ -98,6 +117,8 @@ class OnlineRun:
         Rms of the prediction error over each tenth of the data [m].
     sampling_offset : float
         By how much later than our convention the displacement was sampled [s].
+    zero : Zero or None
+        What the free runs miss on average, for a recursion that sees no mean itself.
     """
 
     method: OnlineMethod
@@ -105,6 +126,7 @@ class OnlineRun:
     settled: bool
     history: tuple[float, ...]
     sampling_offset: float = 0.0
+    zero: Zero | None = None
 
 
 def run_online(
@@ -134,7 +156,7 @@ def run_online(
     progress : callable, optional
         Told ``(fraction, words)``.
     **options
-        Of the method: start, forgetting, variant, offset, unit.
+        Of the method: start, forgetting, variant, offset, unit, p0.
 
     Raises
     ------
@@ -187,6 +209,7 @@ def run_on_clock(
     variant: str = 'V1',
     offset: bool = True,
     unit: str = 'mm',
+    p0: float = 1.0,
     progress: Progress | None = None,
 ) -> OnlineRun:
     """Run a recursive method over records whose clock is known, see `run_online`."""
@@ -194,8 +217,17 @@ def run_on_clock(
         raise IdentificationError(
             f'{method} needs records of one sampling rate; resample them, or use output_error'
         )
+    said: tuple[str, ...] = ()
     if method == 'rls':
-        recursion, said = _papers(model, records[0], forgetting, variant, offset, unit)
+        settings = RlsSettings(
+            variant=variant,
+            forgetting=forgetting or 1.0,
+            unit=unit,
+            dt=records[0].dt,
+            p0=p0,
+            start=start or {},
+        )
+        recursion = _papers(model, records, settings)
     else:
         recursion, said = _well_posed(model, records, method, start or {}, forgetting)
     total = sum(len(record) for record in records)
@@ -203,6 +235,7 @@ def run_on_clock(
     before = recursion.estimate()
     for record in records:
         recursion.rest()
+        recursion.drive_at(record.info.frequency, record.start)
         for piece in np.array_split(np.arange(len(record)), 10):
             errors = recursion.update_many(record.voltage[piece], record.displacement[piece])
             if done < 0.9 * total:
@@ -212,10 +245,33 @@ def run_on_clock(
             if progress is not None:
                 progress(done / total, f'prediction error {1e6 * history[-1]:.4g} um')
     after = recursion.estimate()
+    zero = _zero(recursion, records) if method == 'rls' and offset else None
     at_rest = settled(before, after)
     if not at_rest:
         said = (*said, 'the estimates still drift at the end: record longer, or use output_error.')
-    return OnlineRun(recursion, (*said, *after.notes), at_rest, tuple(history))
+    return OnlineRun(recursion, (*said, *after.notes), at_rest, tuple(history), zero=zero)
+
+
+def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> Zero:
+    """Return the offset that the free runs of the papers' RLS miss.
+
+    Their mean is whatever the rounding of A0 over beta makes of it; a constant column beside A0
+    does not mend that, because the two do the same in steady state.
+    """
+    missed = []
+    for record in records:
+        recursion.drive_at(record.info.frequency, record.start)
+        with np.errstate(over='ignore', invalid='ignore'):
+            error = record.displacement - recursion.free_run(record.voltage)
+        part = error[record.warm_up_samples :]
+        if not np.all(np.isfinite(part[np.isfinite(record.displacement[-part.size :])])):
+            raise IdentificationError(
+                f'rls diverges on record {record.name}: the model that it found grows without '
+                'bound when it runs freely; record longer, or use output_error'
+            )
+        missed.append(float(np.nanmean(part)))
+    spread = float(np.std(missed, ddof=1)) if len(missed) > 1 else float('inf')
+    return Zero(float(np.mean(missed)), spread)
 
 
 def _with_mode(records: Sequence[Record], start: Mapping[str, float]) -> dict[str, float]:
@@ -234,32 +290,22 @@ def settled(before: Estimate, after: Estimate) -> bool:
     )
 
 
-def _papers(
-    model: Model, record: Record, forgetting: float | None, variant: str, offset: bool, unit: str
-) -> tuple[OnlineMethod, tuple[str, ...]]:
+def _papers(model: Model, records: Sequence[Record], settings: RlsSettings) -> OnlineMethod:
     harmonics = {'extended': 0, 'enhanced3': 3, 'enhanced5': 5}
     if model.name not in harmonics:
         raise IdentificationError(
             f'rls identifies extended, enhanced3 and enhanced5, not {model.name}; use output_error'
         )
-    if harmonics[model.name] and record.info.frequency <= 0.0:
-        raise IdentificationError(
-            f'record {record.name} does not say the frequency of its drive, of which {model.name} '
-            'takes a harmonic; give --frequency, or frequency in records.yaml'
-        )
-    if variant == 'V0':
+    for record in records:
+        if harmonics[model.name] and record.info.frequency <= 0.0:
+            raise IdentificationError(
+                f'record {record.name} does not say the frequency of its drive, of which '
+                f'{model.name} takes a harmonic; give --frequency, or frequency in records.yaml'
+            )
+    if settings.variant == 'V0':
         raise IdentificationError('no named model has the form of V0; use V1, or the node')
-    return OnlineRls(
-        RlsSettings(
-            variant=variant,
-            offset=offset,
-            harmonic=harmonics[model.name],
-            frequency=record.info.frequency,
-            forgetting=forgetting or 1.0,
-            unit=unit,
-            dt=record.dt,
-        )
-    ), ()
+    first = records[0].info.frequency
+    return OnlineRls(replace(settings, harmonic=harmonics[model.name], frequency=first))
 
 
 def _well_posed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
@@ -164,4 +164,32 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
         evaluations=solution.evaluations,
         objective=objective,
         solution=solution,
+    )
+
+
+def result_at(
+    objective: Objective,
+    values: Mapping[str, float],
+    *,
+    converged: bool,
+    message: str,
+    evaluations: int,
+    history: tuple[float, ...],
+) -> FitResult:
+    """Return the result of another method that ended at `values`, with its uncertainty there.
+
+    Parameters
+    ----------
+    objective : Objective
+        What would be minimised.
+    values : mapping of str to float
+        Every parameter.
+    converged, message, evaluations, history
+        As in `solver.Solution`.
+    """
+    x = np.array([values[name] for name in objective.free])
+    factor, _, cost = objective.linearise(x)
+    at_bound = (False,) * x.size
+    return result_of(
+        objective, Solution(x, factor, cost, converged, message, evaluations, history, at_bound)
     )

@@ -8,8 +8,9 @@ well-posed methods.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import pi, sqrt
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import isfinite, pi, sqrt
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from piezo_hysteresis.identification.rls_kernels import (
     ERROR_SUM,
     FORGETTING,
     MEMORY,
+    OMEGA,
+    PHASE,
     SAMPLES,
     WEIGHT_SUM,
     free_run,
@@ -57,6 +60,10 @@ class RlsSettings:
         Working unit of y: ``mm`` reproduces the papers, because P0 = I has a unit.
     dt : float
         Sampling interval [s].
+    p0 : float
+        Start of P is this times the identity; the papers have 1.
+    start : mapping of str to float
+        Start values in SI units, by the names of the estimate; the papers' for the others.
     """
 
     variant: str = 'V1'
@@ -66,6 +73,8 @@ class RlsSettings:
     forgetting: float = 1.0
     unit: str = 'mm'
     dt: float = 1e-3
+    p0: float = 1.0
+    start: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
@@ -76,11 +85,7 @@ class RlsSettings:
             raise IdentificationError(f'harmonic must be 0, 3 or 5, got {self.harmonic}')
         if self.harmonic and self.variant == 'V2':
             raise IdentificationError('V2 (paper 001) has no harmonic; choose V0 or V1 for it')
-        if self.harmonic and not (0 < self.harmonic * self.frequency * self.dt < 0.5):
-            raise IdentificationError(
-                f'harmonic {self.harmonic} of {self.frequency:g} Hz cannot be seen at '
-                f'{1 / self.dt:g} samples/s; give the frequency of the drive'
-            )
+        self.require_seen(self.frequency)
         if not 0.0 < self.forgetting <= 1.0:
             raise IdentificationError(
                 f'forgetting must be above 0 and at most 1, got {self.forgetting}'
@@ -91,13 +96,30 @@ class RlsSettings:
             )
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise IdentificationError(f'dt must be positive, got {self.dt} s')
+        if not (isfinite(self.p0) and self.p0 > 0.0):
+            raise IdentificationError(f'p0 must be positive, got {self.p0:g}')
+
+    def require_seen(self, frequency: float) -> None:
+        """Refuse a drive whose harmonic does not show at this sampling rate.
+
+        Raises
+        ------
+        IdentificationError
+            If there is a harmonic, and it lies beyond half the rate or its drive is not known.
+        """
+        if self.harmonic and not (0 < self.harmonic * frequency * self.dt < 0.5):
+            raise IdentificationError(
+                f'harmonic {self.harmonic} of {frequency:g} Hz cannot be seen at '
+                f'{1 / self.dt:g} samples/s; give the frequency of the drive'
+            )
 
 
 class OnlineRls:
     """The papers' RLS, one sample at a time.
 
-    Starts as the papers do: P0 = I, all parameters 0 but A1 = .01, A = .005, beta = gamma = .001
-    in the working unit per volt; h = 0 and y = 0 before the first sample.
+    Starts as the papers do where the settings say nothing else: P0 = I, all parameters 0 but
+    A1 = .01, A = .005, beta = gamma = .001 in the working unit per volt; h = 0 and y = 0 before
+    the first sample.
 
     Parameters
     ----------
@@ -127,18 +149,61 @@ class OnlineRls:
         self._c[FORGETTING] = value
 
     def reset(self) -> None:
-        """Forget everything and start as the papers do."""
+        """Forget everything and start as the settings say.
+
+        Raises
+        ------
+        IdentificationError
+            If a start value is not finite or of no parameter.
+        """
         s = self._settings
         omega = 2 * pi * s.harmonic * s.frequency * s.dt
         self._c = np.array(
-            [VARIANTS.index(s.variant), s.offset, s.harmonic, omega, s.forgetting], dtype=float
+            [VARIANTS.index(s.variant), s.offset, s.harmonic, omega, s.forgetting, 0.0],
+            dtype=float,
         )
         self._theta = np.zeros(self._columns)
         self._theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001
-        self._p = np.eye(self._columns)
+        self._place_start()
+        self._p = s.p0 * np.eye(self._columns)
         self._x, self._g, self._one = np.zeros(self._columns), np.zeros(self._columns), np.zeros(3)
         self._m = np.zeros(MEMORY)
         self._before = 0
+
+    def _place_start(self) -> None:
+        names, _, factors, order = self._layout()
+        known = {n: (place, f) for n, place, f in zip(names, order, factors, strict=True)}
+        known.pop('offset', None)  # its column is no offset before the autoregression is known
+        for name, value in self._settings.start.items():
+            if name not in known or not isfinite(value):
+                raise IdentificationError(
+                    f'rls cannot start from {name} = {value:g}; it starts from finite '
+                    f'{", ".join(known)}'
+                )
+            place, to_metres = known[name]
+            self._theta[place] = value / to_metres
+
+    def drive_at(self, frequency: float, start: float = 0.0) -> None:
+        """Go on with another drive, from rest; without harmonic do nothing.
+
+        Parameters
+        ----------
+        frequency : float
+            Its frequency [Hz].
+        start : float
+            Time of the next sample, counted from where the drive was a sine at phase 0 [s].
+
+        Raises
+        ------
+        IdentificationError
+            If its harmonic cannot be seen.
+        """
+        s = self._settings
+        if s.harmonic:
+            s.require_seen(frequency)
+            self._settings = replace(s, frequency=frequency)
+            self._c[OMEGA] = 2 * pi * s.harmonic * frequency * s.dt
+            self._c[PHASE] = 2 * pi * s.harmonic * (frequency * start % 1.0)
 
     def rest(self) -> None:
         """Begin another record: the actuator is at rest again, what was learnt is kept."""

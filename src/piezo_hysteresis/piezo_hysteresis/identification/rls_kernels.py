@@ -15,7 +15,7 @@ _TRACE_MAX = 1e3  # mean of the diagonal of P at which forgetting rests; P0 = I 
 
 # Places in the memory (m) and in the settings (c).
 SAMPLES, ERROR_SUM, WEIGHT_SUM, MEMORY = 0, 13, 14, 15
-_VARIANT, _OFFSET, _HARMONIC, _OMEGA, FORGETTING = range(5)
+_VARIANT, _OFFSET, _HARMONIC, OMEGA, FORGETTING, PHASE = range(6)
 
 
 @jit
@@ -95,7 +95,7 @@ def update_many(
     The memory lives in local variables while the loop runs, which makes it four times faster.
     """
     k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww = m
-    variant, offset, harmonic, omega, forgetting = c
+    variant, offset, harmonic, omega, forgetting, begun = c
     n = theta.size
     last = n - 4
     # 001 has +S(du), +S|du| and -A0|du| where 000 has the opposite
@@ -114,7 +114,7 @@ def update_many(
             x[7] = 1.0
         if harmonic > 0.0:
             x[last], x[last + 1] = z2, z3
-            x[last + 2], x[last + 3] = sin(omega * k0), cos(omega * k0)
+            x[last + 2], x[last + 3] = sin(begun + omega * k0), cos(begun + omega * k0)
         for i in range(n):
             error -= theta[i] * x[i]
         _gain(x, theta, p, g, error, forgetting)
@@ -175,7 +175,7 @@ def free_run(u: FloatArray, y: FloatArray, theta: FloatArray, c: FloatArray) -> 
         y3, y2, y1, u1 = y2, y1, value, u[k]
         y[k] = value
         if c[_HARMONIC] > 0.0:
-            phase = c[_OMEGA] * k
+            phase = c[PHASE] + c[OMEGA] * k
             drive = theta[last + 2] * sin(phase) + theta[last + 3] * cos(phase)
             z = z1 + theta[last] * z2 + theta[last + 1] * z3 + drive
             if c[_VARIANT] == 0.0:

@@ -141,6 +141,9 @@ class OnlineUd:
         self._q = np.zeros((n - 1, 2))
         self._m = np.zeros(ud.PLAYS + COUNT)
 
+    def drive_at(self, frequency: float, start: float = 0.0) -> None:
+        """Do nothing: no column follows the drive."""
+
     def rest(self) -> None:
         """Begin another record: the actuator is at rest again, what was learnt is kept."""
         self._q[:] = 0.0

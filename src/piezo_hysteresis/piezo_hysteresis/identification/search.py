@@ -7,7 +7,7 @@ and works in a box scaled to the unit cube.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log, sqrt
 
 import numpy as np
@@ -15,6 +15,58 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
+
+_PHI = 4.2  # sum of the pulls of 004
+
+
+@dataclass(frozen=True)
+class Swarm:
+    """Constants of a particle swarm: ``v <- chi (w v + own r1 (p - x) + common r2 (g - x))``.
+
+    Attributes
+    ----------
+    population : int
+        Particles; 0 takes ten to an unknown, twenty at least.
+    constriction : float
+        chi.
+    inertia, inertia_end : float
+        w at the start and at the end of the budget, linear in between.
+    own, common : float
+        Largest pulls to the best point of a particle and of the swarm.
+    tolerance : float
+        The swarm rests when the best costs of its particles differ relatively less than this.
+    """
+
+    population: int = 0
+    constriction: float = 1.0
+    inertia: float = 0.7298
+    inertia_end: float = 0.7298
+    own: float = 1.4962
+    common: float = 1.4962
+    tolerance: float = 1e-8
+
+    def __post_init__(self) -> None:
+        if self.population != int(self.population) or self.population < 0 or self.population == 1:
+            raise IdentificationError(
+                f'a swarm has 2 particles or more, or 0 for the usual number, got '
+                f'{self.population:g}'
+            )
+        for name in ('constriction', 'inertia', 'inertia_end', 'own', 'common', 'tolerance'):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 10.0:
+                raise IdentificationError(f'{name} of a swarm lies within 0 .. 10, got {value:g}')
+
+
+#: The usual convergent set; 002 and 003 print none.
+USUAL = Swarm()
+#: 004: constriction chi of phi = 4.2 and an inertia that falls; its limits are not printed.
+FANG = Swarm(
+    constriction=2 / abs(2 - _PHI - sqrt(_PHI**2 - 4 * _PHI)),
+    inertia=0.9,
+    inertia_end=0.4,
+    own=_PHI / 2,
+    common=_PHI / 2,
+)
 
 Cost = Callable[[FloatArray], float]
 Progress = Callable[[float, str], None]
@@ -58,6 +110,7 @@ def search(
     max_evaluations: int = 4000,
     population: int | None = None,
     tolerance: float = 1e-8,
+    swarm: Swarm | None = None,
     progress: Progress | None = None,
 ) -> SearchResult:
     """Minimise `cost` in a box.
@@ -78,6 +131,8 @@ def search(
         Points per round; a default that suits the method otherwise.
     tolerance : float
         Stop when the costs of a round differ relatively less than this.
+    swarm : Swarm, optional
+        Constants of ``pso`` and ``pso_modified``, in the place of population and tolerance.
     progress : callable, optional
         Told ``(fraction, words)``.
 
@@ -89,13 +144,18 @@ def search(
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high)) and np.all(low < high)):
         raise IdentificationError('a search needs finite bounds with low below high; narrow them')
-    if method not in SEARCHES:
+    if method not in METHODS:
         raise IdentificationError(
-            f'search {method!r} is unknown; choose one of {", ".join(SEARCHES)}'
+            f'search {method!r} is unknown; choose one of {", ".join(METHODS)}'
         )
     width = high - low
     watch = _Watch(lambda z: cost(low + width * z), low.size, max_evaluations, progress)
-    message = SEARCHES[method](watch, np.random.default_rng(seed), population, tolerance)
+    rng = np.random.default_rng(seed)
+    if method in SWARMS:
+        usual = replace(SWARMS[method], population=population or 0, tolerance=tolerance)
+        message = _swarm(watch, rng, swarm or usual)
+    else:
+        message = SEARCHES[method](watch, rng, population, tolerance)
     if not np.isfinite(watch.best):
         raise IdentificationError('every point of the box is impossible; move the bounds')
     return SearchResult(
@@ -142,22 +202,17 @@ def _agreed(values: FloatArray, tolerance: float) -> bool:
     return finite.size > 1 and float(np.ptp(finite)) <= tolerance * float(np.min(finite))
 
 
-def _swarm(
-    watch: _Watch,
-    rng: np.random.Generator,
-    population: int | None,
-    tolerance: float,
-    factors: Callable[[float], tuple[float, float, float, float]],
-) -> str:
-    """Move a swarm; `factors(t)` gives chi, inertia, c1, c2 at the fraction t of the budget."""
-    count = population or max(20, 10 * watch.size)
+def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
+    count = int(swarm.population) or max(20, 10 * watch.size)
     x = rng.random((count, watch.size))
     v = 0.2 * (rng.random(x.shape) - 0.5)
     own, own_cost = x.copy(), watch.costs(x)
     while not watch.spent:
-        chi, inertia, c1, c2 = factors(watch.used / watch.limit)
-        pull = c1 * rng.random(x.shape) * (own - x) + c2 * rng.random(x.shape) * (watch.at - x)
-        v = np.clip(chi * (inertia * v + pull), -0.5, 0.5)
+        spent = min(watch.used / watch.limit, 1.0)
+        inertia = swarm.inertia + spent * (swarm.inertia_end - swarm.inertia)
+        pull = swarm.own * rng.random(x.shape) * (own - x)
+        pull += swarm.common * rng.random(x.shape) * (watch.at - x)
+        v = np.clip(swarm.constriction * (inertia * v + pull), -0.5, 0.5)
         x = x + v
         out = (x < 0) | (x > 1)
         x = np.clip(x, 0.0, 1.0)
@@ -165,25 +220,9 @@ def _swarm(
         values = watch.costs(x)
         better = values < own_cost
         own[better], own_cost[better] = x[better], values[better]
-        if _agreed(own_cost, tolerance):
+        if _agreed(own_cost, swarm.tolerance):
             return 'the swarm agrees'
     return ''
-
-
-def _pso(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
-    """Inertia .7298 and pulls 1.4962, the usual convergent set; 002 and 003 print none."""
-    return _swarm(watch, rng, population, tolerance, lambda _: (1.0, 0.7298, 1.4962, 1.4962))
-
-
-def _pso_modified(
-    watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float
-) -> str:
-    """Constriction chi of phi = 4.2 and an inertia that falls from .9 to .4 (004)."""
-    phi = 4.2
-    chi = 2 / abs(2 - phi - sqrt(phi**2 - 4 * phi))
-    return _swarm(
-        watch, rng, population, tolerance, lambda t: (chi, 0.9 - 0.5 * min(t, 1.0), 2.1, 2.1)
-    )
 
 
 def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
@@ -266,8 +305,8 @@ def _de(watch: _Watch, rng: np.random.Generator, population: int | None, toleran
 
 
 SEARCHES: dict[str, Callable[[_Watch, np.random.Generator, int | None, float], str]] = {
-    'pso': _pso,
-    'pso_modified': _pso_modified,
     'cma': _cma,
     'de': _de,
 }
+SWARMS: dict[str, Swarm] = {'pso': USUAL, 'pso_modified': FANG}
+METHODS: tuple[str, ...] = (*SWARMS, *SEARCHES)

@@ -130,3 +130,25 @@ def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record
         r if r.info.frequency > 0.0 else replace(r, info=replace(r.info, frequency=frequency))
         for r in records
     ]
+
+
+def pairs(words: Sequence[str]) -> dict[str, float]:
+    """Return the values that words NAME=VALUE give, in SI units.
+
+    Raises
+    ------
+    IdentificationError
+        If one is no such word, or a name comes twice.
+    """
+    found: dict[str, float] = {}
+    for word in words:
+        name, equals, value = word.partition('=')
+        if name in found:
+            raise IdentificationError(f'{name} is given twice; give it once')
+        try:
+            found[name] = float(value)
+        except ValueError:
+            equals = ''
+        if not equals:
+            raise IdentificationError(f'{word!r} should be NAME=VALUE with a number in SI units')
+    return found

@@ -1,21 +1,29 @@
-"""Global search over the parameters of a chain, the swarms in the two steps of 002."""
+"""Global search over the parameters of a chain, at once or in the two steps of 002."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks.base import Slot
+from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.fit import FARTHEST, target_weights
+from piezo_hysteresis.identification.inverse_fit import fit_direct, law_of
+from piezo_hysteresis.identification.inverse_rows import by_swarm
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.result import FitResult, result_of
-from piezo_hysteresis.identification.search import Progress, SearchResult, search
-from piezo_hysteresis.identification.solver import Solution
+from piezo_hysteresis.identification.result import FitResult, result_at
+from piezo_hysteresis.identification.search import (
+    SWARMS,
+    Progress,
+    SearchResult,
+    Swarm,
+    search,
+)
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
@@ -116,6 +124,9 @@ def identify_by_search(
     *,
     seed: int = 0,
     max_evaluations: int = 4000,
+    swarm: Mapping[str, float] | None = None,
+    steps: str = 'auto',
+    direct: bool = False,
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
     sampling_offset: bool = True,
@@ -128,7 +139,8 @@ def identify_by_search(
 
     A chain with a structure is searched in the two steps of 002 by the swarms: the hysteresis on
     the slowest record as if the structure were stiff, then the structure on the fastest. The
-    other methods search all unknowns on all records at once.
+    other methods search all unknowns on all records at once. 003's inverse can be searched where
+    it is used, from displacement to voltage and row by row.
 
     Parameters
     ----------
@@ -140,12 +152,27 @@ def identify_by_search(
         How records begin and where their zeros lie, see `circumstances.Choices`.
     method, seed, max_evaluations, progress
         See `search`.
+    swarm : mapping of str to float, optional
+        Constants of the swarm that are not the usual ones, see `search.Swarm`.
+    steps : str
+        ``one``, ``two``, or ``auto``: two by a swarm where the chain and the records allow it.
+    direct : bool
+        Whether an inverse is fitted from displacement to voltage; nothing to other chains.
 
     Returns
     -------
     FitResult
         With the uncertainty at the point found; it is rarely the bottom of the valley.
+
+    Raises
+    ------
+    IdentificationError
+        If two steps are asked for where there are none, or a constant is impossible.
     """
+    constants = swarm_of(method, swarm or {})
+    if direct and law_of(model):
+        solver = by_swarm(seed, max_evaluations, constants)
+        return fit_direct(model, records, solver, weights=weights, folded=folded)
     chain = suited(model, records)
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
     choices = Choices(begins, zero)
@@ -154,7 +181,7 @@ def identify_by_search(
     trail: list[SearchResult] = []
     for _ in range(_TURNS):
         values = {**chain.defaults(), SAMPLING_OFFSET: 0.0}
-        for part, free, seen in _steps(chain, targets, method):
+        for part, free, seen in _steps(chain, targets, method, steps):
             names = (*free, *late)
             box = box_of(chain, seen, names)
             base = {name: values[name] for name in (*part.parameter_names, SAMPLING_OFFSET)}
@@ -168,6 +195,7 @@ def identify_by_search(
                 method=method,
                 seed=seed,
                 max_evaluations=max_evaluations,
+                swarm=constants,
                 progress=progress,
             )
             trail.append(found)
@@ -181,8 +209,27 @@ def identify_by_search(
     return _result(chain, targets, values, late, weights, trail, workers)
 
 
+def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
+    """Return the constants of a swarm, None for a method that is none.
+
+    Raises
+    ------
+    IdentificationError
+        If one is unknown or impossible, or the method takes none.
+    """
+    if method not in SWARMS:
+        if given:
+            raise IdentificationError(f'{method} is no swarm; leave its constants out')
+        return None
+    known = [f.name for f in fields(Swarm)]
+    stray = [name for name in given if name not in known]
+    if stray:
+        raise IdentificationError(f'a swarm has no {stray[0]}; it has {", ".join(known)}')
+    return replace(SWARMS[method], **given)  # type: ignore[arg-type]
+
+
 def _steps(
-    model: Model, targets: Sequence[Target], method: str
+    model: Model, targets: Sequence[Target], method: str, steps: str
 ) -> list[tuple[Model, tuple[str, ...], list[Target]]]:
     """Chain, unknowns and records of each step of a search."""
     stiff = Model(
@@ -194,7 +241,13 @@ def _steps(
     order = sorted(targets, key=lambda t: t.frequency)
     apart = order[0].frequency < order[-1].frequency
     hysteretic = any(block.slot == Slot.HYSTERESIS for block in stiff.blocks)
-    if method.startswith('pso') and structure and apart and hysteretic:
+    possible = bool(structure) and apart and hysteretic
+    if steps == 'two' and not possible:
+        raise IdentificationError(
+            f'the two steps of 002 need hysteresis, a structure with something to find and two '
+            f'drive frequencies; {model.name} or the records lack one of them'
+        )
+    if possible and (steps == 'two' or (steps == 'auto' and method in SWARMS)):
         return [(stiff, stiff.free_names, order[:1]), (model, structure, order[-1:])]
     return [(model, model.free_names, list(targets))]
 
@@ -214,20 +267,19 @@ def _result(
     trail: Sequence[SearchResult],
     workers: int,
 ) -> FitResult:
-    free = (*model.free_names, *late)
     objective = Objective(
-        model, targets, free, values, weights=target_weights(targets, weights), workers=workers
+        model,
+        targets,
+        (*model.free_names, *late),
+        values,
+        weights=target_weights(targets, weights),
+        workers=workers,
     )
-    x = np.array([values[name] for name in free])
-    factor, _, cost = objective.linearise(x)
-    solution = Solution(
-        x=x,
-        factor=factor,
-        cost=cost,
+    return result_at(
+        objective,
+        values,
         converged=all(found.converged for found in trail),
         message='; '.join(found.message for found in trail),
         evaluations=sum(found.evaluations for found in trail),
         history=tuple(best for found in trail for best in found.history),
-        at_bound=(False,) * len(free),
     )
-    return result_of(objective, solution)

@@ -46,6 +46,12 @@ RECIPES: dict[str, Recipe] = {
         '001 (18), 003 (1)',
         _SYMMETRIC,
     ),
+    'classical_power': Recipe(
+        ('bouc_wen_power', 'offset'),
+        'The classical model with the exponent n, exact in the limit of small steps.',
+        '002 (1)',
+        _SYMMETRIC,
+    ),
     'modified': Recipe(
         ('bouc_wen_exact', 'offset'),
         'Bouc-Wen hysteresis off centre (A0 free), exact step.',
@@ -86,6 +92,12 @@ RECIPES: dict[str, Recipe] = {
         ('bouc_wen_exact', 'mass_spring', 'offset'),
         'The same in mass, damping and stiffness; the stiffness is held.',
         '002 (1)-(3), (5)',
+        {**_SYMMETRIC, 'stiffness': 8.0e5},
+    ),
+    'second_order_power': Recipe(
+        ('bouc_wen_power', 'mass_spring', 'offset'),
+        'The second-order model with the exponent n.',
+        '002 (1), (3), (5)',
         {**_SYMMETRIC, 'stiffness': 8.0e5},
     ),
     'inverse': Recipe(

@@ -39,6 +39,7 @@ SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'samples that are not numbers are left out'),
     'missed': (Level.WARN, 'samples are missing, the estimate is a little off'),
     'late': (Level.WARN, 'markers of records came long after the samples that they mark'),
+    'unseen': (Level.WARN, 'the harmonic of a record lies beyond half the sampling rate'),
     'stamp_jumps': (Level.WARN, 'time stamps jump: the numbers of the samples hold'),
     'strays': (Level.WARN, 'samples are numbered far from the rest: is there a second actuator?'),
     'reordered': (Level.WARN, 'samples come out of order: is there a second actuator?'),
@@ -91,7 +92,8 @@ class Identification(Node):
 
     def _on_marker(self, message: RecordMarker) -> None:
         self._marked += 1
-        self._course.mark(Edge(nanoseconds_of(message.header.stamp), message.record))
+        stamp = nanoseconds_of(message.header.stamp)
+        self._course.mark(Edge(stamp, message.record, message.frequency))
         self._confirm()
 
     def _confirm(self) -> None:
@@ -106,6 +108,7 @@ class Identification(Node):
         counts = {
             'refused': course.refused,
             'late': course.late,
+            'unseen': course.unseen,
             'stamp_jumps': course.stamps.jumps,
             **course.intake.counters(),
         }

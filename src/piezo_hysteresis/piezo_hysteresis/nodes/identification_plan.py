@@ -16,6 +16,7 @@ from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.online import OnlineMethod, online, settled
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.settings import pairs
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.nodes.hindsight import Hindsight, Sample
@@ -30,9 +31,9 @@ MOST_EDGES = 4096
 # Where the forgetting factor is left to the method.
 FORGETTING = {'rls': 1.0, 'rls_ud': 0.9999, 'pi_bank': 0.9999}
 
-_RLS = ('variant', 'offset', 'harmonic', 'frequency', 'unit')
+_RLS = ('variant', 'offset', 'harmonic', 'frequency', 'unit', 'p0')
 _UD = ('voltage_range', 'displacement_range', 'natural_frequency', 'damping_ratio', 'quiet')
-SETTINGS = ('method', *_RLS, *_UD)
+SETTINGS = ('method', *_RLS, 'start', *_UD)
 
 
 def forgetting_of(values: Mapping[str, Any]) -> float:
@@ -55,7 +56,8 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
     }
     settings: RlsSettings | UdSettings
     if method == 'rls':
-        settings = RlsSettings(**{name: values[name] for name in _RLS}, **common)
+        start = pairs([word for word in values['start'] if word])
+        settings = RlsSettings(**{name: values[name] for name in _RLS}, start=start, **common)
     else:
         kind = 'play_bank' if method == 'pi_bank' else 'bouc_wen'
         settings = UdSettings(kind=kind, **{name: values[name] for name in _UD}, **common)
@@ -70,10 +72,11 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
 
 @dataclass(frozen=True)
 class Edge:
-    """The start of a record, or its end where it has no name."""
+    """The start of a record and the frequency of its drive, or its end where it has no name."""
 
     nanoseconds: int
     record: str
+    frequency: float = 0.0
 
 
 class Run(NamedTuple):
@@ -122,6 +125,8 @@ class Course:
         Samples that the method was fed with.
     late : int
         Markers that came too late to take back what was made of their samples.
+    unseen : int
+        Records whose harmonic lies beyond half the sampling rate.
     intake : Intake
         Judges the numbers of the samples.
     stamps : Stamps
@@ -134,6 +139,7 @@ class Course:
     refused: int = 0
     taken: int = 0
     late: int = 0
+    unseen: int = 0
     intake: Intake = field(default_factory=Intake)
     _edges: deque[Edge] = field(default_factory=deque)
     _passed: deque[Edge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
@@ -180,6 +186,7 @@ class Course:
             self._passed.append(edge)
             self._open = bool(edge.record)
             self._rest()
+            self._follow(edge)
         if self.only_records and not self._open:
             return False
         if not (math.isfinite(voltage) and math.isfinite(displacement)):
@@ -191,6 +198,14 @@ class Course:
             self._run.voltage.append(voltage)
             self._run.displacement.append(displacement)
         return True
+
+    def _follow(self, edge: Edge) -> None:
+        """Take the harmonic of the drive of a record, where its marker tells one."""
+        if edge.record and edge.frequency > 0.0:
+            try:
+                self.method.drive_at(edge.frequency)
+            except IdentificationError:
+                self.unseen += 1
 
     def _take_back(self, edge: Edge) -> None:
         """Make anew what was made of the samples since an edge."""

@@ -99,7 +99,20 @@ IDENTIFICATION = ParameterTable(
         ),
         ParameterSpec('offset', True, 'rls: estimate a constant offset too.'),
         ParameterSpec('harmonic', 0, 'rls: exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
-        ParameterSpec('frequency', 0.0, 'rls: fundamental, for the harmonic.', 'Hz', 0.0, 1e4),
+        ParameterSpec(
+            'frequency',
+            0.0,
+            'rls: fundamental, for the harmonic, until the marker of a record tells its own.',
+            'Hz',
+            0.0,
+            1e4,
+        ),
+        ParameterSpec(
+            'p0', 1.0, 'rls: P starts as this times the identity.', '1', above=0.0, high=1e12
+        ),
+        ParameterSpec(
+            'start', [''], "rls: start values NAME=VALUE in SI units; the papers' for the others."
+        ),
         ParameterSpec(
             'unit',
             'mm',

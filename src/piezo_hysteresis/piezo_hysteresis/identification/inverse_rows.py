@@ -1,0 +1,263 @@
+"""003's direct identification: the voltage as a Bouc-Wen function of the displacement.
+
+One row of parameters is fitted to a record in the plane in which the law is used, displacement in
+and voltage out, and the rows of records of several slopes make the table of the selector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
+from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.periods import period_of
+from piezo_hysteresis.identification.record_start import NEAR_ZERO
+from piezo_hysteresis.identification.search import Swarm, search
+from piezo_hysteresis.numerics.linalg import failing_as, solve_least_squares
+from piezo_hysteresis.records import Record
+
+NAMES = ('inverse_gain', 'inverse_A', 'inverse_beta', 'inverse_gamma')
+
+# Periods at the end of a record that does not begin at rest; the first of them leads in.
+_PERIODS = 4
+
+#: ``solver(residual)`` returns c, a, b and g / b in units of stroke and swing, shape (4,).
+Solver = Callable[[Callable[[FloatArray], FloatArray]], FloatArray]
+
+# With |g| below b and a negative a the voltage rises with the displacement.
+_LOW, _HIGH = np.array([1e-2, -50.0, 1e-2, -0.99]), np.array([10.0, 0.0, 100.0, 0.99])
+# Where b and g / b are scanned; c and a are solved for at each point.
+_SCAN = [(b, ratio) for b in np.geomspace(0.1, 30.0, 8) for ratio in (-0.9, -0.5, 0.0, 0.5, 0.9)]
+_FOLLOWED = 3
+# Samples that the speed is taken from where no frequency is known: more of them add up noise.
+_SEEN = 2000
+
+
+@dataclass(frozen=True)
+class InverseBoucWen:
+    """``u = c r - h, dh = a dr - b |dr| h - g dr |h|`` with displacement in and voltage out.
+
+    Attributes
+    ----------
+    slope : float
+        Slope of the reference at which it was fitted [m/s].
+    c, a : float
+        [V/m].
+    b, g : float
+        [1/m].
+    """
+
+    slope: float
+    c: float
+    a: float
+    b: float
+    g: float
+
+
+def by_least_squares(residual: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return the best of several fits by Levenberg and Marquardt."""
+    from scipy.optimize import least_squares
+
+    starts = sorted((_scanned(residual, b, ratio) for b, ratio in _SCAN), key=lambda each: each[0])
+    inside = 1e-3 * (_HIGH - _LOW)
+    fits = [
+        least_squares(
+            residual,
+            np.clip(point, _LOW + inside, _HIGH - inside),
+            bounds=(_LOW, _HIGH),
+            x_scale='jac',
+        )
+        for _, point in starts[:_FOLLOWED]
+    ]
+    return np.asarray(min(fits, key=lambda fit: float(fit.cost)).x, dtype=np.float64)
+
+
+def _scanned(
+    residual: Callable[[FloatArray], FloatArray], b: float, ratio: float
+) -> tuple[float, FloatArray]:
+    """Return cost and point with c and a at their best, in which the residual is affine."""
+    none = residual(np.array([0.0, 0.0, b, ratio]))
+    columns = np.column_stack(
+        [
+            residual(np.array([1.0, 0.0, b, ratio])) - none,
+            residual(np.array([0.0, -1.0, b, ratio])) - none,
+        ]
+    )
+    c, a = solve_least_squares(columns, -none).values
+    point = np.clip(np.array([c, -a, b, ratio]), _LOW, _HIGH)
+    missed = residual(point)
+    return float(missed @ missed), point
+
+
+def by_swarm(seed: int, max_evaluations: int, swarm: Swarm | None = None) -> Solver:
+    """Return a solver that minimises 003 (2) by particle swarm, as 003 does.
+
+    The particles are b (by its logarithm) and g / b; c and a, in which the law is linear, are
+    solved for at each of them.
+    """
+    low, high = np.array([np.log(_LOW[2]), _LOW[3]]), np.array([np.log(_HIGH[2]), _HIGH[3]])
+
+    def solve(residual: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        def cost(z: FloatArray) -> float:
+            return _scanned(residual, float(np.exp(z[0])), float(z[1]))[0]
+
+        found = search(
+            cost, low, high, method='pso', seed=seed, max_evaluations=max_evaluations, swarm=swarm
+        )
+        return _scanned(residual, float(np.exp(found.x[0])), float(found.x[1]))[1]
+
+    return solve
+
+
+def fit_inverse(
+    displacement: FloatArray,
+    voltage: FloatArray,
+    slope: float,
+    warm_up: int = 0,
+    solver: Solver = by_least_squares,
+    *,
+    from_rest: bool = False,
+) -> InverseBoucWen:
+    """Fit one row of the selector to a record of triangles at one slope.
+
+    Parameters
+    ----------
+    displacement, voltage : ndarray, shape (n,)
+        Measured displacement [m] and the voltage of the same instants [V].
+    slope : float
+        Slope of the displacement between the tips [m/s].
+    warm_up : int
+        Samples at the start that do not count.
+    solver : callable
+        Finds the four numbers, see `Solver`.
+    from_rest : bool
+        Whether the record begins at rest at 0 V, as the law does: then the voltage counts as it
+        is, and the law has no mean error either. Else what it is apart from its mean.
+
+    Raises
+    ------
+    IdentificationError
+        If the displacement does not move, or the fit fails.
+    """
+    stroke, swing = float(np.ptp(displacement)), float(np.ptp(voltage))
+    if not (stroke > 0 and swing > 0):
+        raise IdentificationError('the record does not move; record triangles over the stroke')
+    x = np.ascontiguousarray(displacement / stroke)
+    x = x - x[0]
+    u = voltage / swing
+
+    def residual(p: FloatArray) -> FloatArray:
+        answer = np.empty(x.size)
+        bouc_wen(x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], p[3] * p[2]]), 1.0, 0.0)
+        missed = (answer - u)[warm_up:]
+        return np.asarray(missed if from_rest else missed - missed.mean())
+
+    with failing_as(IdentificationError(f'the inverse at {slope:g} m/s could not be fitted')):
+        c, a, b, ratio = (float(value) for value in solver(residual))
+    return InverseBoucWen(
+        slope, c * swing / stroke, a * swing / stroke, b / stroke, ratio * b / stroke
+    )
+
+
+def row_of(record: Record, solver: Solver = by_least_squares) -> InverseBoucWen:
+    """Return the row of a record: of the whole where it begins at rest, else of its last periods.
+
+    Its slope is the mean one of a period, which is that between the tips of a triangle.
+
+    Parameters
+    ----------
+    record : Record
+        Best triangles from rest.
+    solver : callable
+        See `Solver`.
+
+    Raises
+    ------
+    IdentificationError
+        If the displacement does not move, or the fit fails.
+    """
+    period = period_of(record)
+    count = min(_PERIODS, len(record) // period) if period else 0
+    last = slice(len(record) - count * period, None)
+    # a displacement is measured before the voltage of its tick acts
+    y, u = record.displacement[1:], record.voltage[:-1]
+    from_rest = abs(float(u[0])) <= NEAR_ZERO * float(np.max(np.abs(u)))
+    slope = _slope(record.displacement[last] if count else record.displacement, record)
+    warm_up = record.warm_up_samples
+    if not from_rest and count > 1:
+        y, u, warm_up = y[last], u[last], period
+    whole = np.isfinite(y) & np.isfinite(u)
+    return fit_inverse(y[whole], u[whole], slope, warm_up, solver, from_rest=from_rest)
+
+
+def _slope(displacement: FloatArray, record: Record) -> float:
+    """Return the mean speed of a displacement [m/s]."""
+    if record.info.frequency > 0.0:
+        return 2.0 * record.info.frequency * float(np.ptp(displacement))
+    thin = displacement[:: max(1, displacement.size // _SEEN)]
+    return float(np.abs(np.diff(thin)).sum()) / (displacement.size * record.dt)
+
+
+def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
+    """Return the parameters of the block ``inverse_selector`` that rows of any slopes describe.
+
+    Its knots are equally spaced up to the steepest row; between rows they are interpolated.
+
+    Parameters
+    ----------
+    rows : sequence of InverseBoucWen
+        At least two, of different slopes.
+
+    Raises
+    ------
+    IdentificationError
+        If there are fewer than two rows, or two of one slope.
+    """
+    ordered = sorted(rows, key=lambda row: row.slope)
+    slopes = np.array([row.slope for row in ordered])
+    if len(ordered) < 2 or np.any(np.diff(slopes) <= 1e-3 * slopes[-1]):
+        raise IdentificationError(
+            'the slope selector needs fits at two or more different slopes; record triangles of '
+            'several frequencies'
+        )
+    span = float(slopes[-1])
+    knots = span * np.arange(1, KNOTS + 1) / KNOTS
+    table = {'selector_slope': span}
+    for name, key in zip(NAMES, ('c', 'a', 'b', 'g'), strict=True):
+        column = np.interp(knots, slopes, [getattr(row, key) for row in ordered])
+        table.update({f'{name}_at{i}': float(v) for i, v in enumerate(column, start=1)})
+    return table
+
+
+def inverse_parameters(
+    records: Sequence[Record],
+    selector: bool,
+    solver: Solver = by_least_squares,
+) -> dict[str, float]:
+    """Return the parameters of 003's law from records, without its offset.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Each gives a row; those of one slope share one, the last.
+    selector : bool
+        Whether the law has a row for every slope, or one: that of the slowest record.
+    solver : callable
+        See `row_of`.
+
+    Raises
+    ------
+    IdentificationError
+        If the records are of one slope and the law needs more.
+    """
+    if selector:
+        rows = {f'{row.slope:.2g}': row for row in (row_of(each, solver) for each in records)}
+        return selector_table(list(rows.values()))
+    slowest = min(records, key=lambda record: record.info.frequency)
+    row = row_of(slowest, solver)
+    return dict(zip(NAMES, (row.c, row.a, row.b, row.g), strict=True))

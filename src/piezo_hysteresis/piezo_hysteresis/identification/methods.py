@@ -1,0 +1,81 @@
+"""The methods by name: the general ones, and those of the papers as these have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.online import ONLINE_METHODS
+from piezo_hysteresis.identification.search import METHODS as SEARCHES
+
+GENERAL: tuple[str, ...] = ('output_error', *ONLINE_METHODS, *SEARCHES)
+
+
+@dataclass(frozen=True)
+class PaperMethod:
+    """A method of a paper.
+
+    Attributes
+    ----------
+    base : str
+        The general method that does it.
+    description : str
+        One sentence.
+    options : mapping
+        What the paper settles; a user may settle it otherwise.
+    """
+
+    base: str
+    description: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+PAPERS: dict[str, PaperMethod] = {
+    'fujii2018': PaperMethod(
+        'rls', '000 (8)-(12), recursive least squares from P0 = I in mm.', {'variant': 'V1'}
+    ),
+    'tatebatake2017': PaperMethod(
+        'rls', '001 (8)-(11), its regressor as printed.', {'variant': 'V2'}
+    ),
+    'zhou2021': PaperMethod(
+        'pso',
+        '002: a swarm for the hysteresis at the slowest frequency, then one for the structure at '
+        'the fastest.',
+        {'steps': 'two', 'sampling_offset': False},
+    ),
+    'xiao2014': PaperMethod(
+        'pso',
+        '003: a swarm for all parameters; of an inverse from displacement to voltage, of the '
+        'selector row by row.',
+        {'steps': 'one', 'direct': True},
+    ),
+    'fang2019': PaperMethod(
+        'pso_modified',
+        '004: a constricted swarm whose inertia falls, for all parameters.',
+        {'steps': 'one'},
+    ),
+}
+
+METHODS: tuple[str, ...] = (*GENERAL, *PAPERS)
+
+
+def base_of(method: str) -> str:
+    """Return the general method behind a name.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such method.
+    """
+    if method not in METHODS:
+        raise IdentificationError(
+            f'method {method!r} is unknown; choose one of {", ".join(METHODS)}'
+        )
+    return PAPERS[method].base if method in PAPERS else method
+
+
+def settled_by(method: str) -> Mapping[str, Any]:
+    """Return the options that the name of a method settles."""
+    return PAPERS[method].options if method in PAPERS else {}
