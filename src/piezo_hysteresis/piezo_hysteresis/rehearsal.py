@@ -68,9 +68,11 @@ def derivatives() -> None:
 def fit() -> None:
     """Fit a model whose blocks have derivative kernels."""
     from piezo_hysteresis.identification import identify
+    from piezo_hysteresis.identification.arx import fit_transfer_function
     from piezo_hysteresis.models import named
 
     identify(list(_records()), named('bouc_wen_mode'), count=1, max_evaluations=2)
+    fit_transfer_function(list(_records())[:1], 1, 0, rounds=0)
 
 
 def online_methods() -> None:

@@ -18,6 +18,7 @@ from piezo_hysteresis.compensation.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile
 
 ATTENUATIONS = ('afc', 'rls', 'filtered_rls', 'none')
@@ -39,12 +40,15 @@ class Feedback:
         Of fuzzy PID.
     weights : mapping
         Of H-infinity, as `HInfinityWeights` takes them.
+    plant : TransferFunction or None
+        What H-infinity is designed for; the mode of the model where not given.
     """
 
     kind: str
     gains: PidGains | None = None
     rules: FuzzyRules | None = None
     weights: Mapping[str, Any] | None = None
+    plant: TransferFunction | None = None
 
     @property
     def name(self) -> str:
@@ -100,6 +104,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='its other weights: steady_error, peak, control, delay_ticks',
     )
+    add(
+        '--transfer-function',
+        metavar='YAML',
+        help='its plant, from the verb linear; that of the model where not given',
+    )
     add('--together', action='store_true', help='one more run, with attenuation and feedback')
 
 
@@ -139,6 +148,7 @@ def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
         'fuzzy_tables': ('fuzzy_pid',),
         'bandwidth': ('h_infinity',),
         'h_infinity_set': ('h_infinity',),
+        'transfer_function': ('h_infinity',),
     }
     for word, kinds in belongs.items():
         if getattr(arguments, word) and kind not in kinds:
@@ -157,7 +167,12 @@ def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
             'h_infinity',
         )  # fmt: skip
         numbers = {name: _number(name, value) for name, value in weights.items()}
-        return Feedback(kind, weights={'bandwidth': arguments.bandwidth, **numbers})
+        path = arguments.transfer_function
+        return Feedback(
+            kind,
+            weights={'bandwidth': arguments.bandwidth, **numbers},
+            plant=TransferFunction.load(path) if path else None,
+        )
     gains = PidGains(*arguments.pid)
     if kind == 'pid':
         return Feedback(kind, gains)
@@ -258,22 +273,25 @@ class Builder:
             If an H-infinity controller does less than was asked for.
         """
         if asked.kind == 'h_infinity':
-            return self._h_infinity(asked.weights or {})
+            return self._h_infinity(asked.weights or {}, asked.plant)
         assert asked.gains is not None
         if asked.rules is not None:
             return FuzzyPid(asked.gains, asked.rules, self.dt, limits=self.limits)
         return Pid(asked.gains, self.dt, limits=self.limits)
 
-    def _h_infinity(self, weights: Mapping[str, Any]) -> Link:
+    def _h_infinity(self, weights: Mapping[str, Any], given: TransferFunction | None) -> Link:
         from piezo_hysteresis.compensation import hinf
         from piezo_hysteresis.compensation.physical import structure_coefficients
 
         k1, k2 = structure_coefficients(self.model.model.unpack(self.model.packed))
-        if k2 == 0.0:
+        if given is not None:
+            plant = hinf.transfer_function(given.numerator, given.denominator)
+        elif k2 == 0.0:
             raise CompensationError(
                 f'h_infinity needs a plant that falls off, and model {self.model.model.name} has '
-                'no mode; identify it with +mode'
+                'no mode; identify it with +mode, or give --transfer-function'
             )
-        plant = hinf.transfer_function([abs(self.gain()(0.0))], [k2, k1, 1.0])
+        else:
+            plant = hinf.transfer_function([abs(self.gain()(0.0))], [k2, k1, 1.0])
         found = hinf.design(plant, hinf.HInfinityWeights(**weights), self.dt).require_usable()
         return hinf.HInfinity(found.controller, self.dt, limits=self.limits, words=found.words())

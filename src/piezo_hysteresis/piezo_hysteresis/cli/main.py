@@ -21,6 +21,7 @@ VERBS = {
     'identify': 'identify',
     'validate': 'validate',
     'compensate': 'compensate',
+    'linear': 'linear',
     'discover': 'discover',
     'batch': 'batch',
     'record': 'record',

@@ -1,0 +1,51 @@
+"""Fit a transfer function to records of small moves, for the H-infinity design.
+
+Leaves one YAML file with numerator and denominator in s, from volt to metre; compensate takes it
+by --transfer-function, the feedback node as plant.numerator and plant.denominator.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+HELP = 'transfer function from records, for H-infinity'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('--out', required=True, metavar='YAML', help='file of the transfer function')
+    add('--poles', type=int, default=3, help='order of the denominator (3, as 003)')
+    add('--zeros', type=int, default=1, help='order of the numerator (1, as 003)')
+    add(
+        '--method',
+        choices=('refined', 'arx'),
+        default='refined',
+        help='refined: errors of the free run (Steiglitz and McBride); arx: as 003',
+    )
+    add('--actuator', help='which actuator, where a bag holds several')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fit and write the file."""
+    from piezo_hysteresis.identification.arx import fit_transfer_function
+    from piezo_hysteresis.records import load
+
+    records = load(arguments.data, actuator=arguments.actuator)
+    more = {'rounds': 0} if arguments.method == 'arx' else {}
+    found = fit_transfer_function(records, arguments.poles, arguments.zeros, **more)
+    found.save(arguments.out)
+    print(f'gain at rest {found.gain:.6g} m/V, free run misses {found.nrmse_percent:.3g} %')
+    print(f'numerator   {_listed(found.numerator)}')
+    print(f'denominator {_listed(found.denominator)}')
+    for pole in sorted(np.roots(found.denominator), key=lambda each: -each.real):
+        print(f'pole {pole.real:.5g}{pole.imag:+.5g}j rad/s ({abs(pole) / (2 * np.pi):.4g} Hz)')
+    print(f'written to {arguments.out}')
+    return 0
+
+
+def _listed(numbers: tuple[float, ...]) -> str:
+    return ', '.join(f'{each:.6g}' for each in numbers)
