@@ -15,6 +15,7 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.compensation.base import Limits, Link, Measured, ReferencePoint
 from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Sine, Triangle, Waveform
@@ -124,6 +125,14 @@ def stack_record(frequency: float) -> Record:
 
 
 @functools.cache
+def stack_steps() -> Record:
+    """Return the stack of 003 after steps of up to 2 V, small against its hysteresis."""
+    levels = np.random.default_rng(3).uniform(-2.0, 2.0, 60)
+    voltage = np.concatenate([np.zeros(200), np.repeat(levels, 150)])
+    return Record('steps', STACK_DT, voltage, plant(STACK).run(voltage))
+
+
+@functools.cache
 def stack_model() -> tuple[Model, Mapping[str, float]]:
     """Return Bouc-Wen, one mode and creep, identified from three triangles."""
     names = ('bouc_wen_exact', 'mode', 'creep', 'offset')
@@ -165,15 +174,29 @@ def slow_stage_model() -> tuple[Model, Mapping[str, float]]:
     return model, fit(model, stage_records((0.5, 1.0)), start).values
 
 
-@functools.cache
-def flap_model() -> tuple[Model, Mapping[str, float]]:
-    """Return Bouc-Wen and one mode, identified in the two steps of 002, 1 Hz and then 30 Hz."""
-    model = named('bouc_wen_mode')
+def flap_records() -> list[Record]:
+    """Return the sines that 002 identifies from: 60 V at 1 and at 30 Hz."""
     records = []
     for frequency, seconds in ((1.0, 3.0), (30.0, 0.4)):
         wave = Sine(60.0, frequency, seconds)
         info = RecordInfo(frequency=frequency, amplitude=60.0, warm_up=0.5 * seconds)
         records.append(record(FLAP, wave, FLAP_DT, info))
+    return records
+
+
+@functools.cache
+def flap_by_002() -> Identification:
+    """Return 002's identification: d, k and m by (5) known, two steps by particle swarm."""
+    known = {'A1': 5.5e-6, 'stiffness': 8e5, 'mass': 8e5 / (2 * np.pi * 628.0) ** 2}
+    chain = named('second_order').hold(**known)
+    return identify(flap_records(), chain, method='zhou2021', seed=1, max_evaluations=4000)
+
+
+@functools.cache
+def flap_model() -> tuple[Model, Mapping[str, float]]:
+    """Return Bouc-Wen and one mode, by one joint fit to 1 Hz and 30 Hz."""
+    model = named('bouc_wen_mode')
+    records = flap_records()
     start = {**model.defaults(), 'A1': 5e-6, 'A': 2.5e-6, 'A0': 0.0, 'beta': 0.03, 'gamma': 0.01,
              'natural_frequency': 628.0, 'damping_ratio': 1.0}  # fmt: skip
     free = ('A1', 'A', 'beta', 'gamma', 'damping_ratio', 'offset')

@@ -16,7 +16,7 @@ from pathlib import Path
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench import papers_000, papers_001, papers_stacks
+from bench import papers_000, papers_001, papers_003, papers_loops, papers_stacks
 from bench.papers_bimorph import FULL, QUICK
 from bench.papers_page import Entry, page, save
 
@@ -25,9 +25,14 @@ def reproduce(quick: bool = False) -> list[Entry]:
     """Return every entry; `quick` leaves most frequencies out."""
     length = QUICK if quick else FULL
     return [
+        *papers_loops.bimorph_loops(),
         *papers_000.entries(length),
         *papers_001.entries(length),
-        *papers_stacks.entries(quick),
+        *papers_loops.flap_loops(),
+        *papers_stacks.flap_entries(quick),
+        *papers_003.entries(quick),
+        *papers_loops.stage_loops(quick),
+        *papers_stacks.stage_entries(quick),
     ]
 
 
@@ -36,7 +41,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--quick', action='store_true', help='few frequencies, short runs')
     parser.add_argument('--out', type=Path, default=Path('out/papers'))
-    parser.add_argument('--page', type=Path, help='write the page without pictures there, too')
+    parser.add_argument(
+        '--page', type=Path, help='write the page there, too, and its pictures beside'
+    )
     arguments = parser.parse_args()
     begun = time.perf_counter()
     entries = reproduce(arguments.quick)
@@ -48,7 +55,11 @@ def main() -> int:
     numbers = {f'{entry.paper} {entry.name}': entry.numbers for entry in entries}
     (arguments.out / 'numbers.json').write_text(json.dumps(numbers, indent=2) + '\n')
     if arguments.page is not None:
-        arguments.page.write_text(page(entries))
+        pictures = arguments.page.parent / 'pictures' / 'papers'
+        pictures.mkdir(parents=True, exist_ok=True)
+        for entry in entries:
+            save(entry, pictures, dpi=55)
+        arguments.page.write_text(page(entries, 'pictures/papers'))
     print(f'{len(entries)} figures and tables in {time.perf_counter() - begun:.0f} s, '
           f'in {arguments.out}')  # fmt: skip
     return 0

@@ -137,15 +137,17 @@ def papers_feedforward(frequency: float, kind: str, seconds: float) -> Link:
     harmonic = order_of(frequency) if kind == 'enhanced' else 0
     values = rls(frequency, harmonic, seconds).estimate().parameters()
     seven = {name: values[name] for name in ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')}
-    return ExtendedInverse(seven, DT, limits=LIMITS)
+    law = 'printed' if kind == 'printed' else 'solved'
+    return ExtendedInverse(seven, DT, law=law, limits=LIMITS)
 
 
 def links(frequency: float, kind: str, seconds: float) -> list[Link]:
     """Return the chain called `kind`.
 
-    ``basic``, ``extended``: the papers' feedforward; ``proposed``: 000's feedforward from the
-    enhanced model with its RLS attenuation; ``ours``: the identified physical inverse with
-    cancellation of several orders.
+    ``basic``, ``extended``: the papers' feedforward, the latter by 000 (16), (17); ``printed`` by
+    001 (12) as it stands; ``proposed``: 000's feedforward from the enhanced model with its RLS
+    attenuation, its sign computed, and ``proposed, printed sign``; ``ours``: the identified
+    physical inverse with cancellation of several orders.
     """
     if kind == 'ours':
         model, values = loops.bimorph_model()
@@ -158,13 +160,16 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
             inverse_for(model, values, DT, limits=LIMITS),
             HarmonicAttenuation(settings, gain, DT),
         ]
-    if kind != 'proposed':
+    if not kind.startswith('proposed'):
         return [papers_feedforward(frequency, kind, seconds)]
     chain = [papers_feedforward(frequency, 'enhanced', seconds)]
     if order_of(frequency):
         _, values = loops.bimorph_model()
         settings = AttenuationSettings(
-            method='rls', orders=(order_of(frequency),), forgetting=1.0, sign_rule='computed'
+            method='rls',
+            orders=(order_of(frequency),),
+            forgetting=1.0,
+            sign_rule='computed' if kind == 'proposed' else 'printed',
         )
         chain.append(HarmonicAttenuation(settings, linear_gain(values, DT), DT))
     return chain

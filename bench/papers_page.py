@@ -19,6 +19,22 @@ PAPERS = {
     '004': 'Fang, Li, Zhong and Long 2019 (stage, fuzzy PID)',
 }
 
+# What no run of a simulated actuator answers, and why.
+MISSING: dict[str, tuple[str, ...]] = {
+    '000': ('Figures 1, 9, 12, 14: photograph and block diagrams.',),
+    '001': ('Figures 4, 9, 10: block diagrams.',),
+    '002': (
+        'Figures 1, 2, 4, 8, 10: photographs and block diagrams.',
+        'Figure 5: flow chart of the swarm; it is `identify --method zhou2021`.',
+        'Table 1: data of the actuator; they are the preset.',
+    ),
+    '003': ('Figures 1, 2, 6, 9, 10, 11, 13: photographs and block diagrams.',),
+    '004': (
+        'Figures 1, 2, 5, 6: drawings and block diagrams.',
+        'Table 2: its rules are missing; ours are a file, `compensate --fuzzy-tables`.',
+    ),
+}
+
 Draw = Callable[[Figure], None]
 
 
@@ -44,6 +60,8 @@ class Entry:
         Draws it on a figure.
     numbers : dict of str to float
         The figures behind `ours`, for tests.
+    deviating : str
+        What came out with methods that are not the paper's, or '' where there are none.
     """
 
     paper: str
@@ -54,6 +72,7 @@ class Entry:
     draw: Draw
     reason: str = ''
     numbers: dict[str, float] = field(default_factory=dict)
+    deviating: str = ''
 
     @property
     def picture(self) -> str:
@@ -61,12 +80,12 @@ class Entry:
         return f'{self.paper}_{self.name.lower().replace(" ", "_").replace(",", "")}.png'
 
 
-def save(entry: Entry, folder: Path) -> None:
+def save(entry: Entry, folder: Path, dpi: int = 100) -> None:
     """Draw `entry` into `folder`."""
     figure = Figure(figsize=(9, 4.2), layout='constrained')
     entry.draw(figure)
     figure.suptitle(f'{entry.paper}, {entry.name}: {entry.shows}', fontsize=10)
-    figure.savefig(folder / entry.picture, dpi=100)
+    figure.savefig(folder / entry.picture, dpi=dpi)
 
 
 def page(entries: Sequence[Entry], pictures: str = '') -> str:
@@ -74,12 +93,14 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
     lines = [
         '# The five papers, reproduced',
         '',
-        'Every table and figure of the papers that a simulated actuator can answer, ours beside',
-        "the paper's. The actuators are the presets of `piezo_sim`; where a paper does not give a",
+        'Every figure and table of the papers, ours beside theirs in their metric. "Here" is the',
+        "paper's own method on a simulated actuator; what other methods of this project do is",
+        'said apart. The actuators are the presets of `piezo_sim`; where a paper does not give a',
         'number the preset says what was assumed. Nothing is fitted to the figures below: models',
-        'are identified from sweeps of the simulated actuator, as the papers do from theirs.',
+        'are identified from sweeps of the simulated actuator, as the papers do from theirs. A',
+        'smaller error on a simulated actuator is no proof that a real one would show it.',
         '',
-        'Made by `python bench/papers.py`, pictures in `out/papers/`, in a few minutes.',
+        'Made by `python bench/papers.py --page docs/papers.md`, in a few minutes.',
         '',
     ]
     for paper, title in PAPERS.items():
@@ -92,9 +113,13 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
             if pictures:
                 lines += [f'![{entry.name}]({pictures}/{entry.picture})', '']
             lines += [f'- Paper: {entry.said}', f'- Here: {entry.ours}']
+            if entry.deviating:
+                lines.append(f'- With other methods: {entry.deviating}')
             if entry.reason:
                 lines.append(f'- Why they differ: {entry.reason}')
             lines.append('')
+        if MISSING.get(paper):
+            lines += ['### Not made', '', *(f'- {each}' for each in MISSING[paper]), '']
     return '\n'.join(lines)
 
 

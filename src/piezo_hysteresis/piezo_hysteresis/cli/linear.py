@@ -7,8 +7,11 @@ by --transfer-function, the feedback node as plant.numerator and plant.denominat
 from __future__ import annotations
 
 import argparse
+import sys
 
 import numpy as np
+
+_POOR = 10.0  # percent of what moves that a linear model may miss
 
 HELP = 'transfer function from records, for H-infinity'
 
@@ -26,15 +29,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default='refined',
         help='refined: errors of the free run (Steiglitz and McBride); arx: as 003',
     )
+    add('--warm-up', type=float, metavar='S', help='seconds at the start that are left out')
     add('--actuator', help='which actuator, where a bag holds several')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit and write the file."""
     from piezo_hysteresis.identification.arx import fit_transfer_function
+    from piezo_hysteresis.identification.settings import warmed
     from piezo_hysteresis.records import load
 
-    records = load(arguments.data, actuator=arguments.actuator)
+    records = warmed(load(arguments.data, actuator=arguments.actuator), arguments.warm_up)
     more = {'rounds': 0} if arguments.method == 'arx' else {}
     found = fit_transfer_function(records, arguments.poles, arguments.zeros, **more)
     found.save(arguments.out)
@@ -44,6 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
     for pole in sorted(np.roots(found.denominator), key=lambda each: -each.real):
         print(f'pole {pole.real:.5g}{pole.imag:+.5g}j rad/s ({abs(pole) / (2 * np.pi):.4g} Hz)')
     print(f'written to {arguments.out}')
+    if found.gain <= 0.0 or found.nrmse_percent > _POOR:
+        print(
+            'warning: this is no model of an actuator; record faster and smaller moves (steps, a '
+            'chirp above 1 Hz), and leave what settles at the start out with --warm-up',
+            file=sys.stderr,
+        )
     return 0
 
 

@@ -117,7 +117,7 @@ def fit_transfer_function(
     ----------
     records : sequence of Record
         Of small steps, chirps or noise: hysteresis counts as misfit here. Fitted jointly, each
-        with a zero of its own; the actuator is at rest before the first sample.
+        with a zero and states at its start of its own.
     order : int
         Poles.
     zeros : int
@@ -170,7 +170,7 @@ def _fitted(
 
 def _moved(record: Record, order: int) -> Pair:
     """Return voltage and displacement from rest, scaled so that both count alike."""
-    if len(record) < 20 * order:
+    if len(record) - record.warm_up_samples < 20 * order:
         raise IdentificationError(
             f'record {record.name} has {len(record)} samples, too few for {order} poles'
         )
@@ -179,7 +179,8 @@ def _moved(record: Record, order: int) -> Pair:
         raise IdentificationError(f'record {record.name} has lost samples; leave it out')
     if not (np.ptp(u) > 0 and np.ptp(y) > 0):
         raise IdentificationError(f'record {record.name} does not move')
-    return u - u[0], y - y[0]
+    first = record.warm_up_samples
+    return u[first:] - u[first], y[first:] - y[first]
 
 
 def _equation(
@@ -194,9 +195,10 @@ def _equation(
             _through(np.eye(order + 1)[order - i], filters, u, dt, 'zoh')
             for i in range(zeros, -1, -1)
         ]
-        ones = _through(np.eye(order + 1)[order], filters, np.ones(u.size), dt, 'zoh')
-        own = [ones if j == k else np.zeros(u.size) for j in range(len(data))]
-        rows.append(np.column_stack([*(-each for each in ys[1:]), *us, *own]))
+        own = _unknown(filters, u.size, dt)
+        apart = np.zeros((u.size, len(data) * own.shape[1]))
+        apart[:, k * own.shape[1] : (k + 1) * own.shape[1]] = own
+        rows.append(np.column_stack([*(-each for each in ys[1:]), *us, apart]))
         right.append(ys[0])
     matrix, target = np.vstack(rows), np.concatenate(right)
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(target))):
@@ -209,6 +211,16 @@ def _equation(
     values = solved.values / size
     top: FloatArray = values[order : order + zeros + 1]
     return top, np.concatenate([[1.0], values[:order]])
+
+
+def _unknown(bottom: FloatArray, count: int, dt: float) -> FloatArray:
+    """Return what a record brings along: its zero, and what its states at the start fade by."""
+    order = bottom.size - 1
+    pulse = np.zeros(count)
+    pulse[0] = 1.0
+    fading = [_through(np.eye(order + 1)[i + 1], bottom, pulse, dt, 'zoh') for i in range(order)]
+    zero = _through(np.eye(order + 1)[order], bottom, np.ones(count), dt, 'zoh')
+    return np.column_stack([zero, *fading])
 
 
 def _through(
@@ -258,7 +270,7 @@ def _run(
 
 
 def _misfit(data: Sequence[Pair], dt: float, top: FloatArray, bottom: FloatArray) -> float:
-    """Return the rms error of the free run as a share of what moves, means apart."""
+    """Return the rms error of the free run, starts and zeros apart, as a share of what moves."""
     missed = moved = 0.0
     for u, y in data:
         share = np.zeros_like(y)
@@ -266,6 +278,10 @@ def _misfit(data: Sequence[Pair], dt: float, top: FloatArray, bottom: FloatArray
             unit = np.zeros(bottom.size)
             unit[bottom.size - 1 - power] = 1.0
             share += weight * _through(unit, bottom, u, dt, 'zoh')
-        missed += float(np.var(y - share)) * y.size
+        known = np.column_stack([np.ones(y.size), _unknown(bottom, y.size, dt)])
+        known /= np.linalg.norm(known, axis=0)
+        left = y - share
+        left = left - known @ solve_least_squares(known, left).values
+        missed += float(np.var(left)) * y.size
         moved += float(np.var(y)) * y.size
     return float(np.sqrt(missed / moved))
