@@ -49,6 +49,11 @@ def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
     assert summary['records'][0]['nrmse_percent'] == pytest.approx(row.nrmse_percent)
     assert row.nrmse_percent < 1.0
     assert summary['choice'][0]['name'] == 'modified'
+    (unseen,) = summary['held_out']
+    assert unseen['record'] == row.record
+    kept = [each for each in summary['choice'] if each['kept']]
+    assert unseen['free_run_rms'] in {each['held_out_rms'] for each in kept}
+    assert 0.0 < unseen['nrmse_percent'] < 1.0
     ros = yaml.safe_load((out / 'params.yaml').read_text())['/**']['ros__parameters']
     assert ros['model.name'] == summary['model']
     report = (out / 'report.html').read_text()

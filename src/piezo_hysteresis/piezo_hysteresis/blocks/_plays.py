@@ -13,10 +13,10 @@ def play(x: float, memory: float, half_width: float) -> float:
 
 
 @jit
-def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float) -> float:
-    """Return the weighted sum of plays at thresholds spacing, 2 spacing, ...; state in place."""
+def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float, first: float) -> float:
+    """Return the weighted sum of plays at thresholds (first + j) spacing; state in place."""
     total = 0.0
     for j in range(weights.size):
-        state[j] = play(x, state[j], (j + 1) * spacing)
+        state[j] = play(x, state[j], (j + first) * spacing)
         total += weights[j] * state[j]
     return total

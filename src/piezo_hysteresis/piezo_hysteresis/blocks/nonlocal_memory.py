@@ -17,7 +17,7 @@ def kernel(
     spacing = p[0] / p.size
     weights = p[1:]
     for k in range(x.size):
-        y[k] = bank(x[k], state, weights, spacing)
+        y[k] = bank(x[k], state, weights, spacing, 1.0)
 
 
 def _block(name: str, prefix: str, count: int) -> Block:

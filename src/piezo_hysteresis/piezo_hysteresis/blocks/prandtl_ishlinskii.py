@@ -1,11 +1,15 @@
 """Prandtl-Ishlinskii hysteresis: a weighted bank of play operators."""
 
+from collections.abc import Sequence
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import COUNT, bank
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Slot
 from piezo_hysteresis.jit import jit
 
-FINE = 19  # thresholds of the fine bank, at 0.05 .. 0.95 of the range
+# Plays of the fine bank. Its thresholds lie in the middles of as many equal parts of the range:
+# the smallest one, half a part, shapes the curve behind each reversal.
+FINE = 20
 
 
 @jit
@@ -16,11 +20,25 @@ def kernel(
     weights = p[2:]
     spacing = p[0] / (weights.size + 1)
     for k in range(x.size):
-        y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing)
+        y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing, 1.0)
 
 
-def _block(name: str, prefix: str, weight: str, count: int) -> Block:
-    """Return a bank of `count` plays; the weights of all banks add up to the same gain."""
+@jit
+def fine_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer as `kernel`, with the thresholds of the fine bank."""
+    weights = p[2:]
+    spacing = p[0] / weights.size
+    for k in range(x.size):
+        y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing, 0.5)
+
+
+def _block(
+    name: str, prefix: str, weight: str, half_widths: Sequence[float], answer: Kernel
+) -> Block:
+    """Return a bank of plays; the weights of all banks add up to the same gain."""
+    count = len(half_widths)
     return Block(
         name=name,
         slot=Slot.HYSTERESIS,
@@ -32,7 +50,7 @@ def _block(name: str, prefix: str, weight: str, count: int) -> Block:
                 1e-9,
                 1e5,
                 'Input amplitude to which the thresholds '
-                f'{1 / (count + 1):g} .. {count / (count + 1):g} refer.',
+                f'{half_widths[0]:g} .. {half_widths[-1]:g} refer.',
                 1.0,
                 follows_range=True,
             ),
@@ -44,13 +62,13 @@ def _block(name: str, prefix: str, weight: str, count: int) -> Block:
                     3.6e-5 / count,
                     -1e-2,
                     1e-2,
-                    f'Weight of the play of half width {j / (count + 1):g} {prefix}_range.',
+                    f'Weight of the play of half width {half_width:g} {prefix}_range.',
                     4.5e-5 / count,
                 )
-                for j in range(1, count + 1)
+                for j, half_width in enumerate(half_widths, 1)
             ),
         ),
-        kernel=kernel,
+        kernel=answer,
         state_size=count,
         between=Between.PATH,
         description=(
@@ -61,6 +79,18 @@ def _block(name: str, prefix: str, weight: str, count: int) -> Block:
 
 
 BLOCKS = (
-    _block('prandtl_ishlinskii', 'pi', 'w', COUNT),
-    _block('prandtl_ishlinskii_fine', 'fine_pi', 'fine_w', FINE),
+    _block(
+        'prandtl_ishlinskii',
+        'pi',
+        'w',
+        [j / (COUNT + 1) for j in range(1, COUNT + 1)],
+        kernel,
+    ),
+    _block(
+        'prandtl_ishlinskii_fine',
+        'fine_pi',
+        'fine_w',
+        [(j + 0.5) / FINE for j in range(FINE)],
+        fine_kernel,
+    ),
 )

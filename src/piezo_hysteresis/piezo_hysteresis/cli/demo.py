@@ -93,9 +93,15 @@ def identify_own(data: Sequence[str], out: Path) -> None:
             write_data_report(folder / 'report.html', records, found, choice.steps, given)
         write_model(found.model_file(given, records[0].rate), folder)
         steps = [vars(step) for step in choice.steps]
+        told = {'choice': steps, 'held_out': [vars(each) for each in choice.held_out]}
         seconds = round(time.perf_counter() - begun, 3)
-        write_summary({**found.summary(), 'choice': steps, 'seconds': seconds}, folder)
+        write_summary({**found.summary(), **told, 'seconds': seconds}, folder)
     _print_fit(found)
+    for each in choice.held_out:
+        print(
+            f'  {each.record}: last 30 %, fitted without them: {1e6 * each.free_run_rms:.4g} um '
+            f'({each.nrmse_percent:.3g} % of the standard deviation there)'
+        )
 
 
 def _print_runs(demo: Any) -> None:

@@ -240,7 +240,7 @@ def invert_plays(
         if new > high or new < low:
             new = min(max(new, low), high)
             memory[STROKE] += 1.0
-        bank(new, plays, weights, spacing)
+        bank(new, plays, weights, spacing, 1.0)
         last = new
         u[k] = new
     memory[U] = last

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +67,25 @@ class Step:
 
 
 @dataclass(frozen=True)
+class HeldOut:
+    """What the chosen model leaves of the rest of a record, which it was not fitted to.
+
+    Attributes
+    ----------
+    record : str
+        Name.
+    free_run_rms : float
+        Free-run error behind the cut [m].
+    nrmse_percent : float
+        100 times that over the standard deviation of the displacement there.
+    """
+
+    record: str
+    free_run_rms: float
+    nrmse_percent: float
+
+
+@dataclass(frozen=True)
 class Choice:
     """The chosen model, where a fit of it starts, and how it was found.
 
@@ -76,11 +97,14 @@ class Choice:
         Values fitted to the first part of the records, and their ``sampling_offset``.
     steps : tuple of Step
         Every model that was tried, in order.
+    held_out : tuple of HeldOut
+        What the chosen model, fitted to the first part of the records, leaves of the rest.
     """
 
     model: Model
     start: dict[str, float]
     steps: tuple[Step, ...]
+    held_out: tuple[HeldOut, ...] = ()
 
 
 def choose_model(
@@ -129,7 +153,7 @@ def choose_model(
             ends.append(best)
     plain, plays = ends
     chosen = plays if plays.held_out <= _INNER_LOOPS * plain.held_out else plain
-    return Choice(chosen.fit.model, chosen.values(), tuple(steps))
+    return Choice(chosen.fit.model, chosen.values(), tuple(steps), chosen.records)
 
 
 @dataclass(frozen=True)
@@ -139,6 +163,7 @@ class _Rung:
     fit: FitResult
     trained: float
     held_out: float
+    records: tuple[HeldOut, ...]
 
     def improves(self, before: _Rung) -> bool:
         lower = self.held_out <= _GAIN * before.held_out or self.trained <= _GAIN * before.trained
@@ -217,34 +242,42 @@ class _Ladder:
     def _fitted(self, before: _Rung, candidates: Sequence[Candidate]) -> _Rung:
         """Fit from every start of every candidate for a little, and from the best to the end."""
         seen, late = before.fit.targets, before.fit.sampling_offset
-        tried = [
-            fit(
-                each.model,
+        starts = [
+            (each.model, {**each.values(before.fit.values, start), SAMPLING_OFFSET: late})
+            for each in candidates
+            for start in each.starts
+        ]
+
+        def attempt(one: tuple[Model, dict[str, float]]) -> FitResult:
+            return fit(
+                one[0],
                 (),
-                {**each.values(before.fit.values, start), SAMPLING_OFFSET: late},
+                one[1],
                 targets=seen,
                 sampling_offset=True,
                 max_evaluations=_TRIAL,
                 tolerance=_ROUGH,
             )
-            for each in candidates
-            for start in each.starts
-        ]
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            tried = list(pool.map(attempt, starts))
         first = min(tried, key=lambda each: each.cost)
         again = {**first.values, SAMPLING_OFFSET: first.sampling_offset}
         # what was missing may have passed for a start: the plain ones get another chance
         views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
-        found = [
-            refined(
+
+        def polished(targets: Sequence[Target]) -> FitResult:
+            return refined(
                 first.model,
-                each,
+                targets,
                 self._training,
                 again,
                 choices=self._choices,
                 max_evaluations=_POLISH,
             )
-            for each in views
-        ]
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            found = list(pool.map(polished, views))
         return self._judged(min(found, key=_left))
 
     def _judged(self, found: FitResult) -> _Rung:
@@ -252,11 +285,19 @@ class _Ladder:
         packed, late = found.model.pack(found.values), found.sampling_offset
         views = views_of(found.model, found.values, self._records, late, self._choices)
         parts: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+        rows = []
         for view, record, cut in zip(views, self._records, self._cuts, strict=True):
             with np.errstate(over='ignore', invalid='ignore'):
                 error = misfit(found.model, packed, view, late)
             before = max(cut - record.warm_up_samples, 0)
             parts[0].append(error[:before])
             parts[1].append(error[before:])
+            rows.append(_held_out(view, error, before))
         trained, held_out = (float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for p in parts)
-        return _Rung(found, trained, held_out)
+        return _Rung(found, trained, held_out, tuple(rows))
+
+
+def _held_out(view: Target, error: FloatArray, first: int) -> HeldOut:
+    rms = float(np.sqrt(np.mean(error[first:] ** 2)))
+    spread = float(np.std(view.measured[first:]))
+    return HeldOut(view.name, rms, 100 * rms / spread if spread > 0 else float('nan'))

@@ -14,9 +14,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.reading import (
+    Nuisances,
     differentiated,
     misfit,
-    nuisance_rows,
     simulated,
     square,
 )
@@ -158,15 +158,19 @@ class Objective:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
                 y, rows = self.jacobian(target, x)
-                seen = np.vstack([rows, y - target.measured])
-                own, prior = nuisance_rows(
-                    self.model, self.packed(x), target, self.sampling_offset(x)
-                )
-                if target.factors is not None:
-                    seen, own = seen * target.factors, own * target.factors
+                error, factors = target.measured - y, target.factors
+                if factors is not None:
+                    error = error * factors
+                packed, late = self.packed(x), self.sampling_offset(x)
+                known = Nuisances(self.model, packed, target, late)
+                rows = rows + known.slopes(self.free, error)
+                own = known.rows
+                if factors is not None:
+                    rows, own = rows * factors, own * factors
+                seen = np.vstack([rows, -error])
             if not np.all(np.isfinite(seen)):
                 return np.full((p + 1, p + 1), np.inf)
-            return _without(own, prior, seen) * (weight * target.weight)
+            return _without(own, known.prior, seen) * (weight * target.weight)
 
         blocks = self._map(compress, list(zip(self.targets, self.weights, strict=True)))
         for j, mean, scale in self._priors:

@@ -7,25 +7,20 @@ much the clock of a recording is off besides is its sampling offset, a nuisance 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 from math import floor
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.record_start import path_to
 from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.start_response import StartResponse
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model, answers_at_once
-from piezo_hysteresis.models.stages import free_states
 from piezo_hysteresis.numerics.linalg import solve_square
 
-# A state at the start is moved by this share of the stroke to see what it does.
-_NUDGE = 1e-2
-# And a level of the voltage before it by this share of the largest.
-_LEVEL = 3e-3
 # Noise against the stroke that a prior assumes where the noise of a record is not known.
 _UNKNOWN_NOISE = 1e-3
 
@@ -135,73 +130,72 @@ def differentiated(
     return shifted(y, late), shifted(rows, late), slope
 
 
-def start_rows(
-    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
-) -> FloatArray:
-    """Return what the unknown states at the start of a record do to its samples, shape (q, m).
+class Nuisances:
+    """What is known of a record from itself alone: the states at its start, and its own zero.
 
-    Every state of the dynamics (position and velocity of a mode, elements of creep, a lag) is
-    moved a little where the record begins, and so is every level of the voltage before it, which
-    the memory still knows; what follows is a transient that no parameter explains. Each row has
-    the largest absolute value 1 [m].
-    """
-    if target.begins.kind != 'estimate':
-        return np.empty((0, target.measured.size))
-    late = samples_late(model, packed, target.dt, sampling_offset)
+    Parameters
+    ----------
+    model, packed, target, sampling_offset
+        As in `simulated`.
 
-    def after(levels: tuple[float, ...]) -> list[FloatArray]:
-        start = replace(target.begins, levels=levels)
-        before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)
-        state = model.initial_state(target.dt, target.start)
-        model.respond(before, packed, target.dt, state=state, frequency=target.frequency)
-        return state
-
-    def run(state: list[FloatArray]) -> FloatArray:
-        drive = target.voltage[target.origin :]
-        y = model.respond(drive, packed, target.dt, state=state, frequency=target.frequency)
-        return np.concatenate([np.full(target.origin, y[0]), y])
-
-    stroke = float(np.ptp(target.measured)) or 1.0
-    levels, begun = target.begins.levels, after(target.begins.levels)
-    usual = run([each.copy() for each in begun])
-    moved = []
-    for k, stage in enumerate(model.stages):
-        for place in free_states(stage, target.dt):
-            state = [each.copy() for each in begun]
-            state[k][place] += _NUDGE * stroke
-            moved.append(run(state))
-    reach = _LEVEL * float(np.max(np.abs(target.voltage)))
-    for k, level in enumerate(levels):
-        moved.append(run(after((*levels[:k], level + reach, *levels[k + 1 :]))))
-    rows = []
-    for each in moved:
-        row = target.pick(shifted(each - usual, late))
-        size = float(np.max(np.abs(row), initial=0.0))
-        if np.isfinite(size) and size > 1e-9 * _NUDGE * stroke:
-            rows.append(row / size)
-    return np.array(rows).reshape(len(rows), target.measured.size)
-
-
-def nuisance_rows(
-    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
-) -> tuple[FloatArray, FloatArray]:
-    """Return what is known of a record from itself alone, and how firmly it is held to 0.
-
-    Returns
-    -------
+    Attributes
+    ----------
     rows : ndarray, shape (q, m)
-        Of the states at its start and of its own zero.
+        What each does to the samples that lies where it may be expected at most [m].
     prior : ndarray, shape (q,)
-        Rows of a prior: a start lies within the stroke, a zero anywhere.
+        How firmly each is held to 0, as rows of a prior [m]: a zero lies anywhere.
     """
-    rows = start_rows(model, packed, target, sampling_offset)
-    stroke = float(np.ptp(target.measured)) or 1.0
-    noise = target.noise if np.isfinite(target.noise) else _UNKNOWN_NOISE * stroke
-    prior = np.full(len(rows), noise / stroke)
-    if target.own_zero:
-        rows = np.vstack([rows, np.ones(target.measured.size)])
-        prior = np.append(prior, 0.0)
-    return rows, prior
+
+    def __init__(
+        self, model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
+    ) -> None:
+        size = target.measured.size
+        self._factors = target.factors
+        self._start: StartResponse | None = None
+        self.rows = np.empty((0, size))
+        if target.begins.kind == 'estimate':
+            late = samples_late(model, packed, target.dt, sampling_offset)
+            self._start = StartResponse(
+                model, packed, target, lambda y: target.pick(shifted(y, late))
+            )
+            self.rows = self._start.rows
+        noise = target.noise
+        if not np.isfinite(noise):
+            noise = _UNKNOWN_NOISE * (float(np.ptp(target.measured)) or 1.0)
+        self.prior = np.full(len(self.rows), noise)
+        if target.own_zero:
+            self.rows = np.vstack([self.rows, np.ones(size)])
+            self.prior = np.append(self.prior, 0.0)
+
+    def shares(
+        self, error: FloatArray, factors: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how much of each row an error holds, and the rows times the `factors` of it.
+
+        Parameters
+        ----------
+        error : ndarray, shape (m,)
+            Measured less simulated, times the factors [m].
+        factors : ndarray, shape (m,), optional
+            Weight of each sample.
+        """
+        rows = self.rows if factors is None else self.rows * factors
+        gram = rows @ rows.T + np.diag(self.prior**2)
+        return solve_square(gram, rows @ error).values, rows
+
+    def slopes(self, free: Sequence[str], error: FloatArray) -> FloatArray:
+        """Return how what the start does moves with the parameters, shape (len(free), m).
+
+        Parameters
+        ----------
+        free : sequence of str
+            Parameters.
+        error : ndarray, shape (m,)
+            Measured less simulated, times the influence that each sample has [m].
+        """
+        if self._start is None or not len(self.rows) or not np.all(np.isfinite(error)):
+            return np.zeros((len(free), error.size))
+        return self._start.slopes(free, self.shares(error, self._factors)[0])
 
 
 def misfit(
@@ -255,10 +249,8 @@ def _split(
         return error, error
     if not np.all(np.isfinite(error)):
         return error, error
-    rows, prior = nuisance_rows(model, packed, target, sampling_offset)
-    if not len(rows):
+    known = Nuisances(model, packed, target, sampling_offset)
+    if not len(known.rows):
         return error, error
-    if factors is not None:
-        rows = rows * factors
-    gram = rows @ rows.T + np.diag(prior**2)
-    return error, np.asarray(error - solve_square(gram, rows @ error).values @ rows)
+    shares, rows = known.shares(error, factors)
+    return error, np.asarray(error - shares @ rows)

@@ -144,7 +144,7 @@ def _by_ways(
     behind = {j for part in run.behind for j in range(part.span.start, part.span.stop)}
     for j in behind & set(wanted):
         moved = p.copy()
-        moved[j] += _parameter_step(own[j], p[j])
+        moved[j] += parameter_step(own[j], p[j])
         answer = run.taken_up(flat[None], gone, moved, dt)[0]
         known[j] = (answer - answers[0]) / (moved[j] - p[j])
     rest = [j for j in wanted if j not in known]
@@ -224,7 +224,7 @@ def _differenced(
         step = _STEP * span / size
         result[j] = (run(signal + step * column, p) - output) / step
     for place, j in enumerate(wanted, start=incoming):
-        step = _parameter_step(own[j], p[j])
+        step = parameter_step(own[j], p[j])
         if isinstance(stage, TickStage) and stage.block.between is Between.DELAY:
             # what is held moves with a delay by whole ticks only
             step = clock.dt if p[j] + clock.dt <= own[j].high else -clock.dt
@@ -234,6 +234,7 @@ def _differenced(
     return output, result
 
 
-def _parameter_step(parameter: Parameter, value: float) -> float:
+def parameter_step(parameter: Parameter, value: float) -> float:
+    """Return by how much a parameter is moved for a difference, within its bounds."""
     step = _STEP * max(abs(value), 0.1 * parameter.scale)
     return -step if value + step > parameter.high else step

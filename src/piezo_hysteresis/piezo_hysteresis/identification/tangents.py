@@ -259,13 +259,17 @@ def _bank_rows(
     dy: FloatArray,
     weights: FloatArray,
     spacing: float,
+    lowest: float,
     first: int,
 ) -> None:
-    """Add a bank of plays to y and dy; row first + j is the answer of play j + 1."""
+    """Add a bank of plays to y and dy; row first + j is the answer of play j + 1.
+
+    The thresholds are lowest spacing, (lowest + 1) spacing, ...
+    """
     m = dx.shape[0]
     tied = np.zeros(m)
     for j in range(weights.size):
-        half = (j + 1) * spacing
+        half = (j + lowest) * spacing
         row = dy[first + j]
         memory = 0.0
         tied[:] = 0.0
@@ -287,12 +291,27 @@ def prandtl_ishlinskii(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
     """Answer by each play its weight's derivative; the range must be held."""
+    _straight(x, y, dx, dy, p)
+    _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 1), 1.0, dx.shape[0] + 2)
+
+
+@jit
+def prandtl_ishlinskii_fine(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
+) -> None:
+    """Answer by each play its weight's derivative; the range must be held."""
+    _straight(x, y, dx, dy, p)
+    _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 2), 0.5, dx.shape[0] + 2)
+
+
+@jit
+def _straight(x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray) -> None:
+    """Begin with the weight without threshold, whose row comes behind that of the range."""
     m = dx.shape[0]
     _line(x, y, dx, dy, p[1], 0.0)
     dy[m] = 0.0
     for k in range(x.size):
         dy[m + 1, k] = x[k]
-    _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 1), m + 2)
 
 
 @jit
@@ -303,12 +322,11 @@ def nonlocal_memory(
     m = dx.shape[0]
     y[:] = 0.0
     dy[: m + 1] = 0.0
-    _bank_rows(x, y, dx, dy, p[1:], p[0] / p.size, m + 1)
+    _bank_rows(x, y, dx, dy, p[1:], p[0] / p.size, 1.0, m + 1)
 
 
 TANGENTS: dict[str, Tangent] = {
     'nonlocal_memory_fine': nonlocal_memory,
-    'prandtl_ishlinskii_fine': prandtl_ishlinskii,
     'series_mode': mode,
     **{
         each.__name__: each
@@ -320,6 +338,7 @@ TANGENTS: dict[str, Tangent] = {
             offset,
             gain,
             prandtl_ishlinskii,
+            prandtl_ishlinskii_fine,
             nonlocal_memory,
             creep,
             creep_pair,

@@ -124,7 +124,7 @@ RECIPES: dict[str, Recipe] = {
     ),
     'prandtl_ishlinskii_fine': Recipe(
         ('prandtl_ishlinskii_fine', 'offset'),
-        'A bank of nineteen play operators.',
+        'A bank of twenty play operators, the smallest of them very small.',
         'reference model',
         {'fine_pi_range': 1.0},
     ),
