@@ -6,6 +6,8 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from math import ceil
 
 import numpy as np
 
@@ -32,7 +34,9 @@ LADDER = ('mode', 'sensor_nonlinearity', 'amplifier_lag', 'creep', 'electrostric
 
 TRAINED = 0.7  # share of each record that is fitted; the rest decides
 _GAIN = 0.98  # an effect must lower the error below this share of what it was
-_TRIAL, _POLISH = 10, 80  # evaluations of each start, and of the best of them
+# Evaluations of each start, and the share of them that goes on to the next round.
+_ROUNDS = ((4, 1 / 3), (10, 1.0))
+_POLISH = 80  # evaluations of the best of them
 _ROUGH = 1e-4  # relative change at which a trial ends
 # Inner loops of plays close, as those of actuators do and those of Bouc-Wen do not. Records of one
 # amplitude do not show it, so plays may leave so much more.
@@ -178,6 +182,24 @@ def _alike(one: Sequence[Target], other: Sequence[Target]) -> bool:
     return [t.begins for t in one] == [t.begins for t in other]
 
 
+def _late(found: FitResult) -> dict[str, float]:
+    return {SAMPLING_OFFSET: found.sampling_offset}
+
+
+def _attempted(
+    seen: Sequence[Target], evaluations: int, start: tuple[Model, dict[str, float]]
+) -> FitResult:
+    return fit(
+        start[0],
+        (),
+        start[1],
+        targets=seen,
+        sampling_offset=True,
+        max_evaluations=evaluations,
+        tolerance=_ROUGH,
+    )
+
+
 def _left(fit: FitResult) -> float:
     """Return the median size of what a fit leaves [m]: its weights are its own."""
     return float(np.median(np.abs(np.concatenate(list(fit.residuals.values())))))
@@ -247,22 +269,14 @@ class _Ladder:
             for each in candidates
             for start in each.starts
         ]
-
-        def attempt(one: tuple[Model, dict[str, float]]) -> FitResult:
-            return fit(
-                one[0],
-                (),
-                one[1],
-                targets=seen,
-                sampling_offset=True,
-                max_evaluations=_TRIAL,
-                tolerance=_ROUGH,
-            )
-
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            tried = list(pool.map(attempt, starts))
+        tried: list[FitResult] = []
+        for evaluations, share in _ROUNDS:
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                tried = list(pool.map(partial(_attempted, seen, evaluations), starts))
+            tried = sorted(tried, key=lambda each: each.cost)[: ceil(share * len(tried))]
+            starts = [(each.model, {**each.values, **_late(each)}) for each in tried]
         first = min(tried, key=lambda each: each.cost)
-        again = {**first.values, SAMPLING_OFFSET: first.sampling_offset}
+        again = {**first.values, **_late(first)}
         # what was missing may have passed for a start: the plain ones get another chance
         views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
 

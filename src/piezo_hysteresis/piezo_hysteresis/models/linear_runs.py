@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks.base import System
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.exponential import exponential, pace
@@ -164,6 +164,21 @@ def _exponential(matrix: FloatArray) -> FloatArray:
 
 
 @jit
+def reaching(phi: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return which states each state moves, first and behind the last, each of shape (n,).
+
+    Elements side by side move only themselves: most of `phi` is zero where there are many.
+    """
+    n = phi.shape[0]
+    first, last = np.full(n, n), np.zeros(n, dtype=np.int64)
+    for j in range(n):
+        for i in range(n):
+            if phi[j, i] != 0.0:
+                first[j], last[j] = min(first[j], i), i + 1
+    return first, last
+
+
+@jit
 def run_held(
     x: FloatArray,
     y: FloatArray,
@@ -176,6 +191,7 @@ def run_held(
     """Answer a held input, one value per tick; `state` in place."""
     n = state.size
     new = np.empty(n)
+    first, last = reaching(phi)
     for k in range(x.size):
         u = x[k]
         total = gain * u
@@ -185,10 +201,27 @@ def run_held(
         y[k] = total
         for j in range(n):
             now = state[j]
-            for i in range(n):
+            for i in range(first[j], last[j]):
                 new[i] += phi[j, i] * now
         for i in range(n):
             state[i] = new[i]
+
+
+@jit
+def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray, gain: FloatArray) -> None:
+    """Answer every state alone, `gain` of it at the first tick: rows, shape (q, n)."""
+    q = row.size
+    seen, new = row.copy(), np.empty(q)
+    first, last = reaching(phi)
+    for k in range(rows.shape[1]):
+        for j in range(q):
+            rows[j, k] = gain[j] * seen[j]
+            total = 0.0
+            for i in range(first[j], last[j]):
+                total += phi[j, i] * seen[i]
+            new[j] = total
+        for j in range(q):
+            seen[j] = new[j]
 
 
 @jit
@@ -204,6 +237,7 @@ def run_path(
     """Answer a path, three points to a step; `state` in place."""
     n = state.size
     new = np.empty(n)
+    first, last = reaching(phi)
     for k in range(0, x.size, 3):
         u0, u1, u2 = x[k], x[k + 1], x[k + 2]
         for r in range(3):
@@ -215,7 +249,7 @@ def run_path(
             new[i] = gamma[i, 0] * u0 + gamma[i, 1] * u1 + gamma[i, 2] * u2
         for j in range(n):
             now = state[j]
-            for i in range(n):
+            for i in range(first[j], last[j]):
                 new[i] += phi[j, i] * now
         for i in range(n):
             state[i] = new[i]

@@ -21,7 +21,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
-from piezo_hysteresis.models.linear_runs import Hold, hold_of, in_series, run_held
+from piezo_hysteresis.models.linear_runs import Hold, hold_of, in_series, run_free, run_held
 from piezo_hysteresis.models.parts import Part, delay_of
 from piezo_hysteresis.models.path_runs import PathRun
 
@@ -143,6 +143,25 @@ class LinearStage:
         output = np.empty_like(signal)
         run_held(signal, output, state[ring:], *hold)
         return output
+
+    def released(self, p: FloatArray, dt: float, moved: FloatArray, count: int) -> FloatArray:
+        """Return what each state does alone under no input, shape (q, `count`).
+
+        Parameters
+        ----------
+        p : ndarray
+            Parameters of the stage.
+        dt : float
+            Sampling interval [s].
+        moved : ndarray, shape (q,)
+            How far each is moved at the first tick.
+        count : int
+            Ticks.
+        """
+        hold = self._hold(p, dt)[1]
+        rows = np.empty((moved.size, count))
+        run_free(rows, hold.phi, hold.row, moved)
+        return rows
 
     def _hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
         """Return ticks to wait and the recursion, made anew where the parameters are new."""
