@@ -54,3 +54,29 @@ def test_useless_records_are_refused():
     flat = Record('flat', DT, np.zeros(500), 1e-9 * np.arange(500))
     with pytest.raises(IdentificationError, match='constant'):
         choose_model([flat])
+
+
+def one_tone(amplitudes: tuple[float, ...]) -> list[Record]:
+    """Simulate an off-centre Bouc-Wen hysteresis, one sine of one amplitude to a record."""
+    model, time = named('modified'), np.arange(2500) * DT
+    records = []
+    for k, amplitude in enumerate(amplitudes):
+        voltage = amplitude * np.sin(2 * np.pi * 4 * time)
+        clean = model.respond(voltage, model.pack(VALUES), DT)
+        clean = np.concatenate([[VALUES['offset']], clean[:-1]])
+        scatter = 2e-8 * np.random.default_rng(k).standard_normal(time.size)
+        records.append(Record(f'r{k}', DT, voltage, clean + scatter))
+    return records
+
+
+def test_one_amplitude_shows_no_inner_loop_and_one_curve():
+    choice = choose_model(one_tone((1.0,)))
+    assert 'prandtl_ishlinskii_fine' in choice.model.block_names
+    several = choose_model(one_tone((1.0, 0.4)))
+    assert 'bouc_wen_exact' in several.model.block_names
+
+
+def test_an_effect_that_the_records_do_not_tell_is_left_out():
+    choice = choose_model(one_tone((1.0, 0.4)))
+    kept = {step.name for step in choice.steps if step.kept and step.memory == 'modified'}
+    assert kept == {'modified'}
