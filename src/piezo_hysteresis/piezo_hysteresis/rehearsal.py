@@ -35,6 +35,7 @@ def between_ticks() -> None:
     """Follow every block that has a path of its own, and chains that need one."""
     from piezo_hysteresis.blocks import BLOCKS
     from piezo_hysteresis.models import Model
+    from piezo_hysteresis.models.stages import LinearStage
 
     for block in BLOCKS.values():
         if block.along is not None:
@@ -49,6 +50,10 @@ def between_ticks() -> None:
         model = Model('path', tuple(BLOCKS[name] for name in names))
         late = {'delay': 0.3 * DT} if 'transport_delay' in names else {}
         model.respond(np.linspace(0.0, 1.0, 4), model.pack(late), DT)
+    model = Model('begun in motion', (BLOCKS['mode'], BLOCKS['creep']))
+    (stage,) = model.stages
+    assert isinstance(stage, LinearStage)
+    stage.released(model.pack({})[stage.columns], DT, np.ones(3), 4)
 
 
 def derivatives() -> None:
