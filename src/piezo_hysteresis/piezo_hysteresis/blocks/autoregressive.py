@@ -54,6 +54,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=3,
+    unknown=(0, 1, 2),
     description='Autoregression of third order whose first coefficient is fixed to 1.',
     source='000 (3); 001 (7) where they are called a1, a2',
     check=check,

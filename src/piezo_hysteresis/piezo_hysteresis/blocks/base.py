@@ -19,6 +19,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
+Tuned = Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float]]
 Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
 
 
@@ -183,6 +184,13 @@ class Block:
         measured and not commanded: 0 held, 1 joined by lines, 2 band-limited.
     step_bound : bool
         Whether its step is that of the samples (forward Euler): right to first order only.
+    unknown : tuple of int
+        Places in the state that nothing tells where a record begins in motion, and that die out
+        by themselves: the one number in which a memory is kept, position and velocity. All of a
+        LINEAR block's are.
+    tuned : callable or None
+        ``tuned(values, mode)`` returns the parameters of a mode of other parameters for the
+        ``natural_frequency`` [Hz] and ``damping_ratio`` in `mode`; what is not there stays.
     """
 
     name: str
@@ -207,6 +215,8 @@ class Block:
     count: int | None = None
     joins: Callable[[FloatArray], float] | None = None
     step_bound: bool = False
+    unknown: tuple[int, ...] = ()
+    tuned: Tuned | None = None
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the memory of the block at rest, shape (state_size,).
@@ -223,6 +233,40 @@ class Block:
         if self.clocked or self.phased:
             state[0] = start
         return state
+
+    def unknown_states(self, dt: float, *, memory: bool = True) -> tuple[int, ...]:
+        """Return the places in its state that an actuator in motion begins with.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval [s].
+        memory : bool
+            False leaves out what the extremes of its input tell, where these are known.
+        """
+        if self.between is Between.LINEAR:
+            return tuple(range(self.initial_state(dt).size))
+        if self.between is Between.PATH and not memory:
+            return ()
+        places, first = [], 0
+        for part in self.parts:
+            places += [first + place for place in part.unknown_states(dt, memory=memory)]
+            first += part.initial_state(dt).size
+        return (*self.unknown, *places)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it has a memory that extremes of its input before a record tell."""
+        if self.parts:
+            return any(part.remembers for part in self.parts)
+        return self.between is Between.PATH
+
+    @property
+    def needs_levels(self) -> bool:
+        """Whether it has a memory that no state of `unknown` tells."""
+        if self.parts:
+            return any(part.needs_levels for part in self.parts)
+        return self.between is Between.PATH and not self.unknown
 
     def defaults(self) -> dict[str, float]:
         """Return every parameter at its default."""

@@ -31,6 +31,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=2,
     between=Between.PATH,
+    unknown=(1,),
     step_bound=True,
     description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',
     source='000 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; 001 (18)',

@@ -72,6 +72,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=2,
     between=Between.PATH,
+    unknown=(1,),
     description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
     source='003 (1), 000 (1); exact step for exponent 1',
     check=check,

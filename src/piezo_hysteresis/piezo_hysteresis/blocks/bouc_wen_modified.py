@@ -80,6 +80,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=3,
     between=Between.PATH,
+    unknown=(1, 2),
     along=along,
     description=(
         'Bouc-Wen hysteresis with a bias term and a factor eta = (1 + |du/dt|/rate_corner)^'

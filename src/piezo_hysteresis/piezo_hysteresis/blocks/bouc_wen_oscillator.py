@@ -224,6 +224,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=3 + _TAPS,
     between=Between.INNER,
+    unknown=(0, 1, 2),
     inertia=True,
     along=along,
     pace=fastest,

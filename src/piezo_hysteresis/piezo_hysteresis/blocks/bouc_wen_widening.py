@@ -84,6 +84,7 @@ _LOGARITHM = Block(
     kernel=kernel,
     state_size=3,
     between=Between.PATH,
+    unknown=(1, 2),
     along=along,
     description=(
         'Bouc-Wen hysteresis; h is multiplied by 1 + widening log(1 + |du/dt|/widening_corner), '
@@ -112,6 +113,7 @@ _POWER = Block(
     kernel=power_kernel,
     state_size=3,
     between=Between.PATH,
+    unknown=(1, 2),
     along=power_along,
     description=(
         'Bouc-Wen hysteresis; h is multiplied by 1 + power_widening '

@@ -193,6 +193,7 @@ BLOCKS = (
         kernel=kernel,
         state_size=2,
         between=Between.PATH,
+        unknown=(1,),
         description=(
             'u = inverse_gain y - h, dh = inverse_A dy - inverse_beta |dy| h - inverse_gamma dy '
             '|h|, solved for y.'
@@ -219,6 +220,7 @@ BLOCKS = (
         kernel=selector_kernel,
         state_size=4,
         between=Between.PATH,
+        unknown=(1,),
         along=selector_along,
         description='Inverse Bouc-Wen whose parameters follow the slope of the displacement.',
         source='003 (selector between ten triangle fits)',

@@ -1,6 +1,7 @@
 """The second-order structure of 002 in mass, damping and stiffness."""
 
-from math import sqrt
+from collections.abc import Mapping
+from math import pi, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold, mode_system
@@ -32,6 +33,16 @@ def system(p: FloatArray) -> System:
     return mode_system(sqrt(p[2] / p[0]), 0.5 * p[1] / sqrt(p[0] * p[2]))
 
 
+def tuned(values: Mapping[str, float], mode: Mapping[str, float]) -> dict[str, float]:
+    """Return mass and damping for a mode, beside what else is in `mode`."""
+    others = {k: v for k, v in mode.items() if k not in ('natural_frequency', 'damping_ratio')}
+    stiffness, mass = values['stiffness'], values['mass']
+    ratio = mode.get('damping_ratio', 0.5 * values['damping'] / sqrt(mass * stiffness))
+    if 'natural_frequency' in mode:
+        mass = stiffness / (2.0 * pi * mode['natural_frequency']) ** 2
+    return {**others, 'mass': mass, 'damping': 2.0 * ratio * sqrt(mass * stiffness)}
+
+
 BLOCK = Block(
     name='mass_spring',
     slot=Slot.STRUCTURE,
@@ -45,6 +56,7 @@ BLOCK = Block(
     between=Between.LINEAR,
     inertia=True,
     system=system,
+    tuned=tuned,
     description=(
         "m x'' + b x' + k x = k v by exact zero-order hold; voltage and displacement see the "
         'ratios m/k and b/k only, so the stiffness is held at the value of the data sheet.'

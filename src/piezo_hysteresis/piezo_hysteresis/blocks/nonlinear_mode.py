@@ -216,6 +216,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=3,
     between=Between.INNER,
+    unknown=(0, 1, 2),
     inertia=True,
     along=along,
     pace=pace,

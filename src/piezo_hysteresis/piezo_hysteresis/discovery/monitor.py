@@ -8,6 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.opening import state_at_start
 from piezo_hysteresis.identification.reading import samples_late, shifted
 from piezo_hysteresis.identification.record_start import STEP, first_guess
 from piezo_hysteresis.models import ModelFile
@@ -121,10 +122,7 @@ class GapMonitor:
         if first_guess(record) == STEP:
             return
         (view,) = views_of(self._model, self._values, [record], self._offset)
-        before = view.voltage[: view.origin]
-        start = -view.origin * self._dt
-        self._state = self._model.initial_state(self._dt, start)
-        answer = self._model.respond(before, self._packed, self._dt, state=self._state)
+        self._state, answer = state_at_start(self._model, self._packed, view, self._offset)
         known = np.concatenate([np.zeros(2 * MARGIN), answer])
         self._simulated_tail = known[-2 * MARGIN :]
 

@@ -11,7 +11,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
-from piezo_hysteresis.identification.reading import misfit
+from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model

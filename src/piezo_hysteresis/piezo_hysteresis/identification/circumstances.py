@@ -14,25 +14,14 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.reading import misfit
-from piezo_hysteresis.identification.record_start import (
-    STARTS,
-    RecordStart,
-    refined,
-    rivals,
-)
-from piezo_hysteresis.identification.targets import WAY_IN, Target, led_in
+from piezo_hysteresis.identification.record_start import STARTS
+from piezo_hysteresis.identification.start_search import search_by
+from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
-Square = Callable[[Target], float]
-
 ZEROS = ('auto', 'record', 'common')
 
-# Another start takes over when it takes this share of what is left, and this many times the
-# square of the noise: five standard deviations.
-_SHARE = 0.1
-_SURE = 25.0
 # A zero of its own must take more than half of what is left: a shifted sensor does, hardly a model
 # that is a little wrong.
 _ZERO_SHARE = 0.5
@@ -40,8 +29,6 @@ _ZERO_SHARE = 0.5
 # what a model misses in a few moments (a ring-down) shall not bend it everywhere else.
 _FAR = 4.0
 _MAD = 1.4826
-# Shares of the largest voltage by which an unknown level before a record is refined.
-_STEPS = (0.12, 0.06, 0.03, 0.015)
 
 
 @dataclass(frozen=True)
@@ -105,76 +92,54 @@ def revised(
         Each record is judged for itself by a model that is known; else they are to be fitted
         together, and one of them cannot have a zero of its own.
     """
-    packed = model.pack(values)
-    by_name = {record.name: record for record in records}
-
-    def left(target: Target) -> FloatArray:
-        with np.errstate(over='ignore', invalid='ignore'):
-            return misfit(model, packed, target, sampling_offset)
-
-    def square(target: Target) -> float:
-        error = left(target)
-        total = inner(error, error)
-        return total if np.isfinite(total) else float('inf')
-
-    seen = [_begun(each, by_name, choices, square) for each in targets]
+    search = search_by(model, values, sampling_offset, records, choices.start, lasting=alone)
+    seen = [search.begun(each, choices.zero) for each in targets]
     seen = (
-        [_zeroed([each], choices, square)[0] for each in seen]
+        [_zeroed([each], choices, search.left)[0] for each in seen]
         if alone
-        else _zeroed(seen, choices, square, fewest=2)
+        else _zeroed(seen, choices, search.left, fewest=2)
     )
-    errors = [left(each) for each in seen]
+    errors = [search.left(each) for each in seen]
     return [
         replace(each, precision=weight, influence=influence(each, error))
         for each, weight, error in zip(seen, precisions(seen, errors), errors, strict=True)
     ]
 
 
-def _record_of(target: Target, records: Mapping[str, Record]) -> Record | None:
-    name = target.name.removesuffix(WAY_IN)
-    record = records.get(name)
-    if record is None or target.repeats > 1:
-        return None
-    return record.section(0, target.voltage.size - target.origin)
-
-
-def _begun(
-    target: Target, records: Mapping[str, Record], choices: Choices, square: Square
-) -> Target:
-    """Return the target with the start that leaves least, the guess where none does better."""
-    record = _record_of(target, records)
-    if record is None:
-        return target
-    wanted = choices.start
-    # zeros are judged afterwards: none of them shall pass for a start
-    free = replace(target, own_zero=choices.zero != 'common')
-
-    def tried(start: RecordStart) -> tuple[float, RecordStart]:
-        return square(led_in(free, record, start)), start
-
-    best = kept = (square(free), target.begins)
-    if wanted == 'auto' or record.info.start == 'auto':
-        best = min([kept, *map(tried, rivals(record, wanted))], key=lambda each: each[0])
-    if best[1].levels:
-        for share in _STEPS:
-            best = min([best, *map(tried, refined(best[1], record, share))], key=lambda e: e[0])
-    gain = kept[0] - best[0]
-    noise = target.noise if np.isfinite(target.noise) else 0.0
-    if gain > _SHARE * kept[0] and gain > _SURE * noise**2:
-        return led_in(target, record, best[1])
-    return target
-
-
 def _zeroed(
-    targets: Sequence[Target], choices: Choices, square: Square, fewest: int = 1
+    targets: Sequence[Target],
+    choices: Choices,
+    left: Callable[[Target], FloatArray],
+    fewest: int = 1,
 ) -> list[Target]:
-    """Return the targets with zeros of their own where they must have them."""
+    """Return the targets with zeros of their own where they must have them.
+
+    Parameters
+    ----------
+    targets, choices
+        As in `revised`.
+    left : callable
+        What the model leaves of a target [m].
+    fewest : int
+        Of records that can have zeros of their own. Where that is more than one, they are fitted
+        together: the zero that they share is at its best, not where a fit with others left it.
+    """
     if choices.zero != 'auto' or len({t.name.removesuffix(WAY_IN) for t in targets}) < fewest:
         return [replace(each, own_zero=choices.zero == 'record') for each in targets]
     own = [replace(each, own_zero=True) for each in targets]
     common = [replace(each, own_zero=False) for each in targets]
-    apart = sum(map(square, own)) < (1.0 - _ZERO_SHARE) * sum(map(square, common))
+    errors = [left(each) for each in common]
+    if fewest > 1:
+        samples = sum(each.size for each in errors)
+        shared = sum(float(each.sum()) for each in errors) / samples
+        errors = [each - shared for each in errors]
+    apart = sum(map(_square, map(left, own))) < (1.0 - _ZERO_SHARE) * sum(map(_square, errors))
     return own if apart else common
+
+
+def _square(error: FloatArray) -> float:
+    total = inner(error, error)
+    return total if np.isfinite(total) else float('inf')
 
 
 def precisions(targets: Sequence[Target], errors: Sequence[FloatArray]) -> list[float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.checks import main_frequency
-from piezo_hysteresis.identification.reading import misfit
+from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Condition, Discrepancy, Model
 from piezo_hysteresis.numerics.harmonics import harmonics

@@ -10,7 +10,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.circumstances import Choices, revised
-from piezo_hysteresis.identification.reading import misfit, simulated
+from piezo_hysteresis.identification.opening import answered, misfit
+from piezo_hysteresis.identification.reading import simulated
 from piezo_hysteresis.identification.record_start import RecordStart, first_guess
 from piezo_hysteresis.identification.targets import Target, targets_of, whole
 from piezo_hysteresis.models import Model
@@ -94,7 +95,7 @@ def free_run_of(
     """Return what the model says from where the record of `view` begins [m], in its own zero."""
     packed = model.pack(values, checked=checked)
     with np.errstate(over='ignore', invalid='ignore'):
-        y = simulated(model, packed, view, sampling_offset)
+        y = answered(model, packed, view, sampling_offset)
         if view.own_zero:
             y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
     return y[view.origin :]

@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.inverse_rows import (
     inverse_parameters,
 )
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
-from piezo_hysteresis.identification.output_error import output_error, suited
+from piezo_hysteresis.identification.output_error import leaves_noise, output_error, suited
 from piezo_hysteresis.identification.reading import simulated
 from piezo_hysteresis.identification.result import FitResult, result_at
 from piezo_hysteresis.identification.targets import targets_of
@@ -45,7 +45,8 @@ def start_of(
     selector = law_of(model) == 'inverse_selector'
     found = inverse_parameters(records, selector, solver)
     span = found.pop('selector_slope', 0.0)
-    default = {q.name: q.default for q in model.parameters}
+    # of the blocks: what is held is the default of the parameters of the model itself
+    default = {q.name: q.default for block in model.blocks for q in block.parameters}
     if selector and model.held.get('selector_slope') == default['selector_slope']:
         model = model.hold(selector_slope=span)
     elif selector:
@@ -128,18 +129,18 @@ def output_error_of_inverse(
     if law_of(model) == 'inverse_selector':
         return _selector(model, records, start or {}, options)
     chain, found = start_of(model, records)
-    return _one_row(chain, records, {**found, **(start or {})}, options)
+    return _one_row(chain, records, found, start or {}, options)
 
 
 def _one_row(
     chain: Model,
     records: Sequence[Record],
+    found: Mapping[str, float],
     start: Mapping[str, float],
     options: Mapping[str, Any],
 ) -> FitResult:
-    free = options.get('free') or chain.free_names
-    begin = {**{name: chain.defaults()[name] for name in free}, **start}
-    return output_error(chain, records, start=begin, **options)
+    """Fit from the direct identification, and from elsewhere: a record in motion misleads it."""
+    return output_error(chain, records, start=start, guesses=(found,), **options)
 
 
 def _selector(
@@ -148,11 +149,17 @@ def _selector(
     start: Mapping[str, float],
     options: Mapping[str, Any],
 ) -> FitResult:
-    """Fit a selector from one row for all slopes, of which it is never worse."""
+    """Fit a selector from the data, and where that misses from one row for all slopes.
+
+    It is never worse than that row.
+    """
     chain, found = start_of(model, records)
+    plain = output_error(chain, records, start=start, **options)
+    if leaves_noise(plain):
+        return plain
     options = {'zero': 'record', **options}
     single, law = start_of(_single(model), records)
-    one = _one_row(single, records, law, options)
+    one = _one_row(single, records, law, {}, options)
     rows = {name: one.values[name.rsplit('_at', 1)[0]] for name in found}
     values = {**chain.defaults(), **one.values, **rows, **start}
     known = {name: values[name] for name in chain.parameter_names}
@@ -160,6 +167,8 @@ def _selector(
     free = tuple(name for name in chain.free_names if name != 'offset')
     options = {'max_evaluations': _SELECTOR_EVALUATIONS, **options}
     fitted = output_error(chain, records, start=known, free=free, count=1, **options)
+    if plain.rms < fitted.rms:
+        return plain
     zero = zero_of(chain, fitted.values, records)
     return replace(fitted, values={**fitted.values, 'offset': zero})
 

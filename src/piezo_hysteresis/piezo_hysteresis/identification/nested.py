@@ -50,11 +50,12 @@ def output_error_in_stages(
     reach = max(float(abs(record.voltage).max()) for record in records)
     linear = set(linear_parameters(chain, added, reach))
     found = output_error(chain, records, start=start, free=without, **options)
-    for names in (tuple(n for n in model.free_names if n not in set(added) - linear),
-                  model.free_names):  # fmt: skip
-        begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
-        found = output_error(chain, records, start=begin, free=names, count=1, **options)
-    return found
+    begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
+    names = tuple(n for n in model.free_names if n not in set(added) - linear)
+    found = output_error(chain, records, start=begin, free=names, count=1, **options)
+    # what the additions leave unexplained at first may have led the first stage astray
+    begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
+    return output_error(chain, records, start=start, guesses=(begin,), **options)
 
 
 def _added(model: Model) -> tuple[str, ...]:

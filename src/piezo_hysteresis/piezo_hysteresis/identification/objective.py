@@ -12,14 +12,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.identification.beginnings import Motion
 from piezo_hysteresis.identification.factor import triangle
-from piezo_hysteresis.identification.reading import (
-    Nuisances,
-    differentiated,
-    misfit,
-    simulated,
-    square,
-)
+from piezo_hysteresis.identification.opening import misfit, opened, square
+from piezo_hysteresis.identification.reading import differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 
@@ -137,10 +133,12 @@ class Objective:
         total += sum(((x[j] - mean) * scale) ** 2 for j, mean, scale in self._priors)
         return 0.5 * total if isfinite(total) else float('inf')
 
-    def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def jacobian(
+        self, target: Target, x: FloatArray, motion: Motion | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
         y, rows, slope = differentiated(
-            self.model, self.packed(x), self._own, target, self.sampling_offset(x)
+            self.model, self.packed(x), self._own, target, self.sampling_offset(x), motion
         )
         if SAMPLING_OFFSET in self.free:
             rows = np.insert(rows, self.free.index(SAMPLING_OFFSET), slope, axis=0)
@@ -150,27 +148,23 @@ class Objective:
         """Return R, Q'r and the cost at `x`, see `solver.Problem`."""
         p = len(self.free)
         try:
-            self.packed(x)
+            packed = self.packed(x)
         except ModelError:
             return np.eye(p), np.zeros(p), float('inf')
 
         def compress(pair: tuple[Target, float]) -> FloatArray:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
-                y, rows = self.jacobian(target, x)
-                error, factors = target.measured - y, target.factors
+                late, factors = self.sampling_offset(x), target.factors
+                begun = opened(self.model, packed, target, late, factors)
+                y, rows = self.jacobian(target, x, begun.motion)
+                seen, own = np.vstack([rows, y - target.measured]), begun.rows
                 if factors is not None:
-                    error = error * factors
-                packed, late = self.packed(x), self.sampling_offset(x)
-                known = Nuisances(self.model, packed, target, late)
-                rows = rows + known.slopes(self.free, error)
-                own = known.rows
-                if factors is not None:
-                    rows, own = rows * factors, own * factors
-                seen = np.vstack([rows, -error])
+                    seen, own = seen * factors, own * factors
             if not np.all(np.isfinite(seen)):
                 return np.full((p + 1, p + 1), np.inf)
-            return _without(own, known.prior, seen) * (weight * target.weight)
+            free = _without(own, begun.prior, begun.pull, seen)
+            return free * (weight * target.weight)
 
         blocks = self._map(compress, list(zip(self.targets, self.weights, strict=True)))
         for j, mean, scale in self._priors:
@@ -197,11 +191,15 @@ class Objective:
             return list(pool.map(function, work))
 
 
-def _without(own: FloatArray, prior: FloatArray, seen: FloatArray) -> FloatArray:
-    """Return the triangle of `seen` with what a record knows of itself taken out of it."""
+def _without(own: FloatArray, prior: FloatArray, pull: FloatArray, seen: FloatArray) -> FloatArray:
+    """Return the triangle of `seen` with what a record knows of itself taken out of it.
+
+    The prior counts from where the run is already, by `pull`.
+    """
     if not len(own):
         return triangle(seen)
     q = len(own)
     held = np.zeros((q + len(seen), q))
     held[:q] = np.diag(prior)
+    held[-1] = prior * pull
     return triangle(np.hstack([np.vstack([own, seen]), held]))[q:, q:]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.starts import representative, starts
+from piezo_hysteresis.identification.start_search import search_by
+from piezo_hysteresis.identification.starts import Start, representative, starts
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
 from piezo_hysteresis.records import Record
@@ -25,10 +26,15 @@ _FOLLOWED_SAMPLES = 150_000
 _FOLLOWED_RECORDS = 5
 #: How often what a fit tells of the records may change what it is fitted to, and what change of a
 #: weight is one.
-_REVISIONS = 3
+_REVISIONS = 6
 #: A clock as our convention has it is kept where it leaves hardly more.
 _NO_WORSE = 1e-3
 _ALIKE = 0.2
+#: Starts that end within this factor of the best have come to the same end; so many are enough.
+_SAME = 1.01
+_ENOUGH = 4
+#: Squares left over those of the noise up to which nothing but noise is left.
+_NOISE = 1.1
 
 
 def suited(model: Model, records: Sequence[Record]) -> Model:
@@ -50,6 +56,7 @@ def output_error(
     records: Sequence[Record],
     *,
     start: Mapping[str, float] | None = None,
+    guesses: Sequence[Mapping[str, float]] = (),
     free: Sequence[str] | None = None,
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
@@ -73,6 +80,8 @@ def output_error(
         See `fit`; the rest as in `refined`.
     start : mapping of str to float, optional
         Values known beforehand; the others are found. May hold ``sampling_offset``.
+    guesses : sequence of mapping of str to float
+        More starts, of every unknown, beside those from the data.
     begins, zero : str
         How records begin and where their zeros lie, see `circumstances.Choices`.
     count : int, optional
@@ -111,20 +120,22 @@ def output_error(
         told = {**chain.defaults(), **known}
         targets = revised(chain, told, late[SAMPLING_OFFSET], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
-    tried = [
-        _attempt(
+    best = _followed(
+        [
+            *(Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses),
+            *starts(chain, targets, names, known, count=count),
+        ],
+        lambda values: _attempt(
             chain,
             few,
-            {**each.values, **late},
+            {**late, **values},
             names,
             weights,
             sampling_offset,
             max_evaluations // 6,
             workers,
-        )
-        for each in starts(chain, targets, names, known, count=count)
-    ]
-    best = min(tried, key=lambda each: each.cost)
+        ),
+    )
     return refined(
         chain,
         targets,
@@ -138,6 +149,35 @@ def output_error(
         workers=workers,
         progress=progress,
     )
+
+
+def _followed(
+    begins: Sequence[Start], attempt: Callable[[Mapping[str, float]], FitResult]
+) -> FitResult:
+    """Return the best fit of several starts, followed until it is hardly to be bettered.
+
+    That is where nothing but noise is left, or where several starts have come to the same end.
+    """
+    found: list[FitResult] = []
+    for begin in begins:
+        found.append(attempt(begin.values))
+        best = min(found, key=lambda each: each.cost)
+        same = [each for each in found if each.cost <= _SAME * best.cost]
+        if len(same) >= _ENOUGH or leaves_noise(found[-1]):
+            return best
+    return best
+
+
+def leaves_noise(result: FitResult) -> bool:
+    """Tell whether a fit leaves no more than the noise of its records, all together."""
+    if not np.isfinite(result.cost):
+        return False
+    squares = [
+        result.residuals[t.name] ** 2 * t.repeats / t.noise**2
+        for t in result.targets
+        if t.noise > 0.0
+    ]
+    return len(squares) == len(result.targets) and bool(np.mean(np.concatenate(squares)) <= _NOISE)
 
 
 def refined(
@@ -191,6 +231,12 @@ def refined(
             break
         targets = seen
         result = attempt(targets, _with_offset(result), sampling_offset)
+    search = search_by(model, result.values, result.sampling_offset, records, choices.start)
+    other = search.with_steps(targets)
+    if other is not None:
+        plain = attempt(other[0], _with_offset(result), sampling_offset)
+        if plain.cost <= (1.0 + other[1]) * result.cost:
+            targets, result = other[0], plain
     if sampling_offset is True and result.sampling_offset != 0.0:
         trusted = attempt(targets, result.values, False)
         if trusted.cost <= (1.0 + _NO_WORSE) * result.cost:

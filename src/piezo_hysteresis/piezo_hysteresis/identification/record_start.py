@@ -117,18 +117,21 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
     return SETTLED if cycle_of(record) else RecordStart('estimate')
 
 
-def rivals(record: Record, wanted: str = 'auto') -> Iterator[RecordStart]:
-    """Yield other ways in which a record may have begun, the plainer ones first."""
+def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iterator[RecordStart]:
+    """Yield other ways in which a record may have begun, the plainer ones first.
+
+    Those after `levels` differ for a memory of extremes only.
+    """
     word = record.info.start if record.info.start != 'auto' else wanted
     reach = float(np.max(np.abs(record.voltage)))
     if word == 'auto':
         yield STEP
         if abs(float(record.voltage[0])) > NEAR_ZERO * reach:
             yield REST
-            yield RecordStart('estimate')
+        yield RecordStart('estimate')
         if cycle_of(record):
             yield SETTLED
-    if word in ('auto', 'estimate'):
+    if levels and word in ('auto', 'estimate'):
         for level in _LEVELS:
             yield RecordStart('estimate', (level * reach,))
 
@@ -138,6 +141,14 @@ def refined(start: RecordStart, record: Record, share: float) -> Iterator[Record
     step = share * float(np.max(np.abs(record.voltage)))
     for way in (-step, step):
         yield RecordStart(start.kind, (*start.levels[:-1], start.levels[-1] + way))
+
+
+def deepened(start: RecordStart, record: Record) -> Iterator[RecordStart]:
+    """Yield starts with one more level, before or behind those that are known."""
+    reach = float(np.max(np.abs(record.voltage)))
+    for level in _LEVELS:
+        yield RecordStart(start.kind, (level * reach, *start.levels))
+        yield RecordStart(start.kind, (*start.levels, level * reach))
 
 
 def lead_in(record: Record, start: RecordStart) -> FloatArray:

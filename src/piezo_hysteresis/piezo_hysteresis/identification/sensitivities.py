@@ -144,7 +144,7 @@ def _by_ways(
     behind = {j for part in run.behind for j in range(part.span.start, part.span.stop)}
     for j in behind & set(wanted):
         moved = p.copy()
-        moved[j] += parameter_step(own[j], p[j])
+        moved[j] += parameter_step(stage, own[j], p[j], dt)
         answer = run.taken_up(flat[None], gone, moved, dt)[0]
         known[j] = (answer - answers[0]) / (moved[j] - p[j])
     rest = [j for j in wanted if j not in known]
@@ -224,17 +224,16 @@ def _differenced(
         step = _STEP * span / size
         result[j] = (run(signal + step * column, p) - output) / step
     for place, j in enumerate(wanted, start=incoming):
-        step = parameter_step(own[j], p[j])
-        if isinstance(stage, TickStage) and stage.block.between is Between.DELAY:
-            # what is held moves with a delay by whole ticks only
-            step = clock.dt if p[j] + clock.dt <= own[j].high else -clock.dt
         moved = p.copy()
-        moved[j] += step
+        moved[j] += parameter_step(stage, own[j], p[j], clock.dt)
         result[place] = (run(signal, moved) - output) / (moved[j] - p[j])
     return output, result
 
 
-def parameter_step(parameter: Parameter, value: float) -> float:
-    """Return by how much a parameter is moved for a difference, within its bounds."""
+def parameter_step(stage: Stage, parameter: Parameter, value: float, dt: float) -> float:
+    """Return by how much a parameter of a stage is moved for a difference, within its bounds."""
+    if isinstance(stage, TickStage) and stage.block.between is Between.DELAY:
+        # what is held moves with a delay by whole ticks only
+        return dt if value + dt <= parameter.high else -dt
     step = _STEP * max(abs(value), 0.1 * parameter.scale)
     return -step if value + step > parameter.high else step

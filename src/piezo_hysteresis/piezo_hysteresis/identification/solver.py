@@ -16,6 +16,9 @@ import numpy as np
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
 
+# Steps in a row that lower the cost by no more than the tolerance, after which it rests.
+_IDLE = 3
+
 Progress = Callable[[float, str], None]
 
 
@@ -134,7 +137,7 @@ def solve(
         )
     history = [cost]
     norms = _norms(factor)
-    damping, growth, used = 1e-3, 2.0, 1
+    damping, growth, used, idle = 1e-3, 2.0, 1, 0
     message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
     while used < max_evaluations:
         if _stationary(x, factor, rhs, cost, low, high):
@@ -165,9 +168,13 @@ def solve(
         damping = max(damping * max(1 / 3, 1 - (2 * ratio - 1) ** 3), 1e-15)
         growth = 2.0
         x = trial
+        idle = idle + 1 if cost - there[2] <= tolerance * cost else 0
         factor, rhs, cost = there
         used += 1
         history.append(cost)
+        if idle == _IDLE:
+            message, converged = 'no step lowers the error any further', True
+            break
         norms = np.maximum(norms, _norms(factor))
         if progress is not None:
             progress(used / max_evaluations, f'sum of squares {2 * cost:.4g}')

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Tuned
 from piezo_hysteresis.identification.linear import linear_parameters, solve_linear
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.targets import WAY_IN, Target
@@ -74,10 +75,15 @@ def starts(
         x = np.array([solved[name] for name in free])
         return Start(solved, Objective(model, seen, free, solved).cost(x))
 
+    otherwise = _stated_otherwise(model, scanned)
+
+    def stated(values: Mapping[str, float], move: Mapping[str, float]) -> Mapping[str, float]:
+        return move if otherwise is None else otherwise(values, move)
+
     pool = [judged(base)]
     for kept, moves in _rounds(model, scanned, amplitude, seen):
         for start in _distinct(pool, scanned, kept):
-            pool += [judged({**start.values, **move}) for move in moves]
+            pool += [judged({**start.values, **stated(start.values, move)}) for move in moves]
     return _distinct(pool, scanned, count)
 
 
@@ -125,11 +131,13 @@ def _rounds(
         return [
             move
             for move in moves
-            if all(limits[name][0] <= value <= limits[name][1] for name, value in move.items())
+            if all(_within(value, limits.get(name)) for name, value in move.items())
         ]
 
-    light = 'natural_frequency' in scanned
-    damping = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0) if 'damping_ratio' in scanned else ()
+    stated = _stated_otherwise(model, scanned)
+    light = stated is not None or 'natural_frequency' in scanned
+    damped = stated is not None or 'damping_ratio' in scanned
+    damping = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0) if damped else ()
     memory = np.array([0.1, 0.3, 1.0, 3.0, 10.0]) / amplitude if 'beta' in scanned else ()
     if light:
         grid = _frequencies(targets)
@@ -146,6 +154,19 @@ def _rounds(
         yield 4, allowed(moves)
     if light:
         yield 1, allowed(_grid(natural_frequency=grid, damping_ratio=damping[1:4:2]))
+
+
+def _within(value: float, limits: tuple[float, float] | None) -> bool:
+    return limits is None or limits[0] <= value <= limits[1]
+
+
+def _stated_otherwise(model: Model, scanned: Sequence[str]) -> Tuned | None:
+    """Return how a mode is stated whose frequency is no parameter of its own, but scanned."""
+    for block in model.blocks:
+        names = [q.name for q in block.parameters if q.name in scanned]
+        if block.tuned is not None and names:
+            return block.tuned
+    return None
 
 
 def _grid(**axes: Sequence[float] | FloatArray) -> list[dict[str, float]]:

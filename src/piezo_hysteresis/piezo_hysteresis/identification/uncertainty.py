@@ -12,6 +12,8 @@ from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 
 #: Scaled condition number beyond which digits of single parameters mean nothing.
 CONDITION_LIMIT = 1e6
+# Share of the largest singular value that differences of a free run cannot tell from none.
+_ROUNDING = 1e-9
 #: Correlation beyond which two parameters count as not told apart.
 CORRELATION_LIMIT = 0.995
 
@@ -63,7 +65,8 @@ def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Cov
     largest = float(singular[0])
     condition = largest / float(singular[-1]) if singular[-1] > 0 else float('inf')
     weak = singular < largest / CONDITION_LIMIT
-    inverse = np.where(weak, 0.0, 1.0 / np.where(singular > 0, singular, 1.0))
+    # what a weak direction leaves open, it leaves open for all that take the least part in it
+    inverse = 1.0 / np.maximum(singular, largest * _ROUNDING) if largest > 0.0 else singular
     shape = (rows.T * inverse**2) @ rows
     spread = np.sqrt(np.maximum(np.diag(shape), 1e-300))
     correlation = shape / np.outer(spread, spread)

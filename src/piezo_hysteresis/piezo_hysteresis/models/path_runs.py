@@ -98,6 +98,18 @@ class PathRun:
         """Return where what the run remembers stands in its state."""
         return layout_of(self._moving, self.delays, PAST if self._joining else 0, dt)
 
+    def free_states(self, dt: float, *, memory: bool = True) -> tuple[int, ...]:
+        """Return the places in the state that an actuator in motion begins with.
+
+        Where the start of a tick is read, that is what was read last, too.
+        """
+        inside = [
+            own.start + place
+            for part, own in zip(self._moving, self.layout(dt).memories, strict=True)
+            for place in part.block.unknown_states(dt, memory=memory)
+        ]
+        return (*(() if self.ahead or not inside else (0,)), *inside)
+
     def _pieces(self, layout: Layout) -> list[_Piece]:
         """Return the groups with their places in the state."""
         memories = layout.memories

@@ -180,19 +180,6 @@ class LinearStage:
         return made
 
 
-def free_states(stage: Stage, dt: float) -> range:
-    """Return the places in the state of a stage that an actuator in motion begins with.
-
-    Position and velocity of a mode, elements of creep, a lag: what dies out by itself.
-    """
-    if isinstance(stage, LinearStage):
-        ring = stage.delays * ring_size(dt) + 1 if stage.delays else 0
-        return range(ring, stage.initial_state(dt, 0.0).size)
-    if isinstance(stage, TickStage) and stage.block.between is Between.LINEAR:
-        return range(stage.block.initial_state(dt).size)
-    return range(0)
-
-
 @dataclass(frozen=True)
 class PathStage:
     """Blocks that are followed between the ticks; see `PathRun`.
@@ -229,6 +216,21 @@ class PathStage:
     ) -> FloatArray:
         """Answer one number per tick; `steps` of a tick as many as `p` needs, or as given."""
         return self.run.respond(signal, p, dt, state=state, frequency=frequency, steps=steps)
+
+
+def free_states(stage: Stage, dt: float, *, memory: bool = True) -> tuple[int, ...]:
+    """Return the places in the state of a stage that an actuator in motion begins with.
+
+    Position and velocity of a mode, elements of creep, and with `memory` the h of a Bouc-Wen loop:
+    what dies out by itself.
+    """
+    if isinstance(stage, TickStage):
+        return stage.block.unknown_states(dt, memory=memory)
+    if isinstance(stage, PathStage):
+        return stage.run.free_states(dt, memory=memory)
+    size = stage.initial_state(dt, 0.0).size
+    linear = [b.initial_state(dt).size for b in stage.blocks if b.between is Between.LINEAR]
+    return tuple(range(size - sum(linear), size))
 
 
 def stages_of(blocks: Sequence[Block]) -> tuple[Stage, ...]:

@@ -1,0 +1,283 @@
+"""How a model goes on from where a record in motion begins.
+
+What was before is led in; what no lead-in can tell are the states with which the actuator comes in
+(position and velocity of a mode, the h of a loop, elements of creep), the levels that a memory
+still knows, and what was held before the first sample. They are taken at their best for every
+value of the parameters, so that a fit sees none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.record_start import path_to
+from piezo_hysteresis.identification.sensitivities import parameter_step
+from piezo_hysteresis.identification.tails import Moved, Tails
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.stages import PathStage, free_states
+from piezo_hysteresis.numerics.linalg import solve_square
+
+# A state at the start is moved by this share of its size to see what it does.
+_NUDGE = 1e-2
+# And a level of the voltage before it by this share of the largest.
+_LEVEL = 3e-3
+# Samples after which it is looked whether what a moved state does has died out, twice as many each
+# time, and down to which share of its largest.
+_PIECE = 512
+_FADED = 1e-7
+# Rows whose effect is smaller than this share of the stroke do nothing.
+_NOTHING = 1e-11
+
+
+class Motion:
+    """Free runs of a chain over one target, led in, from moved states.
+
+    What a moved state does dies out: it is followed only until then.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    packed : ndarray, shape (p,)
+        Its parameters.
+    target : Target
+        What drives it.
+    """
+
+    def __init__(self, model: Model, packed: FloatArray, target: Target) -> None:
+        self.model, self.target = model, target
+        self._packed = packed
+        self._grids = [
+            {'steps': stage.run.steps(packed[stage.columns], target.dt)}
+            if isinstance(stage, PathStage)
+            else {}
+            for stage in model.stages
+        ]
+        self.places = tuple(
+            (k, place)
+            for k, stage in enumerate(model.stages)
+            # levels before a record tell every memory, also one that a single number keeps
+            for place in free_states(stage, target.dt, memory=not target.begins.levels)
+        )
+        self._states: list[FloatArray] = []  # where the record begins, as it was led in
+        self._sizes: list[FloatArray] = []
+        self._led = [target.voltage]
+        for k, stage in enumerate(model.stages):
+            state = stage.initial_state(target.dt, target.start)
+            before = self._through(k, self._led[k][: target.origin], packed, state)
+            self._states.append(state.copy())
+            after = self._through(k, self._led[k][target.origin :], packed, state)
+            self._sizes.append(np.maximum(np.abs(self._states[k]), np.abs(state)))
+            self._led.append(np.concatenate([before, after]))
+        self._tails = Tails(model, self._led, target)
+        self.moved: tuple[Moved, ...] = ()
+        #: What goes into each stage, and what comes out of the last, from the moved states.
+        self.signals = self._led
+        self._end = target.origin
+
+    def _through(
+        self, k: int, signal: FloatArray, packed: FloatArray, state: FloatArray
+    ) -> FloatArray:
+        stage, target = self.model.stages[k], self.target
+        return stage.respond(
+            np.ascontiguousarray(signal),
+            packed[stage.columns],
+            target.dt,
+            state=state,
+            frequency=target.frequency,
+            **self._grids[k],
+        )
+
+    def go(self, moved: tuple[Moved, ...]) -> None:
+        """Run from these states from now on."""
+        self.moved, self.signals, self._end = moved, list(self._led), self.target.origin
+        others = self._others
+        if others:
+            away, self._end = self._away(others)
+            head = slice(self.target.origin, self._end)
+            for k, part in away.items():
+                self.signals[k] = self._led[k].copy()
+                self.signals[k][head] = part
+        if len(others) < len(moved):
+            self.signals[-1] = self.signals[-1] + self._tails.response(self._packed, moved)
+
+    @property
+    def _others(self) -> tuple[Moved, ...]:
+        """What is moved elsewhere than in a tail of the chain."""
+        return tuple(each for each in self.moved if not self._tails.holds(each))
+
+    def reach(self) -> dict[tuple[int, int], float]:
+        """Return how far states in a tail may be expected to lie at most, see `Tails.reach`."""
+        return self._tails.reach(self._packed)
+
+    def nudged(self, nudge: Moved) -> FloatArray:
+        """Return what a state that is moved does to the displacement as led in, shape (n,)."""
+        if self._tails.holds(nudge):
+            return self._tails.rows(self._packed, (nudge,))[0]
+        away, end = self._away((nudge,))
+        change = np.zeros(self.target.voltage.size)
+        head = slice(self.target.origin, end)
+        change[head] = away[len(self.model.stages)] - self._led[-1][head]
+        return change
+
+    def driven(self, drive: FloatArray) -> FloatArray:
+        """Return the displacement for another drive as long as that of the target, shape (n,)."""
+        signal, target = drive, self.target
+        for k, stage in enumerate(self.model.stages):
+            state = stage.initial_state(target.dt, target.start)
+            signal = self._through(k, signal, self._packed, state)
+        return signal
+
+    def _away(self, moved: tuple[Moved, ...]) -> tuple[dict[int, FloatArray], int]:
+        """Return the signals behind each stage from where the record begins, and their end.
+
+        What a memory of levels makes of it shows in its answer at once, so that nothing comes
+        back after it has died out.
+        """
+        count, first = len(self.model.stages), min(each.stage for each in moved)
+        states = {k: self._states[k].copy() for k in range(first, count)}
+        for each in moved:
+            states[each.stage][each.place] += each.amount
+        parts: dict[int, list[FloatArray]] = {k: [] for k in range(first + 1, count + 1)}
+        samples, peak, length = self.target.voltage.size, 0.0, _PIECE
+        begin = self.target.origin
+        while begin < samples:
+            end = min(begin + length, samples)
+            signal = self._led[first][begin:end]
+            for k in range(first, count):
+                signal = self._through(k, signal, self._packed, states[k])
+                parts[k + 1].append(signal)
+            change = float(np.max(np.abs(signal - self._led[-1][begin:end])))
+            begin, peak, length = end, max(peak, change), 2 * length
+            if not change > _FADED * peak:
+                break
+        return {k: np.concatenate(each) for k, each in parts.items()}, begin
+
+    def size(self, stage: int, place: int, otherwise: float) -> float:
+        """Return how large a state has been where the record begins and ends."""
+        seen = float(self._sizes[stage][place])
+        return seen if seen > 0.0 and np.isfinite(seen) else otherwise
+
+    @property
+    def _first(self) -> int:
+        """The first stage whose parameters change what states outside a tail do."""
+        first = min((each.stage for each in self._others), default=len(self.model.stages))
+        rest = range(first, len(self.model.stages))
+        return first if all(self._tails.affine(k, 0) for k in rest) else 0
+
+    def derivatives(self, free: Sequence[str]) -> dict[int, FloatArray]:
+        """Return by how much the derivatives are others than those of the run as led in.
+
+        Returns
+        -------
+        dict of int to ndarray, shape (n,)
+            By place in `free`; none where they are the same.
+        """
+        found: dict[int, FloatArray] = {}
+        count = len(self.model.stages)
+        first = self._first if self._others else count
+        tail = min((each.stage for each in self.moved if self._tails.holds(each)), default=count)
+        begun = self._tails.response(self._packed, self.moved)
+        head = slice(self.target.origin, self._end)
+        usual = (self.signals[-1] - begun - self._led[-1])[head]
+        for k in range(min(first, tail), count):
+            stage = self.model.stages[k]
+            for j in np.arange(self._packed.size)[stage.columns]:
+                q = self.model.parameters[j]
+                if q.name not in free:
+                    continue
+                step = parameter_step(stage, q, float(self._packed[j]), self.target.dt)
+                packed = self._packed.copy()
+                packed[j] += step
+                row = np.zeros(self.target.voltage.size)
+                if k >= first:
+                    row[head] = self._parted(k, packed) - usual
+                if k >= tail:
+                    row += self._tails.response(packed, self.moved) - begun
+                found[free.index(q.name)] = row / (packed[j] - self._packed[j])
+        return found
+
+    def _parted(self, first: int, packed: FloatArray) -> FloatArray:
+        """Return the difference that the moved states make with other parameters of a stage."""
+        origin = self.target.origin
+        before = self._led[first][:origin]
+        led, moved = (each[first][origin : self._end] for each in (self._led, self.signals))
+        for k in range(first, len(self.model.stages)):
+            state = self.model.stages[k].initial_state(self.target.dt, self.target.start)
+            before = self._through(k, before, packed, state)
+            other = state.copy()
+            for each in self._others:
+                if each.stage == k:
+                    other[each.place] += each.amount
+            led = self._through(k, led, packed, state)
+            moved = self._through(k, moved, packed, other)
+        return moved - led
+
+
+def start_rows(motion: Motion) -> tuple[list[FloatArray], list[Moved]]:
+    """Return what states at the start do to the samples of the drive, each of shape (n,).
+
+    Returns
+    -------
+    rows : list of ndarray
+        Displacement of a state that lies where it may be expected at most [m].
+    moved : list of Moved
+        How far that is: as far as the strongest input of the record could move it, and where
+        that cannot be told, as far as moves the displacement by the stroke.
+    """
+    target = motion.target
+    stroke = float(np.ptp(target.measured)) or 1.0
+    reach = motion.reach()
+    rows: list[FloatArray] = []
+    moved: list[Moved] = []
+    for k, place in motion.places:
+        known = (k, place) in reach
+        amount = reach[k, place] if known else _NUDGE * motion.size(k, place, stroke)
+        if not amount > 0.0:
+            continue
+        row = motion.nudged(Moved(k, place, amount))
+        size = float(np.max(np.abs(row), initial=0.0))
+        if not _NOTHING * stroke < size < np.inf:
+            continue
+        share = 1.0 if known else stroke / size
+        rows.append(share * row)
+        moved.append(Moved(k, place, share * amount))
+    return rows, moved
+
+
+def level_rows(motion: Motion) -> list[FloatArray]:
+    """Return what levels before a record do, moved by the largest voltage, each shape (n,)."""
+    target, rows = motion.target, []
+    known, largest = target.begins.levels, float(np.max(np.abs(target.voltage)))
+    for k, level in enumerate(known):
+        other = (*known[:k], level + _LEVEL * largest, *known[k + 1 :])
+        start = replace(target.begins, levels=other)
+        before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)
+        drive = np.concatenate([before, target.voltage[target.origin :]])
+        rows.append((motion.driven(drive) - motion.signals[-1]) / _LEVEL)
+    return rows
+
+
+def best_fit(
+    rows: FloatArray, prior: FloatArray, error: FloatArray, pull: FloatArray
+) -> FloatArray:
+    """Return the multiples of rows that explain an error best.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (q, m)
+        What each does [m].
+    prior : ndarray, shape (q,)
+        How firmly each is held to 0 [m].
+    error : ndarray, shape (m,)
+        What is to be explained [m].
+    pull : ndarray, shape (q,)
+        How much of each is in the model already, in multiples.
+    """
+    gram = rows @ rows.T + np.diag(prior**2)
+    return solve_square(gram, rows @ error - prior**2 * pull).values

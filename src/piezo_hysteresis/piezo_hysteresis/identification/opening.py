@@ -1,0 +1,246 @@
+"""With what a record begins: everything that is known from it alone, at its best for one model.
+
+States at the start, levels of the voltage before it, a zero of its own and what was held before
+its first sample are found anew for every value of the parameters, so that a fit sees none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from math import ceil, isfinite
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.beginnings import (
+    Motion,
+    best_fit,
+    level_rows,
+    start_rows,
+)
+from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.identification.reading import samples_late, shifted, simulated
+from piezo_hysteresis.identification.tails import Moved
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.chain import State
+
+# Noise against the stroke that a prior assumes where the noise of a record is not known.
+_UNKNOWN_NOISE = 1e-3
+# Turns in which states at the start are settled, and the share of what is left that is no gain.
+_TURNS = 4
+_SMALL = 1e-6
+
+
+@dataclass(frozen=True)
+class Opening:
+    """With what a record begins, at its best for one model.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (q, m)
+        What else is known from the record alone does this, in proportion: levels before it, its
+        own zero, what was held before its first samples, and states again.
+    prior : ndarray, shape (q,)
+        How firmly each is held to 0: a start lies within the stroke, a zero anywhere.
+    motion : Motion or None
+        The run from those states; None where a record begins in no unknown state.
+    pull : ndarray, shape (q,)
+        How much of each is in the run already.
+    levels : tuple of float
+        Levels before the record that would be better than those it was led in by [V].
+    """
+
+    rows: FloatArray
+    prior: FloatArray
+    motion: Motion | None = None
+    pull: FloatArray = field(default_factory=lambda: np.empty(0))
+    levels: tuple[float, ...] = ()
+
+
+def opened(
+    model: Model,
+    packed: FloatArray,
+    target: Target,
+    sampling_offset: float = 0.0,
+    factors: FloatArray | None = None,
+) -> Opening:
+    """Return with what a record begins for a model, see `Opening`.
+
+    Parameters
+    ----------
+    model, packed, target, sampling_offset
+        As in `simulated`.
+    factors : ndarray, shape (m,), optional
+        How much each residual counts.
+    """
+    if target.begins.kind != 'estimate':
+        own = np.ones((int(target.own_zero), target.measured.size))
+        return Opening(own, np.zeros(len(own)), pull=np.zeros(len(own)))
+    late = samples_late(model, packed, target.dt, sampling_offset)
+    motion = Motion(model, packed, target)
+
+    def left() -> FloatArray:
+        return target.measured - target.pick(shifted(motion.signals[-1], late))
+
+    error = left()
+    if not np.all(np.isfinite(error)):
+        return Opening(np.empty((0, error.size)), np.empty(0), motion)
+    states, most = start_rows(motion)
+    rows = [target.pick(shifted(row, late)) for row in (*states, *level_rows(motion))]
+    rows += _first_samples(target, late)
+    stroke = float(np.ptp(target.measured)) or 1.0
+    noise = target.noise if isfinite(target.noise) else _UNKNOWN_NOISE * stroke
+    prior = [noise] * len(rows)
+    if target.own_zero:
+        rows.append(np.ones(error.size))
+        prior.append(0.0)
+    opening = Opening(np.array(rows).reshape(len(rows), error.size), np.array(prior), motion)
+    return _settled(opening, most, left, factors)
+
+
+def _first_samples(target: Target, late: float) -> list[FloatArray]:
+    """Return a row for each sample that shows what was held before the record began."""
+    rows = []
+    for sample in range(target.origin, target.origin + max(ceil(-late), 0)):
+        place, off = divmod(sample - target.first, target.stride)
+        if place >= 0 and off == 0:
+            row = np.zeros(target.measured.size)
+            row[place] = 1.0
+            rows.append(row)
+    return rows
+
+
+def _settled(
+    begun: Opening,
+    most: Sequence[Moved],
+    left: Callable[[], FloatArray],
+    factors: FloatArray | None,
+) -> Opening:
+    """Move the states to their best, again and again as they are not in proportion."""
+    assert begun.motion is not None
+    motion, weight = begun.motion, 1.0 if factors is None else factors
+    rows, prior = begun.rows * weight, begun.prior
+
+    def judged(shares: FloatArray) -> tuple[float, FloatArray]:
+        error = left() * weight
+        if not np.all(np.isfinite(error)):
+            return float('inf'), shares
+        more = best_fit(rows, prior, error, shares)
+        rest, held = error - more @ rows, prior * (shares + more)
+        return inner(rest, rest) + float(held @ held), more
+
+    shares = np.zeros(len(rows))
+    cost, more = judged(shares)
+    for _ in range(_TURNS if most else 0):
+        moved = shares.copy()
+        moved[: len(most)] += more[: len(most)]
+        before = motion.moved
+        motion.go(
+            tuple(
+                replace(each, amount=each.amount * float(share))
+                for each, share in zip(most, moved, strict=False)
+            )
+        )
+        new, further = judged(moved)
+        if not new <= cost * (1.0 + 1e-9):
+            motion.go(before)
+            break
+        gain, cost, shares, more = cost - new, new, moved, further
+        if gain <= _SMALL * cost:
+            break
+    known = motion.target.begins.levels
+    largest = float(np.max(np.abs(motion.target.voltage)))
+    wanted = more[len(most) : len(most) + len(known)]
+    levels = tuple(a + largest * float(b) for a, b in zip(known, wanted, strict=True))
+    return replace(begun, pull=shares, levels=levels)
+
+
+def _from(
+    begun: Opening, model: Model, packed: FloatArray, target: Target, sampling_offset: float
+) -> FloatArray:
+    """Return what the model says at every tick of the drive from where the record begins [m]."""
+    if begun.motion is None:
+        return simulated(model, packed, target, sampling_offset)
+    late = samples_late(model, packed, target.dt, sampling_offset)
+    return shifted(begun.motion.signals[-1], late)
+
+
+def answered(
+    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
+) -> FloatArray:
+    """Return what the model says at every tick, from the states at its start at their best [m].
+
+    As `simulated`, but for a record that begins in motion.
+    """
+    begun = opened(model, packed, target, sampling_offset, target.valid)
+    return _from(begun, model, packed, target, sampling_offset)
+
+
+def state_at_start(
+    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
+) -> tuple[State, FloatArray]:
+    """Return the memory of a chain where a record begins, and its answer until then [m]."""
+    state = model.initial_state(target.dt, target.start)
+    before = np.ascontiguousarray(target.voltage[: target.origin])
+    answer = model.respond(before, packed, target.dt, state=state, frequency=target.frequency)
+    begun = opened(model, packed, target, sampling_offset, target.valid)
+    for each in begun.motion.moved if begun.motion else ():
+        state[each.stage][each.place] += each.amount
+    return state, answer
+
+
+def misfit(
+    model: Model,
+    packed: FloatArray,
+    target: Target,
+    sampling_offset: float = 0.0,
+    *,
+    weighted: bool = False,
+) -> FloatArray:
+    """Return measured less simulated of a target, its nuisances at their best, shape (m,) [m].
+
+    Lost samples are 0.
+
+    Parameters
+    ----------
+    model, packed, target, sampling_offset
+        As in `simulated`.
+    weighted : bool
+        Times the influence that each residual has in a fit.
+    """
+    return _split(model, packed, target, sampling_offset, weighted=weighted)[0]
+
+
+def square(
+    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
+) -> float:
+    """Return what a fit makes small of a target [m^2].
+
+    The weighted squares that are left with the nuisances at their best, and what the prior of
+    the nuisances charges for these: `misfit` alone would leave the latter out.
+    """
+    left, held = _split(model, packed, target, sampling_offset, weighted=True)
+    return inner(left, left) + float(held @ held)
+
+
+def _split(
+    model: Model,
+    packed: FloatArray,
+    target: Target,
+    sampling_offset: float,
+    *,
+    weighted: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what is left with all nuisances at their best, and what their prior holds [m]."""
+    factors = target.factors if weighted else target.valid
+    begun = opened(model, packed, target, sampling_offset, factors)
+    y = _from(begun, model, packed, target, sampling_offset)
+    error, rows = target.measured - target.pick(y), begun.rows
+    if factors is not None:
+        error, rows = error * factors, rows * factors
+    if not len(rows) or not np.all(np.isfinite(error)):
+        return error, np.zeros(0)
+    more = best_fit(rows, begun.prior, error, begun.pull)
+    return error - more @ rows, begun.prior * (begun.pull + more)

@@ -1,0 +1,259 @@
+"""How records began, told apart by a model.
+
+Ways in which a record may have begun are tried one after another. One that needs numbers of its
+own must be worth them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from math import isfinite, log
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.identification.opening import misfit, opened
+from piezo_hysteresis.identification.record_start import (
+    STEP,
+    RecordStart,
+    deepened,
+    refined,
+    rivals,
+)
+from piezo_hysteresis.identification.targets import WAY_IN, Target, led_in
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.stages import free_states
+from piezo_hysteresis.records import Record
+
+Judged = tuple[float, RecordStart]
+
+# Another start takes over when it takes this share of what is left, more where the record shows
+# how it begins, and this many times the square of the noise: five standard deviations.
+_SHARE = 0.1
+_SHOWN = 0.3
+_SURE = 25.0
+# Another level is looked for where more than this is left, in squares of the noise, and is one
+# where it takes this share of it.
+_LEFT = 1.05
+_LEVEL_SHARE = 0.03
+# Levels before a record that are looked for at most.
+_MOST_LEVELS = 3
+# Levels tell a memory as well as its state does where they leave this much more.
+_AS_WELL = 1.01
+# Share of the largest voltage beyond which a level is none that this record knows of.
+_FARTHEST = 1.5
+# And how many of those with one more are refined.
+_REFINED = 3
+# A step is tried in a fit where it leaves no more than so many times the squares before it.
+_WORTH_A_TRY = 100.0
+# Shares of the largest voltage by which an unknown level before a record is refined, and how often
+# it is then moved to where a slope says.
+_STEPS = (0.12, 0.06, 0.03, 0.015)
+_TURNS = 3
+
+
+class StartSearch:
+    """Tells how records began, by a model with known values.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    packed : ndarray, shape (p,)
+        Its parameters.
+    sampling_offset : float
+        By how much later than our convention the displacement was read [s].
+    records : sequence of Record
+        What was measured.
+    wanted : str
+        What the user says of starts, one of `record_start.STARTS`.
+    lasting : bool
+        Whether what is found is to hold for other models too: a level before a record is what
+        happened, a state is that of one model.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        packed: FloatArray,
+        sampling_offset: float,
+        records: Sequence[Record],
+        wanted: str,
+        *,
+        lasting: bool = False,
+    ) -> None:
+        self._model, self._packed, self._late = model, packed, sampling_offset
+        self._records = {record.name: record for record in records}
+        self._wanted, self._lasting = wanted, lasting
+
+    def left(self, target: Target) -> FloatArray:
+        """Return what the model leaves of a target, shape (m,) [m]."""
+        with np.errstate(over='ignore', invalid='ignore'):
+            return misfit(self._model, self._packed, target, self._late)
+
+    def square(self, target: Target) -> float:
+        """Return the sum of squares of that [m^2], infinite where it is no number."""
+        error = self.left(target)
+        total = inner(error, error)
+        return total if isfinite(total) else float('inf')
+
+    def begun(self, target: Target, zero: str) -> Target:
+        """Return the target with the start that leaves least, the guess where none does better.
+
+        Parameters
+        ----------
+        target : Target
+            With a guess.
+        zero : str
+            What the user says of zeros. They are judged afterwards: none shall pass for a start.
+        """
+        record = self._record_of(target)
+        if record is None:
+            return target
+        free = replace(target, own_zero=zero != 'common')
+        kept = best = self.square(free), target.begins
+        others: list[Judged] = []
+        if self._is_free(record):
+            others = [
+                self._tried(free, record, each)
+                for each in rivals(record, self._wanted, levels=self._levels)
+            ]
+            best = min([kept, *others], key=_cost)
+        noise = target.noise if isfinite(target.noise) else 0.0
+        enough = _LEFT * noise**2 * target.measured.size
+        best = self._with_levels(free, record, best, enough)
+        if self._lasting and others and not best[1].levels and best[1].kind == 'estimate':
+            best = self._told_by_levels(free, record, best, others, enough)
+        gain = kept[0] - best[0]
+        share = _SHARE if kept[1].kind == 'estimate' else _SHOWN
+        if gain > share * kept[0] and gain > _SURE * noise**2:
+            kept = best
+        kept = self._plainest(kept, others, target.measured.size)
+        return target if kept[1] == target.begins else led_in(target, record, kept[1])
+
+    def with_steps(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
+        """Return targets that may begin with a step although they are taken to begin in motion.
+
+        What a fit with numbers of their own makes of the parameters may hide that they need none;
+        that shows in a fit without.
+
+        Returns
+        -------
+        targets : list of Target
+            The same, some of which begin at rest at 0 V.
+        worth : float
+            Share by which a fit of these may be worse and still is the better one.
+        """
+        changed, worth, samples = [], 0.0, sum(each.measured.size for each in targets)
+        for target in targets:
+            record = self._record_of(target)
+            changed.append(target)
+            if record is None or target.begins.kind != 'estimate' or not self._is_free(record):
+                continue
+            step = led_in(target, record, STEP)
+            if self.square(step) <= _WORTH_A_TRY * self.square(target):
+                changed[-1] = step
+                worth += self._numbers(target.begins) * log(target.measured.size) / samples
+        return (changed, worth) if worth > 0.0 else None
+
+    @cached_property
+    def _levels(self) -> bool:
+        """Whether levels before a record are tried, and not states alone."""
+        return any(b.remembers if self._lasting else b.needs_levels for b in self._model.blocks)
+
+    def _is_free(self, record: Record) -> bool:
+        return 'auto' in (self._wanted, record.info.start)
+
+    def _numbers(self, start: RecordStart) -> int:
+        """Return how many numbers of its own a record has that begins in motion."""
+        dt = min(record.dt for record in self._records.values())
+        memory = not start.levels
+        states = sum(len(free_states(s, dt, memory=memory)) for s in self._model.stages)
+        return 1 + states + start.parameters
+
+    def _record_of(self, target: Target) -> Record | None:
+        record = self._records.get(target.name.removesuffix(WAY_IN))
+        if record is None or target.repeats > 1:
+            return None
+        return record.section(0, target.voltage.size - target.origin)
+
+    def _tried(self, target: Target, record: Record, start: RecordStart) -> Judged:
+        return self.square(led_in(target, record, start)), start
+
+    def _with_levels(self, target: Target, record: Record, best: Judged, enough: float) -> Judged:
+        """Return a start with its levels refined, and with more of them where they are missed."""
+        if not best[1].levels:
+            return best
+        best = self._refined(target, record, best)
+        while best[0] > enough and len(best[1].levels) < _MOST_LEVELS:
+            more = [self._tried(target, record, each) for each in deepened(best[1], record)]
+            first = sorted(more, key=_cost)[:_REFINED]
+            other = min([self._refined(target, record, each) for each in first], key=_cost)
+            if best[0] - other[0] <= _LEVEL_SHARE * best[0]:
+                break
+            best = other
+        return best
+
+    def _told_by_levels(
+        self, target: Target, record: Record, best: Judged, others: Sequence[Judged], enough: float
+    ) -> Judged:
+        """Return levels in the place of states where they do as well."""
+        levels = [each for each in others if each[1].levels]
+        if not levels:
+            return best
+        told = self._with_levels(target, record, min(levels, key=_cost), enough)
+        return told if told[0] <= _AS_WELL * best[0] else best
+
+    def _refined(self, target: Target, record: Record, best: Judged) -> Judged:
+        """Return a start whose last level leaves least nearby, and all as far as a slope tells."""
+        for share in _STEPS:
+            near = refined(best[1], record, share)
+            best = min([best, *(self._tried(target, record, each) for each in near)], key=_cost)
+        return self._sharpened(target, record, best)
+
+    def _sharpened(self, target: Target, record: Record, best: Judged) -> Judged:
+        """Return a start whose levels are where they leave least, as far as a slope tells."""
+        for _ in range(_TURNS):
+            led = led_in(target, record, best[1])
+            levels = opened(self._model, self._packed, led, self._late, led.valid).levels
+            reach = _FARTHEST * float(np.max(np.abs(record.voltage)))
+            if not levels or not all(abs(level) <= reach for level in levels):
+                break
+            closer = self._tried(target, record, RecordStart(best[1].kind, levels))
+            if not closer[0] <= best[0] * (1.0 + 1e-6):
+                break
+            best = closer
+        return best
+
+    def _plainest(self, kept: Judged, others: Sequence[Judged], samples: int) -> Judged:
+        """Return a start without numbers of its own where it does as well as one with them.
+
+        Each number must take more of what is left than a logarithm of the samples, as by Bayes'
+        criterion.
+        """
+        if kept[1].kind != 'estimate':
+            return kept
+        limit = kept[0] * (1.0 + self._numbers(kept[1]) * log(samples) / samples)
+        plain = [each for each in others if each[1].kind != 'estimate' and each[0] <= limit]
+        return min(plain, key=_cost, default=kept)
+
+
+def _cost(judged: Judged) -> float:
+    return judged[0]
+
+
+def search_by(
+    model: Model,
+    values: Mapping[str, float],
+    sampling_offset: float,
+    records: Sequence[Record],
+    wanted: str,
+    *,
+    lasting: bool = False,
+) -> StartSearch:
+    """Return the search of a model with these values, see `StartSearch`."""
+    packed = model.pack(values)
+    return StartSearch(model, packed, sampling_offset, records, wanted, lasting=lasting)

@@ -1,0 +1,225 @@
+"""What linear blocks at the end of a chain do by themselves: they ring, creep or settle.
+
+What a state does that is moved there depends neither on the drive nor on what it is added to, and
+is one free response of a linear system, however finely the chain before it must be followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.parts import Part
+from piezo_hysteresis.models.stages import LinearStage, PathStage, TickStage
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What begins otherwise than it was led in.
+
+    Attributes
+    ----------
+    stage, place : int
+        Where the state stands in the chain.
+    amount : float
+        What is added to it where the record begins.
+    """
+
+    stage: int
+    place: int
+    amount: float
+
+
+class Tails:
+    """Which states of a chain stand in a linear tail, and what they do.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    led : sequence of ndarray
+        What goes into each stage, and what comes out of the last.
+    target : Target
+        What drives it.
+    """
+
+    def __init__(self, model: Model, led: Sequence[FloatArray], target: Target) -> None:
+        self._stages, self._led, self._target = model.stages, led, target
+        self._known: tuple[tuple[int, bytes], dict[int, FloatArray]] | None = None
+        self._tail = [self._of(k) for k in range(len(self._stages))]
+
+    def affine(self, stage: int, first: int) -> bool:
+        """Tell whether the blocks of a stage from `first` on pass changes on as they are."""
+        return all(_passes(block) for block in self._stages[stage].blocks[first:])
+
+    def holds(self, moved: Moved) -> bool:
+        """Tell whether a state stands in a linear tail."""
+        tail = self._tail[moved.stage]
+        return tail is not None and moved.place >= tail[1]
+
+    def reach(self, packed: FloatArray) -> dict[tuple[int, int], float]:
+        """Return how far the strongest input of the record moves each state in a tail at most.
+
+        What the actuator went through before was no stronger. A step as large is looked at after
+        one tick, after two, four and so on to the end.
+        """
+        found: dict[tuple[int, int], float] = {}
+        dt = self._target.dt
+        for k, tail in enumerate(self._tail):
+            if tail is None:
+                continue
+            stage, first = tail
+            # what enters the tail of a path is not kept: what leaves it is as large
+            inside = isinstance(self._stages[k], PathStage)
+            size = float(np.max(np.abs(self._led[k + 1 if inside else k])))
+            count = self._target.voltage.size - self._target.origin
+            state = stage.initial_state(dt, 0.0)
+            most, step = np.zeros(state.size), np.full(count, size)
+            ends = np.unique(np.minimum(2 ** np.arange(count.bit_length() + 1), count))
+            for low, high in pairwise((0, *(int(end) for end in ends))):
+                stage.respond(
+                    step[low:high], packed[stage.columns], dt, state=state, frequency=0.0
+                )
+                most = np.maximum(most, np.abs(state))
+            found |= {(k, first + i): float(value) for i, value in enumerate(most)}
+        return found
+
+    def rows(self, packed: FloatArray, moved: Sequence[Moved]) -> list[FloatArray]:
+        """Return what each of some moved states in tails does to the displacement [m]."""
+        answers: list[FloatArray] = []
+        for each in moved:
+            known = self._released(packed, each.stage)
+            change = np.zeros(self._target.voltage.size)
+            change[self._target.origin :] = each.amount * known[each.place]
+            answers.append(change)
+        return answers
+
+    def _released(self, packed: FloatArray, k: int) -> dict[int, FloatArray]:
+        """Return what each state in the tail of a stage does, moved by 1, to the displacement."""
+        key = k, packed.tobytes()
+        if self._known is not None and self._known[0] == key:
+            return self._known[1]
+        tail = self._tail[k]
+        assert tail is not None
+        stage, first = tail
+        dt, count = self._target.dt, self._target.voltage.size - self._target.origin
+        size = stage.initial_state(dt, 0.0).size
+        if isinstance(stage, LinearStage):
+            free = stage.released(packed[stage.columns], dt, np.ones(size), count)
+        else:
+            free, nothing = np.empty((size, count)), np.zeros(count)
+            for i in range(size):
+                state = np.zeros(size)
+                state[i] = 1.0
+                free[i] = stage.respond(
+                    nothing, packed[stage.columns], dt, state=state, frequency=0.0
+                )
+        if not stage.ahead and self._on_a_path(k, packed):
+            free[:, 0] = 0.0  # there, what was read last is a state of its own
+        rows = {first + i: self._passed_on(k + 1, packed, row) for i, row in enumerate(free)}
+        self._known = key, rows
+        return rows
+
+    def response(self, packed: FloatArray, moved: Sequence[Moved]) -> FloatArray:
+        """Return what moved states in tails do to the displacement, shape (n,) [m].
+
+        Parameters
+        ----------
+        packed : ndarray, shape (p,)
+            Parameters of the chain.
+        moved : sequence of Moved
+            Those elsewhere do not count.
+        """
+        change = np.zeros(self._target.voltage.size)
+        origin, dt = self._target.origin, self._target.dt
+        nothing = np.zeros(change.size - origin)
+        for k, tail in enumerate(self._tail):
+            mine = [each for each in moved if each.stage == k and self.holds(each)]
+            if tail is None or not mine:
+                continue
+            stage, first = tail
+            state = stage.initial_state(dt, 0.0)
+            state[:] = 0.0
+            for each in mine:
+                state[each.place - first] += each.amount
+            answer = stage.respond(nothing, packed[stage.columns], dt, state=state, frequency=0.0)
+            if not stage.ahead and self._on_a_path(k, packed):
+                answer[0] = 0.0  # there, what was read last is a state of its own
+            change[origin:] += self._passed_on(k + 1, packed, answer)
+        return change
+
+    def _on_a_path(self, k: int, packed: FloatArray) -> bool:
+        stage = self._stages[k]
+        if not isinstance(stage, PathStage):
+            return False
+        return stage.run.steps(packed[stage.columns], self._target.dt) > 0
+
+    def _passed_on(self, first: int, packed: FloatArray, change: FloatArray) -> FloatArray:
+        """Return what becomes of a change behind the stages from `first` on."""
+        if first == len(self._stages):
+            return change
+        target = self._target
+        usual = self._led[first][target.origin :]
+        moved = usual + change
+        for stage in self._stages[first:]:
+            p, pair = packed[stage.columns], []
+            for signal in (usual, moved):
+                state = stage.initial_state(target.dt, target.start)
+                pair.append(
+                    stage.respond(signal, p, target.dt, state=state, frequency=target.frequency)
+                )
+            usual, moved = pair
+        return moved - usual
+
+    def _of(self, k: int) -> tuple[LinearStage | TickStage, int] | None:
+        """Return the linear tail of a stage, as a stage, and its first place in the state."""
+        stage, dt = self._stages[k], self._target.dt
+        if not all(self.affine(later, 0) for later in range(k + 1, len(self._stages))):
+            return None
+        if isinstance(stage, TickStage):
+            return (stage, 0) if stage.block.between is Between.LINEAR else None
+        if isinstance(stage, LinearStage):
+            return None if stage.delays else (stage, 0)
+        assert isinstance(stage, PathStage)
+        if stage.run.delays:
+            return None
+        parts, memories = stage.run.parts, stage.run.layout(dt).memories
+        first = len(parts)
+        while first and parts[first - 1].block.system is not None:
+            first -= 1
+        if first == len(parts):
+            return None
+        begin, kept, columns = 0, [], []
+        for part in parts[first:]:
+            own = stage.columns[part.span]
+            kept.append(Part(part.block, slice(begin, begin + own.size)))
+            columns.append(own)
+            begin += own.size
+        tail = LinearStage(tuple(kept), np.concatenate(columns), 0, stage.run.ahead)
+        return tail, memories[first].start
+
+
+def _passes(block: Block) -> bool:
+    """Tell whether what a block makes of a change does not depend on what it is added to."""
+    if block.between in (Between.LINEAR, Between.DELAY, Between.CLOCK):
+        return True
+    return block.between is Between.INSTANT and _straight(block)
+
+
+@cache
+def _straight(block: Block) -> bool:
+    """Tell whether a block without memory is a straight line, whatever its parameters."""
+    rng = np.random.default_rng(0)
+    own = np.array([q.default + q.scale * rng.uniform(0.5, 1.5) for q in block.parameters])
+    x = np.array([-1.0, -0.25, 0.0, 1.0, 3.0])
+    answer = block.respond(x, own, 1.0, state=np.empty(0))
+    line = answer[2] + (answer[3] - answer[2]) * x
+    return bool(np.allclose(answer, line, rtol=1e-12, atol=1e-12 * float(np.ptp(answer))))
