@@ -128,7 +128,7 @@ def test_all_is_well_at_first(chain: Chain) -> None:
     for link in chain.links:
         health = link.health()
         assert health.level == Level.OK, health.message
-        assert health.message == 'corrects'
+        assert health.message == 'corrects the voltage'
     assert abs(chain.voltage) > 0.01
 
 
@@ -226,9 +226,10 @@ def test_without_input_the_voltage_ramps_to_safety_and_comes_back(
     assert chain.voltage == -0.3
     assert len(ramp) < pause - PATIENCE  # then silent, so that the receiver may know
     assert chain.counts('stale') == [1, 1, 1]
-    for link in chain.links:
-        assert link.health().level == Level.ERROR
-        assert 'ramped to safety' in link.health().message
+    found = [link.health() for link in chain.links]
+    # nobody publishes the reference any more; the later links are still fed by the one before
+    assert sorted(each.level for each in found) == [Level.WARN, Level.WARN, Level.ERROR]
+    assert all('ramped to safety' in each.message for each in found)
     chain.safe()
     for _ in range(6):
         chain.reference(chain.tick)

@@ -123,9 +123,9 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 def test_every_node_says_every_second_that_it_is_well(bench: Bench) -> None:
     for node, word in {
-        'feedforward': 'corrects',
-        'attenuation': 'corrects',
-        'feedback': 'corrects',
+        'feedforward': 'corrects the voltage',
+        'attenuation': 'corrects the voltage',
+        'feedback': 'corrects the voltage',
         'identification': 'samples are used',
         'recorder': 'messages are in',
         'elsewhere/simulator': 'waits for the first command',

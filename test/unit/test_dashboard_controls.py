@@ -7,7 +7,13 @@ import math
 import pytest
 from dashboard_fakes import Backend, amplitude
 
-from piezo_hysteresis.dashboard.controls import Parameter, described, groups_of, reach
+from piezo_hysteresis.dashboard.controls import (
+    Parameter,
+    described,
+    groups_of,
+    reach,
+    refusal_words,
+)
 from piezo_hysteresis.dashboard.forms import numbers
 from piezo_hysteresis.dashboard.rows import ParameterRow
 from piezo_hysteresis.errors import PiezoError
@@ -119,3 +125,10 @@ def test_a_dragged_slider_sends_the_newest_wish_only():
     row.refresh(lambda *_: amplitude(0.7))  # somebody else sets it
     assert slider.value == 0.7
     assert len(backend.sent) == 2
+
+
+def test_a_range_is_said_in_the_unit_of_the_page():
+    size = Parameter('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
+    told = 'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5'
+    assert refusal_words(size, told) == 'reference.amplitude lies between 0 and 10000 µm'
+    assert refusal_words(size, 'mode: a sweep is running') == 'mode: a sweep is running'

@@ -13,8 +13,8 @@ from piezo_hysteresis.dashboard.axes import Follower
 from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, NodeState, Word
 from piezo_hysteresis.dashboard.page import Page
 from piezo_hysteresis.dashboard.signals import State
+from piezo_hysteresis.dashboard.wellbeing import banner
 from piezo_hysteresis.dashboard.words import (
-    banner,
     estimate_words,
     gap_words,
     job_words,

@@ -217,13 +217,25 @@ def test_a_link_tells_standstill_from_silence_and_from_rest() -> None:
         return found.level, found.message
 
     assert level(-1) == (Level.OK, 'waits for the first tick')
-    assert level(5) == (Level.OK, 'corrects')
+    assert level(5) == (Level.OK, 'corrects the voltage')
     assert level(6, active=False) == (Level.OK, 'inactive: passes the voltage on')
     clock.now += SILENCE + 1.0
     assert level(6) == (Level.WARN, 'no tick for 3 s: the loop stands still')
     watchdog.fed(6)
     watchdog.voltage(17)
-    assert level(6) == (Level.ERROR, 'no input since tick 6: the voltage is ramped to safety')
+    words = 'no input since tick 6: the voltage is ramped to safety'
+    assert level(6) == (Level.ERROR, f'{words}; its sender has gone')
+    paused = health.judge({'sample': 6, 'active': True}, {}, watchdog, paused=True)
+    assert (paused.level, paused.message[: len(words)]) == (Level.WARN, words)
+
+
+def test_a_reference_beyond_the_stroke_is_said() -> None:
+    health = LinkHealth(Clock())
+    numbers = {'sample': 5, 'active': True}
+    health.judge(numbers, {'out_of_stroke': 0}, new_watchdog())
+    said = health.judge(numbers, {'out_of_stroke': 7}, new_watchdog())
+    assert said.level == Level.WARN
+    assert 'beyond the stroke' in said.message
 
 
 def test_a_voltage_whose_reference_never_comes_does_not_block_the_book() -> None:

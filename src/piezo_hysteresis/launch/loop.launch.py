@@ -15,6 +15,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+SWITCHES = ('simulator', 'identification', 'gap_monitor', 'enclaves', 'dashboard')
+CHOICES = {
+    'clock': ['real_time', 'lock_step'],
+    'correction': ['attenuation', 'feedback'],
+    **{name: ['true', 'false'] for name in SWITCHES},
+}
 ARGUMENTS = {
     'namespace': ('piezo', 'Namespace of all nodes and topics.'),
     'scenario': ('tracking', 'Parameter file: a name of config/scenarios, or a path to your own.'),
@@ -28,7 +34,7 @@ ARGUMENTS = {
     'enclaves': ('false', 'Run each node in its security enclave /NAMESPACE/NODE.'),
     'model_file': ('', 'Model to invert and to compare with; empty for none.'),
     'dashboard': ('false', 'Serve the live page, and run a discovery node for it.'),
-    'folder': ('.', 'Where the page records sweeps and discoveries.'),
+    'folder': ('~/piezo_hysteresis', 'Where the page records sweeps and discoveries.'),
 }
 
 
@@ -139,7 +145,7 @@ def generate_launch_description():
                     name,
                     default_value=default,
                     description=words,
-                    choices=['attenuation', 'feedback'] if name == 'correction' else None,
+                    choices=CHOICES.get(name),
                 )
                 for name, (default, words) in ARGUMENTS.items()
             ),

@@ -26,6 +26,12 @@ Apply = Callable[[dict[str, Value]], None]
 Refuse = Callable[[dict[str, Value]], str]
 
 LARGEST = 1.7976931348623157e308
+ARRAYS = {
+    bool: Parameter.Type.BOOL_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    float: Parameter.Type.DOUBLE_ARRAY,
+    str: Parameter.Type.STRING_ARRAY,
+}
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,19 @@ class NodeParameters:
         except (InvalidParameterValueException, ValueError) as error:
             reason = ' '.join(str(error).split())
             self._give_up(f'{spec.name}: {reason}; allowed is {spec.range_text()}')
+        if found is None and isinstance(spec.default, list):
+            found = self._declare_empty(spec, descriptor)
         return list(found) if isinstance(spec.default, list) else found
+
+    def _declare_empty(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
+        # The list of a parameter file or argument is empty: of what type nobody can tell.
+        self._node.undeclare_parameter(spec.name)
+        self._node.declare_parameter(spec.name, spec.default, descriptor, ignore_override=True)
+        empty = Parameter(spec.name, ARRAYS[spec.element], [])
+        result = self._node.set_parameters([empty])[0]
+        if not result.successful:
+            self._give_up(f'{spec.name}: {result.reason}')
+        return []
 
     def _declare_converted(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
         # A parameter file that says 5 for a float: read it untyped, then declare it as 5.0.
@@ -166,11 +184,7 @@ class NodeParameters:
             if spec is None and not self._node.has_parameter(parameter.name):
                 # Said here because rclpy itself forgets to name it.
                 raise ParameterNotDeclaredException(parameter.name)
-            value = parameter.value if spec is None else spec.coerce(parameter.value)
-            if value is parameter.value:
-                coerced.append(parameter)
-            else:
-                coerced.append(Parameter(parameter.name, value=value))
+            coerced.append(parameter if spec is None else _meant(parameter, spec))
         return coerced
 
     def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -193,6 +207,19 @@ class NodeParameters:
             if own:
                 self.values.update(own)
                 group.apply(own)
+
+
+def _meant(parameter: Parameter, spec: ParameterSpec) -> Parameter:
+    """Return a parameter as its row means it."""
+    value = spec.coerce(parameter.value)
+    if isinstance(spec.default, list) and _is_empty(value):
+        # of no element nobody can tell the type: `ros2 param set` says of bool
+        return Parameter(parameter.name, ARRAYS[spec.element], [])
+    return parameter if value is parameter.value else Parameter(parameter.name, value=value)
+
+
+def _is_empty(value: object) -> bool:
+    return not isinstance(value, str) and hasattr(value, '__len__') and len(value) == 0
 
 
 def _own(group: _Group, changes: dict[str, Value]) -> dict[str, Value]:

@@ -15,6 +15,7 @@ Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str
 Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
 
 EXPONENT = re.compile(r'[-+]?\d+[eE][-+]?\d+')
+LIST = re.compile(r'\[[^\[\]]*\]')
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,28 @@ class ParameterSpec:
             and EXPONENT.fullmatch(value)
         ):
             return float(value)
-        if isinstance(self.default, list) and self._element is float and _is_list(value):
+        if isinstance(self.default, list):
+            return self._coerce_list(value)
+        return value
+
+    def _coerce_list(self, value: object) -> object:
+        """Return the list that is meant: ``ros2 param set`` sends ``[1, 2.5]`` as a text."""
+        if isinstance(value, str) and LIST.fullmatch(value.strip()) and self.element is not str:
+            words = value.strip()[1:-1].split(',')
+            try:
+                found = [_number(word) for word in words if word.strip()]
+            except ValueError:
+                return value
+            if self.element is int and any(type(each) is float for each in found):
+                return value
+            value = found
+        if self.element is float and _is_list(value):
             return [float(v) if type(v) is int else v for v in value]  # type: ignore[attr-defined]
         return value
 
     @property
-    def _element(self) -> type:
+    def element(self) -> type:
+        """Type of what is in the list."""
         assert isinstance(self.default, list)
         return type(self.default[0]) if self.default else float
 
@@ -78,8 +95,8 @@ class ParameterSpec:
         """Return '' where `value` is allowed, else the reason and what is allowed."""
         if isinstance(self.default, list):
             if not _is_list(value):
-                return f'{self.name} must be a list of {self._element.__name__}, got {value!r}'
-            reasons = (self._judge_one(v, self._element) for v in value)  # type: ignore[attr-defined]
+                return f'{self.name} must be a list of {self.element.__name__}, got {value!r}'
+            reasons = (self._judge_one(v, self.element) for v in value)  # type: ignore[attr-defined]
             return next((reason for reason in reasons if reason), '')
         return self._judge_one(value, type(self.default))
 
@@ -99,7 +116,7 @@ class ParameterSpec:
         if not math.isfinite(value):
             return f'{self.name} must be a finite number, got {value}'
         if not (self.low <= value <= self.high and value > self.above):
-            return f'{self.name} = {value:g} {self.unit} is outside {self.range_text()}'
+            return f'{self.name} = {value:g}{self._unit_words} is outside {self.range_text()}'
         return ''
 
     def range_text(self) -> str:
@@ -109,7 +126,19 @@ class ParameterSpec:
         else:
             low = f'{self.low:g}' if math.isfinite(self.low) else 'any'
         high = f'{self.high:g}' if math.isfinite(self.high) else 'any'
-        return f'{low} .. {high} {self.unit}'.strip()
+        return f'{low} .. {high}{self._unit_words}'
+
+    @property
+    def _unit_words(self) -> str:
+        """The unit behind a number; none where it is 1, which would read as another number."""
+        return f' {self.unit}' if self.unit not in ('', '1') else ''
+
+
+def _number(word: str) -> int | float:
+    try:
+        return int(word)
+    except ValueError:
+        return float(word)
 
 
 def _is_list(value: object) -> bool:

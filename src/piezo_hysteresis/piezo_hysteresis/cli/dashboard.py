@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     parser.add_argument('--namespace', help='of the actuator; all that are found where not given')
     parser.add_argument(
-        '--folder', help='for sweeps and discoveries, whose reports are served; this one'
+        '--folder', help='for sweeps and discoveries, whose reports are served; ~/piezo_hysteresis'
     )
     parser.add_argument('--port', type=int, help='5006; 0 takes a free one')
     parser.add_argument(

@@ -141,6 +141,17 @@ def described(
     )
 
 
+def refusal_words(parameter: Parameter, reason: str) -> str:
+    """Return why a value was refused, in the unit that the page shows.
+
+    ROS itself names a range without its unit, in metres where the page has micrometres.
+    """
+    if 'out of range' not in reason or not parameter.is_number:
+        return reason
+    low, high = (f'{parameter.factor * end:.6g}' for end in (parameter.low, parameter.high))
+    return f'{parameter.name} lies between {low} and {high} {parameter.shown_unit}'.rstrip()
+
+
 @dataclass(frozen=True)
 class Reach:
     """What a slider spans, in the unit that people read.

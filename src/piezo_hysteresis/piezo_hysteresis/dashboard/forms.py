@@ -22,7 +22,7 @@ from bokeh.models import (
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.live import Job
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.dashboard.words import job_words
+from piezo_hysteresis.dashboard.words import job_words, start_words, time_words
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES
 
@@ -59,7 +59,7 @@ class JobBox:
 
     def __init__(self, name: str, start: Callable[[], None], cancel: Callable[[], None]) -> None:
         self._start = start
-        self._shown: tuple[Job, bool] | None = None
+        self._shown: tuple[Job, bool, str] | None = None
         self.start = Button(label=f'Start {name}', button_type='primary', name=f'{name}.start')
         self.cancel = Button(label='Cancel', disabled=True, name=f'{name}.cancel')
         self.bar = Progress(
@@ -82,17 +82,18 @@ class JobBox:
         except PiezoError as error:
             self._say(f'<p class="error">{escape(str(error))}</p>')
 
-    def refresh(self, job: Job, offered: bool, hint: str) -> None:
-        """Show how it stands; `hint` is said where nobody offers it."""
-        if self._shown == (job, offered):
+    def refresh(self, job: Job, offered: bool, hint: str, now: float) -> None:
+        """Show how it stands at `now`; `hint` (HTML) is said where nobody offers it."""
+        spent = time_words(job, now)
+        if self._shown == (job, offered, spent):
             return
-        self._shown = (job, offered)
+        self._shown = (job, offered, spent)
         self.start.disabled = job.busy or not offered
         self.cancel.disabled = not job.busy
         self.bar.visible = job.busy
         self.bar.value = round(100 * job.fraction)
-        said = job_words(job)
-        self._say(said or ('' if offered else f'<p class="soft">{hint}</p>'))
+        said = job_words(job) + (f'<p class="soft">{spent}</p>' if spent else '')
+        self._say(said or ('' if offered else hint))
 
     def _say(self, text: str) -> None:
         self.words.update(text=text, visible=bool(text))
@@ -106,7 +107,9 @@ class SweepForm:
         start: Callable[[SweepOrder], None],
         cancel: Callable[[], None],
         next_name: Callable[[], str],
+        actuator: str = '',
     ) -> None:
+        self._hint = start_words('No excitation offers sweeps.', 'excitation', actuator)
         self._order = start
         self._next_name = next_name
         wide = {'sizing_mode': 'stretch_width'}
@@ -153,10 +156,10 @@ class SweepForm:
             )
         )
 
-    def refresh(self, job: Job, offered: bool) -> None:
+    def refresh(self, job: Job, offered: bool, now: float) -> None:
         """Show how the sweep stands; a new one gets a new name."""
         ended = self.box.bar.visible and not job.busy
-        self.box.refresh(job, offered, 'No excitation node offers sweeps.')
+        self.box.refresh(job, offered, self._hint, now)
         if ended:
             self._name.value = self._next_name()
 
@@ -169,7 +172,9 @@ class DiscoveryForm:
         start: Callable[[DiscoveryOrder], None],
         cancel: Callable[[], None],
         bags: Callable[[], list[str]],
+        actuator: str = '',
     ) -> None:
+        self._hint = start_words('No discovery node is running.', 'discovery', actuator)
         self._order = start
         self._bags = bags
         found = bags()
@@ -201,6 +206,6 @@ class DiscoveryForm:
         kept = [bag for bag in self._data.value if bag in found]
         self._data.update(options=found, value=new[:1] or kept)
 
-    def refresh(self, job: Job, offered: bool) -> None:
+    def refresh(self, job: Job, offered: bool, now: float) -> None:
         """Show how the discovery stands."""
-        self.box.refresh(job, offered, 'No discovery node is running.')
+        self.box.refresh(job, offered, self._hint, now)

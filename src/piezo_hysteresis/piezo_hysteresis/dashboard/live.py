@@ -145,6 +145,8 @@ class Job:
         Path of the report below the folder that is served, '' where there is none.
     records : tuple of (str, str)
         Of a sweep: its records, and who recorded each.
+    since : float
+        When it was begun [s, monotonic], NaN where that is not known.
     """
 
     phase: str = 'none'
@@ -155,6 +157,7 @@ class Job:
     after: float = float('nan')
     report: str = ''
     records: tuple[tuple[str, str], ...] = ()
+    since: float = float('nan')
 
     @property
     def busy(self) -> bool:

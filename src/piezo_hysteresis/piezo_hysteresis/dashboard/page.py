@@ -11,7 +11,8 @@ from piezo_hysteresis.dashboard.backend import Backend
 from piezo_hysteresis.dashboard.panel import Controls
 from piezo_hysteresis.dashboard.pictures import Pictures
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
-from piezo_hysteresis.dashboard.words import banner, pulse, say, words_div
+from piezo_hysteresis.dashboard.wellbeing import banner, pulse
+from piezo_hysteresis.dashboard.words import say, words_div
 
 SLOWLY = 0.3  # words and spectra change no faster [s]
 PATIENCE = 10.0  # after which a picture counts as lost on its way [s]
@@ -122,7 +123,7 @@ class Page:
         if slowly:
             self._offer_actuators()
             say(self._banner, banner(self._live))
-            say(self._pulse, pulse(self._live))
+            say(self._pulse, pulse(self._live, self._pictures.tracking))
             self._controls.tell()
         self._pictures.refresh(self._live, slowly)
 

@@ -39,12 +39,13 @@ class Controls:
         self._group = Select(title='group', options=[], name='all.group')
         self._sweep = SweepForm(
             partial(backend.start_sweep, actuator), partial(backend.cancel_sweep, actuator),
-            _new_name,
+            _new_name, actuator,
         )  # fmt: skip
         self._discovery = DiscoveryForm(
             partial(backend.start_discovery, actuator),
             partial(backend.cancel_discovery, actuator),
             partial(backend.bags, actuator),
+            actuator,
         )
         self._status = words_div('status')
         choice = Row(self._node, self._group, sizing_mode='stretch_width')
@@ -60,8 +61,8 @@ class Controls:
         self._drive.refresh(drive_parameters(parameters), parameters)
         self._effects.refresh(effect_parameters(parameters), parameters)
         self._choose(parameters)
-        self._sweep.refresh(live.sweep, live.sweeps_offered)
-        self._discovery.refresh(live.discovery, live.discoveries_offered)
+        self._sweep.refresh(live.sweep, live.sweeps_offered, live.clock())
+        self._discovery.refresh(live.discovery, live.discoveries_offered, live.clock())
 
     def tell(self) -> None:
         """Say how the nodes are, and offer what was recorded."""

@@ -14,6 +14,7 @@ from piezo_hysteresis.dashboard.plots import (
     error_rms,
     new_traces,
 )
+from piezo_hysteresis.dashboard.signals import Window
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
 from piezo_hysteresis.dashboard.words import (
@@ -37,6 +38,7 @@ class Pictures:
         self._gap, self._estimate = GapPlot(), EstimatePlot()
         self._seconds = 2.0
         self._drawn = (-1, 0.0)
+        self.tracking = NOTHING  # rms of the error and of the reference [m]
         self._tracking = words_div('tracking')
         self._gap_words = words_div('gap_words')
         self._estimates = words_div('estimates')
@@ -102,14 +104,18 @@ class Pictures:
                 trace.show(scene)
             if slowly:
                 self._spectrum.show(scene)
-                rms = error_rms(window, scene.fundamental) if window.tracked else NOTHING
-                say(self._tracking, tracking_words(*rms))
+                self._tell_tracking(window, scene.fundamental)
+
+    def _tell_tracking(self, window: Window, fundamental: float) -> None:
+        self.tracking = error_rms(window, fundamental) if window.tracked else NOTHING
+        say(self._tracking, tracking_words(*self.tracking))
 
     def _slow_words(self, live: Live) -> None:
         gaps, estimates = list(live.gaps), list(live.estimates)
         parameters = live.parameters
-        say(self._gap_words, gap_words(gaps, 'gap_monitor' in parameters))
-        say(self._estimates, estimate_words(estimates, 'identification' in parameters))
+        say(self._gap_words, gap_words(gaps, 'gap_monitor' in parameters, live.actuator))
+        known = 'identification' in parameters
+        say(self._estimates, estimate_words(estimates, known, live.actuator))
         if not self._hold.active:
             self._gap.show(gaps, live.clock())
             self._estimate.show(estimates, live.clock())

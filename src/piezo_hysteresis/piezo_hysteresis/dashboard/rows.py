@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from html import escape
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 from bokeh.models import Column, Div, NumericInput, Row, Select, Slider, Switch, TextInput
 
 from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.controls import Parameter, Value, reach
+from piezo_hysteresis.dashboard.controls import Parameter, Value, reach, refusal_words
 from piezo_hysteresis.dashboard.template import SWITCH_STYLE, WIDGET_STYLE
 
 Send = Callable[[str, str, Value], Answer]
 Find = Callable[[str, str], Parameter | None]
+REFUSAL_SHOWN = 20.0  # [s]
 
 
 def reason_div(name: str) -> Div:
@@ -57,6 +59,7 @@ class ParameterRow:
         self._answer: Answer | None = None
         self._waiting: list[Value] = []
         self._quiet = False
+        self._refused: float | None = None  # when, where it is said
         self._reason = shared or reason_div(f'{self.key}.reason')
         self._slider: Slider | None = None
         self._field: Any = None
@@ -67,13 +70,20 @@ class ParameterRow:
         """Node and name."""
         return f'{self._prefix}{self._parameter.node}.{self._parameter.name}'
 
+    @property
+    def _called(self) -> str:
+        """What it is called on the page; with its node where several stand in one list."""
+        p = self._parameter
+        name = escape(p.name)
+        return name if self._prefix else f'<span class="soft">{escape(p.node)}</span> {name}'
+
     def _build(self) -> Any:
         p = self._parameter
         if p.is_switch:
             return self._switch()
         unit = f' <span class="unit">[{escape(p.shown_unit)}]</span>' if p.shown_unit else ''
         head = Div(
-            text=f'<b>{escape(p.name)}</b>{unit} <span class="soft">{escape(p.sentence)}</span>',
+            text=f'<b>{self._called}</b>{unit} <span class="soft">{escape(p.sentence)}</span>',
             sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE],
         )  # fmt: skip
         parts = self._number() if p.is_number else [self._word()]
@@ -98,7 +108,7 @@ class ParameterRow:
     def _switch(self) -> Any:
         p = self._parameter
         label = Div(
-            text=f'{escape(p.name)} <span class="soft">{escape(p.sentence)}</span>',
+            text=f'<b>{self._called}</b> <span class="soft">{escape(p.sentence)}</span>',
             sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE], margin=(1, 0, 1, 0),
         )  # fmt: skip
         line = Row(self._new_switch(margin=(1, 6, 1, 0)), label, sizing_mode='stretch_width')
@@ -165,7 +175,9 @@ class ParameterRow:
             if not self._answer.done:
                 return
             reason, self._answer = self._answer.reason, None
-            self._reason.update(text=escape(reason), visible=bool(reason))
+            words = refusal_words(self._parameter, reason)
+            self._reason.update(text=escape(words), visible=bool(words))
+            self._refused = time.monotonic() if reason else None
             if not reason:
                 self._parameter = self._parameter.with_value(self._parameter_wanted)
             if self._waiting:
@@ -173,6 +185,9 @@ class ParameterRow:
                 return
             self._show()
             return
+        if self._refused is not None and time.monotonic() - self._refused > REFUSAL_SHOWN:
+            self._refused = None
+            self._reason.update(text='', visible=False)
         found = find(self._parameter.node, self._parameter.name)
         if found is not None and found.value != self._parameter.value:
             self._parameter = found

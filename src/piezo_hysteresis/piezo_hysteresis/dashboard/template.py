@@ -25,13 +25,16 @@ a { color: #0072b2; font-weight: 600; }
 .banner { background: #fff4e5; border-left: 5px solid #d55e00; padding: .6rem .9rem;
   font-size: 15px; }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em; }
-.on { background: #009e73; } .off { background: #d55e00; }
+.dot.ok { background: #009e73; } .dot.warning { background: #e69f00; }
+.dot.error, .dot.gone { background: #d5001c; }
+.banner.calm { background: #f2f8fc; border-left-color: #0072b2; }
+abbr { text-decoration: underline dotted #8c959f; text-underline-offset: 2px; cursor: help; }
 :host(.brief) { display: grid; gap: 0 .8rem;
   grid-template-columns: repeat(auto-fill, minmax(155px, 1fr)); }
 :host(.brief) > .refusal { grid-column: 1 / -1; }
 .tick { display: inline-block; width: .6em; height: .6em; border-radius: 50%; margin-right: .4em;
   background: #009e73; }
-.tick.warning { background: #e69f00; } .tick.error, .tick.gone { background: #d55e00; }
+.tick.warning { background: #e69f00; } .tick.error, .tick.gone { background: #d5001c; }
 """
 
 # The switch before its name.

@@ -27,6 +27,7 @@ class GapPlot:
             Range1d(-SECONDS, 1.0), self._y.range, y_axis_type='log',
         )  # fmt: skip
         self.figure.name = 'gap'
+        self.figure.yaxis.ticker.mantissas = [1]  # of powers of ten; others would overlap
         self._source = ColumnDataSource(
             {'x': [], 'y': [], 'colour': [], 'marker': []}, name='gap.floors'
         )

@@ -9,65 +9,16 @@ from urllib.parse import quote
 
 from bokeh.models import Div
 
-from piezo_hysteresis.dashboard.live import SILENCE, Counters, Estimate, Gap, Job, Live
+from piezo_hysteresis.dashboard.counted import COUNTED
+from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Job, Live
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.reporting.units import micrometres, shown, with_deviation
+from piezo_hysteresis.dashboard.wellbeing import ago, of_node
+from piezo_hysteresis.reporting.units import clock, micrometres, shown, with_deviation
 
-GONE_SHOWN = 600.0  # a node that left is told of for so long [s]
-
-
-def _ago(seconds: float) -> str:
-    return f'{seconds:.0f} s' if seconds < 120 else f'{seconds / 60:.0f} min'
-
-
-def trouble(live: Live) -> str:
-    """Return what is wrong with the loop in one sentence, '' where nothing is."""
-    name = f'/{live.actuator}/actuator/state' if live.actuator else '/actuator/state'
-    silence = live.silence('state')
-    if math.isinf(silence):
-        if live.published:
-            return (
-                f'Waiting for the first sample of {name}. In lock-step an excitation must run too.'
-            )
-        return (
-            f'No actuator: nobody publishes {name}. Start the simulator or the driver of your '
-            'hardware; this page goes on by itself.'
-        )
-    if silence > SILENCE:
-        lost = 'its node has gone' if not live.published else 'its node is still there'
-        return (
-            f'Stale: nothing heard of {name} for {_ago(silence)}, {lost}. The plots show the past.'
-        )
-    return ''
-
-
-def banner(live: Live) -> str:
-    """Return the banner on top of the page, '' where all is well."""
-    found = trouble(live)
-    now = live.clock()
-    lost = [
-        f'{node.name} (for {_ago(now - node.since)})'
-        for node in list(live.nodes.values())
-        if not node.present and now - node.since < GONE_SHOWN
-    ]
-    parts = [found] if found else []
-    if lost:
-        parts.append(f'Nodes that have gone: {", ".join(lost)}.')
-    if not parts:
-        return ''
-    return f'<div class="banner" role="status">{escape(" ".join(parts))}</div>'
-
-
-def pulse(live: Live) -> str:
-    """Return the line under the title: alive or not, tick, rate, drive."""
-    if live.silence('state') > SILENCE:
-        return '<span class="dot off"></span>no signal'
-    parts = [f'tick {live.signals.newest}', f'sampled at {live.signals.rate:g} Hz']
-    if live.fundamental > 0.0:
-        parts.append(f'drive {live.fundamental:g} Hz')
-    if live.record:
-        parts.append(f'record {live.record}')
-    return f'<span class="dot on"></span>{escape(" · ".join(parts))}'
+# What was logged is shown for so long [s].
+LOG_SHOWN = 60.0
+# Part of a job that tells its pace.
+ENOUGH = 0.05
 
 
 def tracking_words(rms: float, size: float) -> str:
@@ -78,17 +29,28 @@ def tracking_words(rms: float, size: float) -> str:
     return f'<p>Tracking error <b>{micrometres(rms)} µm</b> rms{share}.</p>'
 
 
-def gap_words(gaps: Sequence[Gap], monitored: bool) -> str:
+def start_words(what: str, node: str, actuator: str, *settings: str) -> str:
+    """Return what is missing, and the command that starts it beside this actuator."""
+    words = [node, *(f'-p {each}' for each in settings)]
+    if actuator:
+        words.append(f'-r __ns:=/{actuator}')
+    line = escape(' '.join(words))
+    return (
+        f'<p class="soft">{what} In another terminal: '
+        f'<code>python -m piezo_hysteresis node {line}</code></p>'
+    )
+
+
+def gap_words(gaps: Sequence[Gap], monitored: bool, actuator: str = '') -> str:
     """Return what the newest gap means."""
     if not gaps:
         if monitored:
             return (
                 '<p class="soft">The gap monitor has no model yet: load one with its service '
-                '<code>load_model</code>.</p>'
+                '<code>load_model</code>, or wait for the first whole window.</p>'
             )
-        return (
-            '<p class="soft">No gap monitor is running: start '
-            '<code>gap_monitor</code> with a <code>model_file</code>.</p>'
+        return start_words(
+            'No gap monitor is running.', 'gap_monitor', actuator, 'model_file:=MODEL.yaml'
         )
     gap = gaps[-1]
     text = f'Gap <b>{gap.floors:.3g} noise floors</b> ({micrometres(gap.rms)} µm rms)'
@@ -103,16 +65,15 @@ def gap_words(gaps: Sequence[Gap], monitored: bool) -> str:
     return f'<p>{text}.</p>'
 
 
-def estimate_words(estimates: Sequence[Estimate], identifying: bool) -> str:
+def estimate_words(estimates: Sequence[Estimate], identifying: bool, actuator: str = '') -> str:
     """Return the newest estimate as a table with standard deviations."""
     if not estimates:
-        hint = (
-            'Nothing is learnt yet; between the records of a sweep '
-            'only with <code>only_records</code> false.'
-            if identifying
-            else 'No identification is running.'
+        if not identifying:
+            return start_words('No identification is running.', 'identification', actuator)
+        return (
+            '<p class="soft">Nothing is learnt yet; between the records of a sweep '
+            'only with <code>only_records</code> false.</p>'
         )
-        return f'<p class="soft">{hint}</p>'
     newest = estimates[-1]
     rows = []
     for name, unit, value, std in zip(
@@ -138,17 +99,15 @@ def status_words(live: Live) -> str:
     now = live.clock()
     rows = []
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
-        health = live.diagnostics.get(node.name)
-        level, words = ('ok', 'there') if health is None else (health.level, health.text)
-        if not node.present:
-            level, words = 'gone', f'gone for {_ago(now - node.since)}'
-        name = f'<span class="tick {level}"></span>{escape(node.name)}'
-        rows.append((name, escape(words), escape(_counted(live.counters.get(node.name)))))
+        known = of_node(live, node)
+        name = f'<span class="tick {known.level}"></span>{escape(node.name)}'
+        rows.append((name, escape(known.text), _counted(live.counters.get(node.name))))
     parts = [_raw_table(('node', 'health', 'counters'), rows)] if rows else []
     parts += [
         f'<p class="{word.level}">{escape(word.node)}: {escape(word.text)} '
-        f'<span class="soft">{_ago(now - word.at)} ago</span></p>'
+        f'<span class="soft">{ago(now - word.at)} ago</span></p>'
         for word in list(live.words)[-4:]
+        if now - word.at < LOG_SHOWN
     ]
     return ''.join(parts) or '<p class="soft">No nodes yet.</p>'
 
@@ -156,10 +115,28 @@ def status_words(live: Live) -> str:
 def _counted(counters: Counters | None) -> str:
     if counters is None:
         return ''
-    told = [f'{name} {count}' for name, count in counters.counts.items() if count]
+    told = [_counter(name, count) for name, count in counters.counts.items() if count]
     if counters.rate > 0.0:
         told.insert(0, f'{counters.rate:.0f} ticks/s')
     return ', '.join(told)
+
+
+def _counter(name: str, count: int) -> str:
+    """Return a counter, with what it counts for whoever rests the mouse on it."""
+    words = f'{escape(name)} {count}'
+    meaning = COUNTED.get(name)
+    return words if meaning is None else f'<abbr title="{escape(meaning)}">{words}</abbr>'
+
+
+def time_words(job: Job, now: float) -> str:
+    """Return how long a job has run, and how long it will if it goes on at its pace."""
+    if not job.busy or not math.isfinite(job.since):
+        return ''
+    spent = max(now - job.since, 0.0)
+    words = f'since {clock(spent)}'
+    if job.fraction >= ENOUGH and spent >= 1.0:
+        words += f', about {clock(spent * (1.0 - job.fraction) / job.fraction)} left'
+    return words
 
 
 def job_words(job: Job) -> str:

@@ -114,7 +114,7 @@ class ActionJob:
             self._explain()
             return
         self._handle = handle
-        self.write(Job('running', 0.0, 'accepted'))
+        self.write(Job('running', 0.0, 'accepted', since=self._asked))
         handle.get_result_async().add_done_callback(self._ended)
 
     def _ended(self, future: Any) -> None:

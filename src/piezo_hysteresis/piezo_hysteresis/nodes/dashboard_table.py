@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from piezo_ros_common.table import ParameterSpec, ParameterTable
 
+# Of the page and of the discovery node, wherever they are started: no folder of sources fills up.
+RESULTS = '~/piezo_hysteresis'
+
 DASHBOARD = ParameterTable(
     (
         ParameterSpec(
@@ -13,8 +16,8 @@ DASHBOARD = ParameterTable(
             read_only=True,
         ),
         ParameterSpec(
-            'folder', '.', 'Folder for recorded sweeps and discoveries; reports in it are served.',
-            read_only=True,
+            'folder', RESULTS, 'Folder for recorded sweeps and discoveries; reports in it are '
+            'served.', read_only=True,
         ),
         ParameterSpec(
             'port', 5006, 'Where the page is served; 0 takes a free port.', low=0, high=65535,

@@ -43,7 +43,7 @@ class Feedforward(LinkNode):
     """
 
     def __init__(self, *, wired: bool = True) -> None:
-        super().__init__('feedforward', FEEDFORWARD, topics.VOLTAGE_FEEDFORWARD)
+        super().__init__('feedforward', FEEDFORWARD, topics.VOLTAGE_FEEDFORWARD, topics.REFERENCE)
         self._seen = -1
         self._states: Subscription | None = None
         self._ticks = Intake()

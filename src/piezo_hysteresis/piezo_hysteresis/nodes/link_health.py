@@ -28,9 +28,12 @@ _SENTENCES: dict[str, Finding] = {
     'out_of_range': (Level.WARN, 'the voltage is cut at limits.low or limits.high'),
     'slew_limited': (Level.WARN, 'the voltage is slowed down to limits.slew'),
     'energy_limited': (Level.WARN, 'the voltage is slowed down to keep energy_limit'),
+    'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),
     'clamped_slopes': (Level.WARN, 'the model has no inverse here: its slope is clamped'),
     'frozen': (Level.WARN, 'the sensor repeats the same reading'),
 }
+
+INACTIVE = 'inactive: passes the voltage on'
 
 # Silence that is said while nothing else is wrong [s].
 SILENCE = 2.0
@@ -52,14 +55,24 @@ class LinkHealth:
         self._since = now()
 
     def judge(
-        self, numbers: Mapping[str, object], counts: Mapping[str, int], watchdog: Watchdog
+        self,
+        numbers: Mapping[str, object],
+        counts: Mapping[str, int],
+        watchdog: Watchdog,
+        paused: bool = False,
     ) -> Health:
-        """Return the health that `numbers` (with ``sample`` and ``active``) and `counts` make."""
+        """Return the health that `numbers` (with ``sample`` and ``active``) and `counts` make.
+
+        Input that stays away is an error, or, where its sender is `paused`, to be looked at.
+        """
         findings = self._watch.findings(counts)
         findings += [(Level.ERROR, words) for name, words in ALARMS.items() if counts.get(name)]
         if watchdog.stale:
             words = f'no input since tick {watchdog.newest}: the voltage is ramped to safety'
-            findings.append((Level.ERROR, words))
+            if paused:
+                findings.append((Level.WARN, f'{words}; its sender is there and says nothing'))
+            else:
+                findings.append((Level.ERROR, f'{words}; its sender has gone'))
         if numbers['sample'] != self._sample:
             self._sample, self._since = numbers['sample'], self._now()
         silent = self._now() - self._since
@@ -69,5 +82,7 @@ class LinkHealth:
             findings.append((Level.WARN, f'no tick for {silent:.0f} s: the loop stands still'))
             fine = ''
         else:
-            fine = 'corrects' if numbers['active'] else 'inactive: passes the voltage on'
+            fine = (
+                'corrects the voltage' if numbers['active'] else 'inactive: passes the voltage on'
+            )
         return judge(findings, fine, {**numbers, **counts})

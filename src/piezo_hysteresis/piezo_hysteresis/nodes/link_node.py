@@ -49,10 +49,22 @@ class LinkNode(LifecycleNode):
     While it is not active its share is zero and the voltage passes through, limited. Whatever
     changes while it runs, the share goes over smoothly, no faster than the slew limit. While its
     input stays away and the actuator goes on, the voltage ramps to safety.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    table : ParameterTable
+        Its parameters.
+    topic : str
+        Of what it passes on.
+    source : str
+        Topic of its input; who publishes it tells a pause from a node that has gone.
     """
 
-    def __init__(self, name: str, table: ParameterTable, topic: str) -> None:
+    def __init__(self, name: str, table: ParameterTable, topic: str, source: str) -> None:
         super().__init__(name)
+        self._source = source
         Diagnostics(self, self.health)
         self.active = False
         self.exit_code = 0
@@ -182,7 +194,7 @@ class LinkNode(LifecycleNode):
             if sample <= self._sample:  # the ramp to safety was faster
                 self._late += 1
                 return
-            self.get_logger().info(f'input is back at tick {sample}')
+            self.get_logger().info(f'input is back at tick {sample}', throttle_duration_sec=5.0)
         self._watchdog.fed(sample)
         self._send(head, sample, self._limiter.apply(wanted))
 
@@ -215,11 +227,25 @@ class LinkNode(LifecycleNode):
         if voltage is not None:
             self._send(head, sample + 1, voltage)
         if watchdog.stale and not before:
+            self._tell_stale()
+
+    def _tell_stale(self) -> None:
+        watchdog = self._watchdog
+        words = f'no input since tick {watchdog.newest}: the voltage goes to '
+        words += f'{watchdog.safe_voltage:g} V'
+        if self.fed_by_somebody():
+            self.get_logger().info(
+                f'{words}; whoever publishes {self._source} pauses', throttle_duration_sec=5.0
+            )
+        else:
             self.get_logger().warning(
-                f'no input since tick {watchdog.newest}: the voltage goes to '
-                f'{watchdog.safe_voltage:g} V; see which link before this one is silent',
+                f'{words}; nobody publishes {self._source} any more: start that node again',
                 throttle_duration_sec=5.0,
             )
+
+    def fed_by_somebody(self) -> bool:
+        """Tell whether whoever publishes the input is still there."""
+        return bool(self.count_publishers(self.resolve_topic_name(self._source)))
 
     # --- counting ------------------------------------------------------------------------------
 
@@ -250,7 +276,8 @@ class LinkNode(LifecycleNode):
             'voltage_V': self._limiter.voltage,
             'mean_power_W': self._limiter.mean_power,
         }
-        return self._health.judge(numbers, self.all_counters(), self._watchdog)
+        paused = self._watchdog.stale and self.fed_by_somebody()
+        return self._health.judge(numbers, self.all_counters(), self._watchdog, paused)
 
     def _publish_status(self) -> None:
         counts = self.all_counters()

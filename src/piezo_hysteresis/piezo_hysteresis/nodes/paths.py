@@ -17,7 +17,7 @@ def inside(folder: str, path: str) -> Path:
     PiezoError
         If it leads out of the folder, by ``..``, by a link or by being absolute elsewhere.
     """
-    base = Path(folder or '.').resolve()
+    base = Path(folder or '.').expanduser().resolve()
     target = (base / path).resolve()
     if not path or (target != base and base not in target.parents):
         raise PiezoError(f'{path!r} is not inside {base}: give a path below that folder')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_hysteresis.nodes.dashboard_table import DASHBOARD
+from piezo_hysteresis.nodes.dashboard_table import DASHBOARD, RESULTS
 from piezo_hysteresis.nodes.link_tables import (
     ATTENUATION,
     FEEDBACK,
@@ -38,7 +38,10 @@ EXCITATION = ParameterTable(
         ParameterSpec('actuator', '', 'Name written into the markers of recorded sweeps.'),
         ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS)),
         ParameterSpec(
-            'waveform_options', '', 'Further settings of the waveform, as YAML: {seed: 3}.'
+            'waveform_options',
+            '',
+            'Further settings of the waveform, as YAML: {seed: 3}; `ros2 param set` wants them in '
+            'two pairs of quotes, "\'{seed: 3}\'".',
         ),
         ParameterSpec('frequency', 1.0, 'Fundamental frequency.', 'Hz', 0.0, 1e4),
         ParameterSpec('reference.amplitude', 5e-5, 'Amplitude of the reference.', 'm', 0.0, 0.01),
@@ -210,7 +213,7 @@ GAP_MONITOR = ParameterTable(
 DISCOVERY = ParameterTable(
     (
         ParameterSpec(
-            'folder', '.', 'Folder in which data, baselines and results lie.', read_only=True
+            'folder', RESULTS, 'Folder in which data, baselines and results lie.', read_only=True
         ),
     )
 )

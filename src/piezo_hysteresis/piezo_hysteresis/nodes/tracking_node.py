@@ -60,7 +60,7 @@ class TrackingNode(LinkNode):
         output: str = topics.VOLTAGE_COMMAND,
         wired: bool = True,
     ) -> None:
-        super().__init__(name, table, output)
+        super().__init__(name, table, output, topics.VOLTAGE_FEEDFORWARD)
         try:
             self._install(self.build({}))
         except PiezoError as error:

@@ -23,6 +23,16 @@ def shown(unit: str) -> tuple[str, float]:
     return _SHOWN.get(unit, (unit, 1.0))
 
 
+def clock(seconds: float) -> str:
+    """Return a time [s] as people say it: ``40 s``, ``3 min 05 s``, ``2 h 10 min``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f'{whole} s'
+    if whole < 3600:
+        return f'{whole // 60} min {whole % 60:02d} s'
+    return f'{whole // 3600} h {whole % 3600 // 60:02d} min'
+
+
 def micrometres(metres: float | None) -> str:
     """Return a length [m] in micrometres with three significant digits, or a dash."""
     if metres is None or not math.isfinite(metres):

@@ -1,0 +1,164 @@
+"""How the loop is as a whole: the light, the line beside it, the banner on top of the page."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from html import escape
+
+from piezo_hysteresis.dashboard.live import SILENCE, Live, NodeState
+
+GONE_SHOWN = 600.0  # a node that left is told of for so long [s]
+UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is not followed
+MUTE = 5.0  # a node that has not said how it is for so long does not count as fine [s]
+
+# What a link says of its input, which is no fault while nobody sends any.
+_NO_INPUT = 'no input since'
+_NO_COMMAND = 'no command'
+
+
+@dataclass(frozen=True)
+class Wellbeing:
+    """How something is.
+
+    Attributes
+    ----------
+    level : str
+        ``ok``, ``warning``, ``error`` or ``gone``.
+    text : str
+        In words.
+    """
+
+    level: str
+    text: str
+
+
+def ago(seconds: float) -> str:
+    """Return a time that has passed in words."""
+    return f'{seconds:.0f} s' if seconds < 120 else f'{seconds / 60:.0f} min'
+
+
+def resting(live: Live) -> bool:
+    """Tell whether nobody is asked to move: links without input are then as they should be."""
+    mode = live.parameter('excitation', 'mode')
+    health = live.diagnostics.get('excitation')
+    failed = health is not None and health.level == 'error'
+    return mode is not None and mode.value == 'idle' and not failed
+
+
+def of_node(live: Live, node: NodeState) -> Wellbeing:
+    """Return how one node is, by its own words and by what is known of the others."""
+    now = live.clock()
+    if not node.present:
+        return Wellbeing('gone', f'gone for {ago(now - node.since)}')
+    health = live.diagnostics.get(node.name)
+    if health is None:
+        return Wellbeing('ok', 'is there')
+    if resting(live) and health.text.startswith((_NO_INPUT, _NO_COMMAND)):
+        return Wellbeing('ok', 'rests: no experiment runs')
+    if now - health.at > MUTE:
+        return Wellbeing('warning', f'{health.text} (said {ago(now - health.at)} ago)')
+    return Wellbeing(health.level, health.text)
+
+
+def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> Wellbeing:
+    """Return the worst of all nodes and of the tracking.
+
+    Parameters
+    ----------
+    live : Live
+        What is known.
+    tracking : tuple of float
+        Rms of the tracking error and of the reference [m], NaN where nothing is tracked.
+    """
+    if live.silence('state') > SILENCE:
+        return Wellbeing('gone', 'no signal')
+    found = []
+    error, size = tracking
+    if size > 0.0 and error > UNTRACKED * size:
+        share = 100 * error / size
+        found.append(Wellbeing('error', f'the reference is not followed: error {share:.0f} %'))
+    for node in sorted(live.nodes.values(), key=lambda n: n.name):
+        said = of_node(live, node)
+        if node.present and said.level != 'ok':
+            found.append(Wellbeing(said.level, f'{node.name}: {said.text}'))
+    for level in ('error', 'warning'):
+        worst = [each.text for each in found if each.level == level]
+        if worst:
+            return Wellbeing(level, '; '.join(worst))
+    return Wellbeing('ok', '')
+
+
+def trouble(live: Live) -> str:
+    """Return what is wrong with the loop in one sentence, '' where nothing is."""
+    name = f'/{live.actuator}/actuator/state' if live.actuator else '/actuator/state'
+    silence = live.silence('state')
+    if silence <= SILENCE:
+        return ''
+    if not live.published:
+        lost = 'Start the simulator or the driver of your hardware; this page goes on by itself.'
+        if math.isinf(silence):
+            return f'No actuator: nobody publishes {name}. {lost}'
+        return (
+            f'Stale: nothing heard of {name} for {ago(silence)}, its node has gone. The plots '
+            f'show the past. {lost}'
+        )
+    if math.isinf(silence):
+        begin = f'Waiting for the first sample of {name}.'
+    else:
+        begin = (
+            f'Stale: nothing heard of {name} for {ago(silence)}, its node is still there. The '
+            'plots show the past.'
+        )
+    return f'{begin} {_remedy(live)}'
+
+
+def _remedy(live: Live) -> str:
+    """Return what to do about an actuator that is there and says nothing."""
+    if 'excitation' not in live.parameters:
+        return 'In lock-step it waits for commands: start an excitation.'
+    said = live.diagnostics.get('excitation')
+    mode = live.parameter('excitation', 'mode')
+    if mode is not None and mode.value == 'idle':
+        if said is not None and said.level == 'error':
+            return (
+                f'The excitation has given up ({said.text}). Once all nodes run, choose a mode '
+                'again under Drive.'
+            )
+        return 'No experiment runs: choose a mode under Drive, or start a sweep.'
+    if said is not None and said.level != 'ok':
+        return f'The excitation says: {said.text}.'
+    return 'See under Nodes which of them does not go on.'
+
+
+def banner(live: Live) -> str:
+    """Return the banner on top of the page, '' where all is well."""
+    found = trouble(live)
+    now = live.clock()
+    lost = [
+        f'{node.name} (for {ago(now - node.since)})'
+        for node in list(live.nodes.values())
+        if not node.present and now - node.since < GONE_SHOWN
+    ]
+    parts = [found] if found else []
+    if lost:
+        parts.append(f'Nodes that have gone: {", ".join(lost)}.')
+    if not parts:
+        return ''
+    kind = ' calm' if not lost and resting(live) and live.published else ''
+    return f'<div class="banner{kind}" role="status">{escape(" ".join(parts))}</div>'
+
+
+def pulse(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> str:
+    """Return the line under the title: how it is, tick, rate, drive."""
+    known = overall(live, tracking)
+    light = f'<span class="dot {known.level}"></span>'
+    if known.level == 'gone':
+        return f'{light}{known.text}'
+    parts = [f'tick {live.signals.newest}', f'sampled at {live.signals.rate:g} Hz']
+    if live.fundamental > 0.0:
+        parts.append(f'drive {live.fundamental:g} Hz')
+    if live.record:
+        parts.append(f'record {live.record}')
+    said = f' <span class="{known.level}">{escape(known.text)}</span>' if known.text else ''
+    return f'{light}{escape(" · ".join(parts))}{said}'

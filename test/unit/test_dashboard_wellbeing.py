@@ -1,0 +1,133 @@
+"""The light, the line and the banner of the page: what they say of a loop, and when they stop."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from dashboard_fakes import live_at
+
+from piezo_hysteresis.dashboard.controls import Parameter
+from piezo_hysteresis.dashboard.forms import JobBox
+from piezo_hysteresis.dashboard.live import Counters, Job, NodeState, Word
+from piezo_hysteresis.dashboard.wellbeing import MUTE, banner, overall, pulse
+from piezo_hysteresis.dashboard.words import (
+    LOG_SHOWN,
+    estimate_words,
+    gap_words,
+    status_words,
+    time_words,
+)
+from piezo_hysteresis.reporting.units import clock
+
+
+def running(time, mode='reference', **said):
+    """Return a loop whose nodes have `said` their level and words."""
+    live = live_at(time)
+    live.published = True
+    live.note('state')
+    nodes = {'excitation': ('ok', 'reference: sine'), 'feedforward': ('ok', 'corrects'), **said}
+    for name, (level, text) in nodes.items():
+        live.nodes[name] = NodeState(name, True, 0.0)
+        live.diagnostics[name] = Word(time[0], name, level, text)
+    live.nodes['excitation'] = NodeState(
+        'excitation', True, 0.0, {'mode': Parameter('excitation', 'mode', mode)}
+    )
+    return live
+
+
+def test_the_light_is_red_where_the_reference_is_not_followed():
+    live = running([100.0])
+    assert overall(live, (1e-7, 1e-4)).level == 'ok'
+    assert 'dot ok' in pulse(live, (1e-7, 1e-4))
+    bad = overall(live, (7.9e-4, 1e-3))
+    assert bad.level == 'error'
+    assert '79 %' in bad.text
+    assert 'dot error' in pulse(live, (7.9e-4, 1e-3))
+
+
+@pytest.mark.parametrize('level', ['warning', 'error'])
+def test_the_light_is_that_of_the_worst_node_and_names_it(level):
+    live = running([100.0], attenuation=(level, 'the voltage is cut'))
+    found = overall(live)
+    assert found.level == level
+    assert found.text == 'attenuation: the voltage is cut'
+    live.nodes['attenuation'] = NodeState('attenuation', False, 100.0)
+    assert overall(live).level == 'ok'  # a node that has gone is told of by the banner
+    assert 'attenuation' in banner(live)
+
+
+def test_a_node_that_says_nothing_any_more_does_not_count_as_fine():
+    time = [100.0]
+    live = running(time)
+    time[0] += MUTE + 1.0
+    live.note('state')
+    assert overall(live).level == 'warning'
+    assert 'said 6 s ago' in overall(live).text
+
+
+def test_links_without_input_rest_while_nobody_asks_them_to_move():
+    words = 'no input since tick 9: the voltage is ramped to safety'
+    live = running([100.0], mode='idle', feedforward=('warning', words))
+    assert overall(live).level == 'ok'
+    assert 'rests' in status_words(live)
+    live = running([100.0], mode='reference', feedforward=('warning', words))
+    assert overall(live).level == 'warning'
+
+
+def test_the_banner_says_what_to_do():
+    time = [100.0]
+    live = running(time, mode='idle')
+    time[0] += 20.0
+    assert 'choose a mode under Drive' in banner(live)
+    assert 'calm' in banner(live)
+    live.diagnostics['excitation'] = Word(time[0], 'excitation', 'error', 'no actuator/state')
+    assert 'given up (no actuator/state)' in banner(live)
+    assert 'choose a mode again' in banner(live)
+    assert 'calm' not in banner(live)
+    live.published = False
+    assert 'Start the simulator' in banner(live)
+
+
+def test_words_of_the_log_go_away():
+    time = [100.0]
+    live = running(time)
+    live.words.append(Word(100.0, 'feedforward', 'warning', 'no input'))
+    assert 'no input' in status_words(live)
+    time[0] += LOG_SHOWN + 1.0
+    assert 'no input' not in status_words(live)
+
+
+def test_counters_say_what_they_count():
+    live = running([100.0])
+    live.counters['feedforward'] = Counters(100.0, 5, 0.0, {'doubled': 3, 'strange': 1})
+    assert 'messages that came twice' in status_words(live)
+    assert 'strange 1' in status_words(live)
+
+
+def test_empty_panels_give_the_command_of_this_actuator():
+    assert 'node gap_monitor -p model_file:=MODEL.yaml -r __ns:=/stage' in gap_words(
+        [], False, 'stage'
+    )
+    assert 'node identification</code>' in estimate_words([], False)
+
+
+def test_a_job_tells_its_time_and_what_is_left():
+    job = Job('running', 0.25, 'fits', since=100.0)
+    assert time_words(job, 130.0) == 'since 30 s, about 1 min 30 s left'
+    assert time_words(Job('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
+    assert time_words(Job('done', 1.0, 'fine', since=100.0), 130.0) == ''
+    assert time_words(Job('asked'), 1.0) == ''
+    box = JobBox('sweep', lambda: None, lambda: None)
+    box.refresh(job, True, 'hint', 130.0)
+    assert '1 min 30 s left' in box.words.text
+    assert math.isclose(box.bar.value, 25)
+    box.refresh(Job(), False, '<p>hint</p>', 140.0)
+    assert box.words.text == '<p>hint</p>'
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'words'), [(0.2, '0 s'), (59.4, '59 s'), (185, '3 min 05 s'), (7800, '2 h 10 min')]
+)
+def test_times_are_said_as_people_say_them(seconds, words):
+    assert clock(seconds) == words
