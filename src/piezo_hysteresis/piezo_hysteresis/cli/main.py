@@ -26,6 +26,9 @@ VERBS = {
     'batch': 'batch',
     'record': 'record',
     'play': 'play',
+    'loop': 'loop',
+    'node': 'node',
+    'param': 'param',
     'dashboard': 'dashboard',
     'demo': 'demo',
 }

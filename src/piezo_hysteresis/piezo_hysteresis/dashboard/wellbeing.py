@@ -82,11 +82,8 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
         said = of_node(live, node)
         if node.present and said.level != 'ok':
             found.append(Wellbeing(said.level, f'{node.name}: {said.text}'))
-    for level in ('error', 'warning'):
-        worst = [each.text for each in found if each.level == level]
-        if worst:
-            return Wellbeing(level, '; '.join(worst))
-    return Wellbeing('ok', '')
+    found.sort(key=lambda each: each.level != 'error')
+    return Wellbeing(found[0].level if found else 'ok', '; '.join(each.text for each in found))
 
 
 def trouble(live: Live) -> str:

@@ -25,7 +25,7 @@ _SENTENCES: dict[str, Finding] = {
     'strays': (Level.WARN, 'input is numbered far from the rest: is there a second source?'),
     'reordered': (Level.WARN, 'input came out of order: is there a second source?'),
     'stamp_jumps': (Level.WARN, 'time stamps of the input jump: the numbers of the samples hold'),
-    'out_of_range': (Level.WARN, 'the voltage is cut at limits.low or limits.high'),
+    'out_of_range': (Level.ERROR, 'the voltage is cut at limits.low or limits.high'),
     'slew_limited': (Level.WARN, 'the voltage is slowed down to limits.slew'),
     'energy_limited': (Level.WARN, 'the voltage is slowed down to keep energy_limit'),
     'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),

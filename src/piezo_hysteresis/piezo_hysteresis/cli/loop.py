@@ -1,0 +1,94 @@
+"""Run the whole loop in one terminal: simulated actuator, chain, who watches it, live page.
+
+Every node is a process of its own, as if each had been started in a terminal. Ctrl-C ends all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import time
+from pathlib import Path
+
+from piezo_hysteresis.cli.need_ros import node_module, ros_module
+from piezo_hysteresis.errors import PiezoError
+
+HELP = 'the whole loop with its live page, in one terminal'
+
+ORDERS = [0, 1, 2, 3, 5]
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('--model', metavar='YAML', help='what identify wrote; without it nothing is compensated')
+    add('--preset', default='fdk_pzba_00030', help='actuator that is simulated')
+    add('--frequency', type=float, default=23.0, metavar='HZ', help='of the reference, 23')
+    add('--amplitude', type=float, default=120.0, metavar='UM', help='of it [um], 120')
+    add('--clock', choices=('lock_step', 'real_time'), default='lock_step', help='lock_step')
+    add('--port', type=int, default=5006, help='of the page, 5006')
+    add('--folder', default='~/piezo_hysteresis', help='for sweeps and discoveries')
+    add('--seconds', type=float, metavar='S', help='end after so long; without it on Ctrl-C')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Start every node and wait for the end."""
+    model = _checked(arguments.model)
+    processes = ros_module('piezo_ros_common.processes')
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: processes.INTERRUPTED.set())
+    end = time.monotonic() + (arguments.seconds or float('inf'))
+    domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    try:
+        with processes.NodeProcesses(domain) as group:
+            for package, name, settings in nodes(arguments, model):
+                group.start(package, name, settings)
+            _tell(group, arguments, model)
+            while time.monotonic() < end:
+                group.check()
+                time.sleep(0.1)
+    except processes.ProcessError as error:
+        raise PiezoError(str(error)) from None
+    except KeyboardInterrupt:
+        print('ended')
+    return 0
+
+
+def _checked(model: str | None) -> str:
+    if model is None:
+        return ''
+    if not Path(model).is_file():
+        raise PiezoError(f'{model} is not there: `identify` writes a model.yaml')
+    return str(Path(model).resolve())
+
+
+def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dict[str, object]]]:
+    """Return package, name and parameters of every node."""
+    readers = 4 if model else 3  # of the state; in lock-step the first tick waits for them
+    own = 'piezo_hysteresis'
+    inverse = {'model_file': model} if model else {'gain': 1.2857e-4}
+    found: list[tuple[str, str, dict[str, object]]] = [
+        ('piezo_sim', 'simulator',
+         {'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers}),
+        (own, 'feedforward', dict(inverse)),
+        (own, 'attenuation', {'method': 'afc', 'orders': ORDERS, 'enabled': bool(model)}),
+        (own, 'identification', {'only_records': False}),
+        (own, 'discovery', {'folder': arguments.folder}),
+        (own, 'dashboard', {'folder': arguments.folder, 'port': arguments.port}),
+        (own, 'excitation',
+         {'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,
+          'reference.amplitude': 1e-6 * arguments.amplitude}),
+    ]  # fmt: skip
+    if model:
+        found.insert(4, (own, 'gap_monitor', {'model_file': model}))
+    return found
+
+
+def _tell(group: object, arguments: argparse.Namespace, model: str) -> None:
+    live = node_module('live')
+    with live.Observer(group) as observer:
+        observer.until_ready('simulator', 'excitation', 'dashboard')
+    print(f'open http://localhost:{arguments.port}/ (Ctrl-C ends the loop)', flush=True)
+    if not model:
+        print('no --model: nothing is compensated and no gap is watched', flush=True)

@@ -1,0 +1,67 @@
+"""Run one node: node feedforward -p model_file:=out/model/model.yaml.
+
+The same as ros2 run, with or without an installation of ROS 2. Behind the name stand
+-p NAME:=VALUE, -r OLD:=NEW, --params-file FILE; `node NAME --help` tells its parameters.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from piezo_hysteresis.cli.need_ros import installed
+from piezo_hysteresis.errors import PiezoError
+
+HELP = 'run one node, as ros2 run does'
+
+# The simulator is known by its name alone: nothing of it is imported here.
+PACKAGES = {
+    'simulator': 'piezo_sim',
+    **dict.fromkeys(
+        (
+            'excitation', 'feedforward', 'attenuation', 'feedback', 'control_loop',
+            'identification', 'gap_monitor', 'discovery', 'recorder', 'player', 'dashboard',
+        ),
+        'piezo_hysteresis',
+    ),
+}  # fmt: skip
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument('node', metavar='NAME', choices=tuple(PACKAGES), help=', '.join(PACKAGES))
+    parser.add_argument(
+        'words', nargs=argparse.REMAINDER, metavar='...', help='-p NAME:=VALUE and so on'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Become the node."""
+    path = executable(arguments.node)
+    sys.stdout.flush()
+    words = ros_words(arguments.words)
+    os.execv(sys.executable, [sys.executable, str(path), *words])  # never returns
+    return 0
+
+
+def executable(node: str) -> Path:
+    """Return the installed executable of a node.
+
+    Raises
+    ------
+    PiezoError
+        If the workspace is not sourced or its package is not built.
+    """
+    package = PACKAGES[node]
+    path = installed(package) / 'lib' / package / node
+    if not path.is_file():
+        raise PiezoError(f'{path} is not there: build the workspace with `make setup`')
+    return path
+
+
+def ros_words(words: list[str]) -> list[str]:
+    """Return what the process is told: ROS wants its words behind ``--ros-args``."""
+    plain = {'-h', '--help', '--ros-args'}
+    return words if not words or not plain.isdisjoint(words) else ['--ros-args', *words]

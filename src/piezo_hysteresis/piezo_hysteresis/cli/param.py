@@ -1,0 +1,46 @@
+"""Look at the parameters of running nodes and set them, as ros2 param does.
+
+param list; param list /attenuation; param get /excitation frequency; param set /attenuation
+enabled false; param load /feedforward out/model/params.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from piezo_hysteresis.cli.need_ros import node_module
+from piezo_hysteresis.errors import PiezoError
+
+HELP = 'list, get, set and load parameters of running nodes'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument('what', choices=('list', 'get', 'set', 'load'))
+    parser.add_argument('node', nargs='?', metavar='/NODE', help='with its namespace')
+    parser.add_argument('name', nargs='?', help='of the parameter; of the file for load')
+    parser.add_argument('value', nargs='?', help='as YAML: 14, false, [0, 1, 3], {seed: 3}')
+    parser.add_argument('--timeout', type=float, default=5.0, metavar='S', help='for an answer')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Ask, and print the answers."""
+    wanted = {'list': 0, 'get': 2, 'set': 3, 'load': 2}[arguments.what]
+    words = [arguments.node, arguments.name, arguments.value]
+    given = [word for word in words if word is not None]
+    if len(given) < wanted or (arguments.what != 'set' and arguments.value is not None):
+        forms = {'get': '/NODE NAME', 'set': '/NODE NAME VALUE', 'load': '/NODE FILE'}
+        form = forms.get(arguments.what, '[/NODE]')
+        raise PiezoError(f'write `param {arguments.what} {form}`')
+    asks = node_module('parameter_asks')
+    with asks.Asks(arguments.timeout) as running:
+        done = {
+            'list': running.listed,
+            'get': running.value,
+            'set': running.change,
+            'load': running.load,
+        }
+        lines = done[arguments.what](*given)
+    for line in lines:
+        print(line)
+    return 0

@@ -1,0 +1,189 @@
+"""Asks running nodes for their parameters and sets them: what the verb ``param`` does."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import yaml
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_ros_common.middleware import prepare
+
+# So long nobody new must come before those who are there are all [s].
+QUIET = 0.5
+# Fast DDS may take so long to find the first one [s].
+ALONE = 4.0
+
+
+class Asks:
+    """Asks for the life of a `with` block.
+
+    Parameters
+    ----------
+    patience : float
+        For each answer, and for a node to be found [s].
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience
+        prepare()
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context)
+        self._node = Node(
+            '_param', context=self._context, enable_rosout=False, start_parameter_services=False
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def __enter__(self) -> Asks:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def listed(self, node: str = '') -> list[str]:
+        """Return the nodes, or parameters of one with their values.
+
+        Raises
+        ------
+        PiezoError
+            If it does not answer.
+        """
+        if not node:
+            return self._nodes()
+        client = self._client(node)
+        names = sorted(self._answer(client.list_parameters(), node).result.names)
+        values = self._answer(client.get_parameters(names), node).values
+        return [
+            f'{name}: {_shown(parameter_value_to_python(value))}'
+            for name, value in zip(names, values, strict=True)
+        ]
+
+    def value(self, node: str, name: str) -> list[str]:
+        """Return the value of a parameter.
+
+        Raises
+        ------
+        PiezoError
+            If the node does not answer or has none of that name.
+        """
+        values = self._answer(self._client(node).get_parameters([name]), node).values
+        if not values or parameter_value_to_python(values[0]) is None:
+            raise PiezoError(f'{node} has no parameter {name}; `param list {node}` tells them')
+        return [_shown(parameter_value_to_python(values[0]))]
+
+    def change(self, node: str, name: str, text: str) -> list[str]:
+        """Set a parameter to what a text means in YAML.
+
+        Raises
+        ------
+        PiezoError
+            If the node does not answer or refuses; the message is its reason.
+        """
+        self._set(node, {name: _meant(text)})
+        return [f'{node} {name} is {text}']
+
+    def load(self, node: str, file: str) -> list[str]:
+        """Set the parameters that a file has for a node.
+
+        Raises
+        ------
+        PiezoError
+            If the file is none or holds nothing for the node, or the node refuses.
+        """
+        try:
+            content = yaml.safe_load(Path(file).read_text())
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise PiezoError(f'{file} cannot be read: {" ".join(str(error).split())}') from None
+        short = node.rpartition('/')[2]
+        found: dict[str, Any] = {}
+        for key, part in content.items() if isinstance(content, dict) else ():
+            if key in ('/**', node) or str(key).rpartition('/')[2] == short:
+                inner = part.get('ros__parameters', {}) if isinstance(part, dict) else {}
+                found |= _flat(inner)
+        if not found:
+            raise PiezoError(f'{file} holds no parameters of {node}')
+        self._set(node, found)
+        return [f'{node}: {len(found)} parameters set']
+
+    def _set(self, node: str, values: dict[str, Any]) -> None:
+        wanted = [_parameter(name, value) for name, value in values.items()]
+        results = self._answer(self._client(node).set_parameters(wanted), node).results
+        for name, result in zip(values, results, strict=True):
+            if not result.successful:
+                raise PiezoError(f'{node} refuses {name}: {result.reason or "no reason given"}')
+
+    def _nodes(self) -> list[str]:
+        names: list[str] = []
+        changed = time.monotonic()
+        while time.monotonic() - changed < (QUIET if names else ALONE):
+            self._executor.spin_once(timeout_sec=0.05)
+            found = self._node.get_node_names_and_namespaces()
+            seen = sorted(f'{s.rstrip("/")}/{n}' for n, s in found if not n.startswith('_'))
+            if seen != names:
+                names, changed = seen, time.monotonic()
+        return names or ['no node is running in this domain']
+
+    def _client(self, node: str) -> AsyncParameterClient:
+        client = AsyncParameterClient(self._node, node)
+        end = time.monotonic() + self._patience
+        while not client.services_are_ready():
+            self._executor.spin_once(timeout_sec=0.05)
+            if time.monotonic() > end:
+                known = ', '.join(self._nodes())
+                raise PiezoError(f'there is no node {node}; running: {known}')
+        return client
+
+    def _answer(self, future: Any, node: str) -> Any:
+        self._executor.spin_until_future_complete(future, timeout_sec=self._patience)
+        if not future.done() or future.result() is None:
+            raise PiezoError(f'{node} did not answer within {self._patience:g} s')
+        return future.result()
+
+
+def _meant(text: str) -> Any:
+    """Return what a typed value means; a mapping stays the text it is."""
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text
+    plain = isinstance(value, bool | int | float | str | list)
+    return value if plain else text
+
+
+def _parameter(name: str, value: Any) -> Parameter:
+    if isinstance(value, list) and not value:
+        return Parameter(name, Parameter.Type.BOOL_ARRAY, [])
+    if isinstance(value, list) and {type(each) for each in value} == {int, float}:
+        value = [float(each) for each in value]
+    try:
+        return Parameter(name, value=value)
+    except (TypeError, ValueError):
+        raise PiezoError(f'{name}: {value!r} is no value of a parameter') from None
+
+
+def _flat(values: Any, prefix: str = '') -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in values.items() if isinstance(values, dict) else ():
+        if isinstance(value, dict):
+            found |= _flat(value, f'{prefix}{key}.')
+        else:
+            found[f'{prefix}{key}'] = value
+    return found
+
+
+def _shown(value: Any) -> str:
+    """Return a value as YAML on one line."""
+    if value is not None and not isinstance(value, bool | int | float | str):
+        value = list(value)
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000).strip()
+    return text.removesuffix('...').strip()

@@ -1,0 +1,121 @@
+"""The verbs that run nodes and speak to them, where there is no ros2 command."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+
+import pytest
+import yaml
+
+from piezo_hysteresis.cli.main import main
+from piezo_ros_common.processes import NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def excitation():
+    with NodeProcesses() as processes:
+        processes.start('piezo_hysteresis', 'excitation', namespace='stage')
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv('ROS_DOMAIN_ID', str(processes.domain))
+            patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+            yield '/stage/excitation'
+
+
+def said(capsys, *words):
+    """Run a verb; return its exit code and everything it said."""
+    code = main(['param', *words, '--timeout', '60'])
+    told = capsys.readouterr()
+    return code, told.err if code else told.out
+
+
+def test_parameters_are_listed_read_set_and_refused(excitation, capsys, tmp_path):
+    code, text = said(capsys, 'set', excitation, 'frequency', '14')
+    assert (code, text.strip()) == (0, f'{excitation} frequency is 14')
+    assert said(capsys, 'get', excitation, 'frequency') == (0, '14.0\n')
+    code, text = said(capsys, 'set', excitation, 'waveform_options', '{seed: 3}')
+    assert code == 2
+    assert "no setting 'seed'" in text  # it has read the mapping as one
+    code, text = said(capsys, 'list')
+    assert excitation in text.splitlines()
+    code, text = said(capsys, 'list', excitation)
+    assert 'frequency: 14.0' in text.splitlines()
+    assert yaml.safe_load(text)['mode'] == 'idle'
+    file = tmp_path / 'params.yaml'
+    values = {'frequency': 3.0, 'reference': {'amplitude': 1.0e-5}}
+    file.write_text(yaml.safe_dump({'/**/excitation': {'ros__parameters': values}}))
+    assert said(capsys, 'load', excitation, str(file))[0] == 0
+    assert said(capsys, 'get', excitation, 'reference.amplitude') == (0, '1.0e-05\n')
+
+
+@pytest.mark.parametrize(
+    ('words', 'reason'),
+    [
+        (('set', '/nobody', 'frequency', '1', '--timeout', '1'), 'there is no node /nobody'),
+        (('get', '/stage/excitation', 'volume'), 'has no parameter volume'),
+        (('set', '/stage/excitation', 'frequency', '1e9'), 'frequency'),
+        (('set', '/stage/excitation', 'frequency'), 'write `param set /NODE NAME VALUE`'),
+        (('load', '/stage/excitation', 'nothing.yaml'), 'cannot be read'),
+    ],
+)
+def test_what_cannot_be_is_one_line(excitation, capsys, words, reason):
+    assert main(['param', *words]) == 2
+    told = capsys.readouterr().err.splitlines()
+    (line,) = (each for each in told if each.startswith('error: '))
+    assert reason in line
+
+
+def test_a_node_is_run_by_its_name():
+    done = subprocess.run(
+        [sys.executable, '-m', 'piezo_hysteresis', 'node', 'attenuation', '--help'],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert 'orders' in done.stdout
+
+
+def test_the_loop_serves_its_page_and_ends_whole(tmp_path):
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        port = free.getsockname()[1]
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'piezo_hysteresis', 'loop', '--port', str(port), '--folder',
+         str(tmp_path)],
+        stdout=subprocess.PIPE, text=True, start_new_session=True,
+        env={**os.environ, 'ROS_DOMAIN_ID': '67'},
+    )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        assert f'open http://localhost:{port}/' in process.stdout.readline()
+        page = urllib.request.urlopen(f'http://127.0.0.1:{port}/', timeout=30).read().decode()
+        assert re.search('<title>', page)
+        children = _children(process.pid)
+        assert len(children) == 7
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+    end = time.monotonic() + 10.0
+    while any(map(_lives, children)):
+        assert time.monotonic() < end, 'a node outlives the loop'
+        time.sleep(0.1)
+
+
+def _children(pid):
+    text = subprocess.run(['ps', '--ppid', str(pid), '-o', 'pid='], capture_output=True, text=True)
+    return [int(word) for word in text.stdout.split()]
+
+
+def _lives(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
