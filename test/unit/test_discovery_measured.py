@@ -53,4 +53,4 @@ def test_a_measured_stack_shows_what_is_left_and_by_how_much_less() -> None:
     told = verdict.summary + verdict.unexplained.description
     assert f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g}' in told
     if verdict.unexplained.significant:
-        assert 'um rms' in verdict.unexplained.description
+        assert 'µm rms' in verdict.unexplained.description

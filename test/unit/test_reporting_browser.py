@@ -15,7 +15,15 @@ from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_report import identification_page
 from piezo_hysteresis.reporting.page import Section, table, write_report
-from piezo_hysteresis.reporting.plots import GREY, PALETTE, Curve, loop_figure, spectrum_figure
+from piezo_hysteresis.reporting.plots import (
+    GREY,
+    PALETTE,
+    Curve,
+    bars_before_after,
+    loop_figure,
+    spectrum_figure,
+    xy_figure,
+)
 
 BROWSER = next(
     filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
@@ -63,7 +71,12 @@ def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path, width):
     figures = (
         loop_figure(curves, 'Loop', 'Cubic and straight.'),
         spectrum_figure([('a', u), ('b', u**3)], 1e-3, 'Lines', 'Odd.', fundamental=5.0),
-    )
+        xy_figure(
+            [Curve('c', np.arange(1.0, 5.0), 1e-6 * np.arange(1.0, 5.0), 'after')], 'Few decades',
+            'One decade.', 'x', 'y', log_y=True, floor=5e-7,
+        ),
+        bars_before_after(['1 Hz'], [1e-6], [1e-7], 5e-8),
+    )  # fmt: skip
     rows = table(('a', 'b'), [[1.0, 'long words ' * 20]] * 3)
     write_report(tmp_path / 'r.html', 'Title', 'Verdict.', [Section('One', '', figures, (rows,))])
     image, faults = photographed(tmp_path / 'r.html', tmp_path / 'r.png', width)

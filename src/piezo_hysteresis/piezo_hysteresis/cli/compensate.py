@@ -128,7 +128,7 @@ def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
 
 
 def _table(runs: list[Run]) -> list[str]:
-    lines = [f'{"run":<24}{"rms [um]":>12}{"largest [um]":>14}{"mean [um]":>12}']
+    lines = [f'{"run":<24}{"rms [µm]":>12}{"largest [µm]":>14}{"mean [µm]":>12}']
     for each in runs:
         m = each.metrics
         lines.append(

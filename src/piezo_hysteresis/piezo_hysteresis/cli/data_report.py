@@ -28,7 +28,7 @@ def _is_number(cell: str) -> bool:
 
 def records_table(records: Sequence[Record]) -> str:
     """Return one line per record: size, rate, ranges and what is known of it."""
-    head = ['record', 'samples', 'rate Hz', 'start s', 'duration s', 'input', 'stroke um',
+    head = ['record', 'samples', 'rate Hz', 'start s', 'duration s', 'input', 'stroke µm',
             'excitation', 'reference', 'actuator']  # fmt: skip
     rows = [
         [

@@ -99,7 +99,7 @@ def identify_own(data: Sequence[str], out: Path) -> None:
     _print_fit(found)
     for each in choice.held_out:
         print(
-            f'  {each.record}: last 30 %, fitted without them: {1e6 * each.free_run_rms:.4g} um '
+            f'  {each.record}: last 30 %, fitted without them: {1e6 * each.free_run_rms:.4g} µm '
             f'({each.nrmse_percent:.3g} % of the standard deviation there)'
         )
 
@@ -109,7 +109,7 @@ def _print_runs(demo: Any) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    title = f'Tracking error at {demo.plan.tracked:g} Hz in um: rms and harmonics'
+    title = f'Tracking error at {demo.plan.tracked:g} Hz in µm: rms and harmonics'
     table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column('run', no_wrap=True)
     orders = list(demo.runs[0].metrics.harmonics)
@@ -127,7 +127,7 @@ def _print_fit(found: Any) -> None:
     print(f'{found.model.name}: {found.message}')
     for row in found.records:
         print(
-            f'  {row.record}: free run {1e6 * row.free_run_rms:.4g} um '
+            f'  {row.record}: free run {1e6 * row.free_run_rms:.4g} µm '
             f'({row.nrmse_percent:.3g} % of its standard deviation)'
         )
     for warning in found.warnings:

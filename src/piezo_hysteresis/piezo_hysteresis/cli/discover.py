@@ -67,15 +67,15 @@ def task_of(arguments: argparse.Namespace) -> Discover:
 
 def _tell(verdict: Any, out: str) -> None:
     """Print the verdict, what is sure about it and what to do next."""
-    from piezo_hysteresis.identification.uncertainty import digits
+    from piezo_hysteresis.reporting.discovery_report import chance_words, effect_values
+    from piezo_hysteresis.reporting.folding import folded
 
     print(verdict.summary)
     for effect in verdict.effects:
-        chance = f'probability {effect.probability:.3g}, p {effect.p_value:.1e}'
+        chance = f'probability {effect.probability:.3g}, p {chance_words(effect.p_value)}'
         print(f'  {effect.name} ({chance})')
-        for name, number in effect.parameters.items():
-            shown = digits(number.value, number.std) if number.std else f'{number.value:.4g}'
-            print(f'    {name} {shown} {number.unit}')
+        for name, value, unit in folded(effect_values(effect)):
+            print(f'    {name} {value} {unit}'.rstrip())
         for other in effect.alternatives:
             print(f'    or {other.name} (probability {other.probability:.3g})')
     if verdict.unexplained.significant:

@@ -169,23 +169,27 @@ def _tell(found: Any, out: str) -> None:
     """Print parameters with the digits they have, errors and warnings."""
     from piezo_hysteresis.identification.discrepancy import discrepancy_words
     from piezo_hysteresis.identification.uncertainty import digits
+    from piezo_hysteresis.reporting.units import shown
 
     print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
-    units = {q.name: q.unit for q in found.model.parameters}
-    for name in found.values:
+    for parameter in found.model.parameters:
+        name = parameter.name
+        unit, factor = shown(parameter.unit)
+        value = factor * found.values[name]
         if name in found.std:
-            print(f'  {name:20} {digits(found.values[name], found.std[name]):>28} {units[name]}')
+            words = digits(value, abs(factor) * found.std[name])
+            print(f'  {name:20} {words:>28} {unit}'.rstrip())
         else:
-            print(f'  {name:20} {found.values[name]:>28.6g} {units[name]} (held)')
+            print(f'  {name:20} {value:>28.6g} {unit} (held)')
     for each in found.records:
         print(
-            f'  {each.record}: free run {1e6 * each.free_run_rms:.4g} um '
-            f'({each.nrmse_percent:.3g} %), one step {1e6 * each.one_step_rms:.4g} um'
+            f'  {each.record}: free run {1e6 * each.free_run_rms:.4g} µm '
+            f'({each.nrmse_percent:.3g} %), one step {1e6 * each.one_step_rms:.4g} µm'
         )
     if found.noise_floor > 0:
-        print(f'  noise floor {1e6 * found.noise_floor:.4g} um')
+        print(f'  noise floor {1e6 * found.noise_floor:.4g} µm')
     if found.discrepancy is not None:
-        print(f'  {discrepancy_words(found.discrepancy)}')
+        print('  ' + discrepancy_words(found.discrepancy, 'µm'))
     print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
         print(f'warning: {warning}', file=sys.stderr)

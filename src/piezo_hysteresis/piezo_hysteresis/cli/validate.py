@@ -96,8 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     for row in rows:
         print(
-            f'{row.record}: free run {1e6 * row.free_run_rms:.4g} um '
-            f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} um'
+            f'{row.record}: free run {1e6 * row.free_run_rms:.4g} µm '
+            f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} µm'
         )
     print(comparison_words(known, saved.discrepancy))
     print(f'written to {arguments.out}')

@@ -23,12 +23,12 @@ def describe(
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
     total = float(np.sqrt(np.mean(np.concatenate([e**2 for e in errors]))))
     said = [
-        f'What is left is {total * 1e6:.3g} um rms, {total / floor:.2g} times the noise floor.'
+        f'What is left is {total * 1e6:.3g} µm rms, {total / floor:.2g} times the noise floor.'
     ]
     worst = int(np.argmax(sizes))
     said.append(
-        f'It is largest in {views[worst].name} ({sizes[worst] * 1e6:.3g} um) and smallest in '
-        f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} um).'
+        f'It is largest in {views[worst].name} ({sizes[worst] * 1e6:.3g} µm) and smallest in '
+        f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} µm).'
     )
     said += _harmonics(data, views, errors, floor)
     said += _lines(data, views, errors)
@@ -138,6 +138,6 @@ def _trend(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) 
         changes.append(float(error[-count:].mean() - error[:count].mean()))
     if changes and np.mean(np.abs(changes)) > 0.5 * floor:
         return [
-            f'Within a record it wanders by {np.mean(np.abs(changes)) * 1e6:.3g} um on average.'
+            f'Within a record it wanders by {np.mean(np.abs(changes)) * 1e6:.3g} µm on average.'
         ]
     return []

@@ -143,7 +143,7 @@ def _mode_evidence(drives: Sequence[dict[str, float]], frequency: float) -> list
     """Say which harmonics of which drives land on a mode that was found."""
     hits = [
         f'{each["frequency_hz"]:g} Hz (order {each["order"]}, '
-        f'{each["order"] * each["frequency_hz"]:g} Hz, {1e6 * each["amplitude_m"]:.3g} um)'
+        f'{each["order"] * each["frequency_hz"]:g} Hz, {1e6 * each["amplitude_m"]:.3g} µm)'
         for each in drives
     ]
     if not hits:

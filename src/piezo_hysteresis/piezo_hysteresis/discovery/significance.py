@@ -18,6 +18,8 @@ from piezo_hysteresis.discovery.trial import Trial
 
 # Resamples; fixed by the seed of the run.
 DRAWS = 2000
+# Resamples tell of no smaller p-value; what is said to be at it may lie anywhere below.
+SMALLEST_P = 1.0 / DRAWS / 1e3
 
 BlockEdges = Sequence[Sequence[int]]
 
@@ -66,7 +68,7 @@ def improvement(before: Trial, after: Trial, edges: BlockEdges, tried: int) -> I
         spread = np.var(change, ddof=1) if change.size > 1 else change[0] ** 2
         variance += float(change.size * spread)
     ratio = total / float(np.sqrt(variance)) if variance > 0.0 else 0.0
-    p_value = min(1.0, max(float(norm.sf(ratio)) * max(tried, 1), 1.0 / DRAWS / 1e3))
+    p_value = min(1.0, max(float(norm.sf(ratio)) * max(tried, 1), SMALLEST_P))
     return Improvement(sum(float(a.sum() - b.sum()) for a, b in zip(old, new, strict=True)),
                        ratio, p_value)  # fmt: skip
 

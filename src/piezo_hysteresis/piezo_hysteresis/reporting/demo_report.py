@@ -24,6 +24,7 @@ from piezo_hysteresis.reporting.plots import Curve, loop_figure, spectrum_figure
 from piezo_hysteresis.reporting.units import micrometres
 
 _DRAWN_PERIODS = 3
+_RUNS = ('uncompensated', 'feedforward', 'attenuated')  # roles of the runs, in their order
 
 
 class TrackingRun(Protocol):
@@ -136,7 +137,7 @@ def _errors(runs: Sequence[TrackingRun]) -> list[tuple[TrackingRun, FloatArray]]
 def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> Section:
     traces: list[Curve] = []
     loops: list[Curve] = []
-    for run in runs:
+    for run, role in zip(runs, _RUNS, strict=False):
         record = run.record
         assert record.reference is not None
         tail = slice(-round(_DRAWN_PERIODS / plan.tracked / record.dt), None)
@@ -144,8 +145,8 @@ def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> Section:
         if not traces:
             traces.append(Curve('reference', time, reference))
             loops.append(Curve('reference', reference, reference))
-        traces.append(Curve(run.name, time, record.displacement[tail]))
-        loops.append(Curve(run.name, reference, record.displacement[tail]))
+        traces.append(Curve(run.name, time, record.displacement[tail], role))
+        loops.append(Curve(run.name, reference, record.displacement[tail], role))
     orders = list(runs[0].metrics.harmonics)
     rows = [
         (
@@ -181,18 +182,33 @@ def _where(runs: Sequence[TrackingRun], plan: TrackingPlan, resonance: float | N
     dt = runs[0].record.dt
     judged = round(plan.judged_seconds / dt)
     signals = [(run.name, error[-judged:]) for run, error in errors]
+    last = round(_DRAWN_PERIODS / plan.tracked / dt)
+    compensated = list(zip(errors[1:], _RUNS[1:], strict=False))
     marks = {} if resonance is None else {'resonance': resonance}
     figures: list[Plot] = [
         spectrum_figure(
             signals, dt, 'Spectrum of the tracking error',
             f'Amplitudes over the last {plan.judged_seconds:g} s, multiples of the reference '
-            'marked.', fundamental=plan.tracked, orders=(1, 2, 3, 5), marks=marks,
+            'marked.', roles=_RUNS, fundamental=plan.tracked, orders=(1, 2, 3, 5), marks=marks,
             highest=8 * plan.tracked,
         ),
         trace_figure(
-            [Curve(run.name, run.record.time, error) for run, error in errors[1:]],
+            [
+                Curve(run.name, run.record.time, error, role)
+                for (run, error), role in compensated
+            ],
             'Tracking error of the compensated runs',
             'The reference grows over the first second. Attenuation then learns the harmonics.',
+            'tracking error',
+            ground=False,
+        ),
+        trace_figure(
+            [
+                Curve(run.name, run.record.time[:last], error[-last:], role)
+                for (run, error), role in compensated
+            ],
+            f'Tracking error, last {_DRAWN_PERIODS} periods',
+            'The compensated runs once more, where everything has settled.',
             'tracking error',
             ground=False,
         ),
@@ -218,6 +234,8 @@ def _next_after_demo() -> Section:
         '--out out/discover` names what the model still misses.\n'
         '- `make demo DATA=my_record.csv` identifies an actuator of your own.\n'
         '- `params.yaml` beside this page goes into the running feedforward node with '
-        '`ros2 param load /feedforward params.yaml`.'
+        '`python -m piezo_hysteresis param load /feedforward out/demo/params.yaml`.\n'
+        '- `python -m piezo_hysteresis loop --model out/demo/model.yaml` runs the loop with its '
+        'live page.'
     )
     return Section('What next?', text)

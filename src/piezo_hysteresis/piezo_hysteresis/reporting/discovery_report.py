@@ -8,9 +8,11 @@ import numpy as np
 
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.prove import over_frequency
+from piezo_hysteresis.discovery.significance import SMALLEST_P
 from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.discovery.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.identification.uncertainty import digits
+from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
 from piezo_hysteresis.reporting.page import Plot, Section, render, table
 from piezo_hysteresis.reporting.plots import (
     Curve,
@@ -20,8 +22,9 @@ from piezo_hysteresis.reporting.plots import (
     trace_figure,
     xy_figure,
 )
+from piezo_hysteresis.reporting.signals import stands_out
+from piezo_hysteresis.reporting.units import MICRO
 
-MICRO = 1e6
 PERIODS = 3
 # A picture over frequency needs some of them.
 FEWEST_FREQUENCIES = 5
@@ -44,7 +47,8 @@ def discovery_page(found: Discovery) -> str:
 
 def _proof(found: Discovery) -> Section:
     verdict, proof = found.verdict, found.proof
-    names = _unique([_label(r.record, r.frequency, r.amplitude) for r in proof.rows])
+    unit = found.data.records[0].info.input_unit
+    names = _unique([_label(r.record, r.frequency, r.amplitude, unit) for r in proof.rows])
     held = verdict.held_out
     bars = bars_before_after(
         names,
@@ -58,7 +62,7 @@ def _proof(found: Discovery) -> Section:
     text = (
         f'On {len(proof.rows)} held-out parts the gap between model and measurement is '
         f'{held.before_in_floors:.3g} noise floors before and {held.after_in_floors:.3g} after. '
-        f'The noise floor is {MICRO * verdict.noise_floor_rms_m:.3g} um rms. The free run of the '
+        f'The noise floor is {MICRO * verdict.noise_floor_rms_m:.3g} µm rms. The free run of the '
         f'final model is {"stable" if verdict.free_run_stable else "NOT stable"} on all of them.'
     )
     rows = [
@@ -72,7 +76,8 @@ def _proof(found: Discovery) -> Section:
         for r in proof.rows
     ]
     proof_table = table(
-        ('record', 'frequency [Hz]', 'amplitude', 'before [floors]', 'after [floors]'), rows
+        ('record', 'frequency [Hz]', f'amplitude [{unit}]', 'before [floors]', 'after [floors]'),
+        rows,
     )
     plots = (bars, *_over_frequency(found), *_pictures(found))
     return Section('Before and after', text, plots, (proof_table,))
@@ -90,9 +95,12 @@ def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
     plot = xy_figure(
         [
             Curve(
-                f'{found.verdict.baseline} alone', frequency, np.array([r.before for r in rows])
+                f'{found.verdict.baseline} alone',
+                frequency,
+                np.array([r.before for r in rows]),
+                'before',
             ),
-            Curve('with what was found', frequency, np.array([r.after for r in rows])),
+            Curve('with what was found', frequency, np.array([r.after for r in rows]), 'after'),
         ],
         'Gap over the frequency of the drive',
         f'Drives of {largest:.3g} {found.data.records[0].info.input_unit}; held out: {spared} Hz.',
@@ -121,21 +129,27 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
     loops = loop_figure(
         [
             Curve('measured', view.voltage[part], measured[part]),
-            Curve('model before', view.voltage[part], before[part]),
-            Curve('model after', view.voltage[part], after[part]),
+            Curve('model before', view.voltage[part], before[part], 'before'),
+            Curve('model after', view.voltage[part], after[part], 'after'),
         ],
         f'Loop of {name}',
         'Measured and simulated in free run.',
         unit,
     )
+    left = (measured - after)[view.first :]
+    caption = 'Measured minus simulated.'
+    if stands_out(left, (measured - after)[part]):
+        part = slice(view.first, None)
+        caption += ' The whole record, for single samples stand out.'
     errors = trace_figure(
         [
-            Curve('before', time[part], (measured - before)[part]),
-            Curve('after', time[part], (measured - after)[part]),
+            Curve('before', time[part], (measured - before)[part], 'before'),
+            Curve('after', time[part], (measured - after)[part], 'after'),
         ],
         f'Error of {name}',
-        'Measured minus simulated.',
+        caption,
         'error',
+        ground=False,
     )
     return loops, errors
 
@@ -157,7 +171,7 @@ def _where(found: Discovery) -> Section:
         for place in verdict.where[:10]
     ]
     places = table(
-        ('record', 'drive [Hz]', 'harmonic', 'gap [um rms]'), rows, 'The ten largest places.'
+        ('record', 'drive [Hz]', 'harmonic', 'gap [µm rms]'), rows, 'The ten largest places.'
     )
     views = found.data.training
     sizes = [float(np.std(e)) for e in found.baselines.joint.errors]
@@ -170,10 +184,11 @@ def _where(found: Discovery) -> Section:
         views[worst].dt,
         f'Spectrum of the error, {views[worst].name}',
         'Amplitudes of what the model does not explain.',
+        roles=('before', 'after'),
         fundamental=views[worst].frequency,
     )
     words = ', '.join(
-        f'{key.replace("_", " ")} {MICRO * value:.3g} um'
+        f'{key.replace("_", " ")} {MICRO * value:.3g} µm'
         for key, value in verdict.baseline_gaps_rms_m.items()
     )
     text = f'Gap of the baseline on the training records: {words}.'
@@ -193,15 +208,29 @@ def _what(verdict: Verdict) -> Section | None:
         return Section('What is left', verdict.unexplained.description + more)
     parts = []
     rows = []
+    plots: tuple[Plot, ...] = ()
     for effect in verdict.effects:
         parts.append(f'`{effect.name}`: {" ".join(effect.evidence)}')
-        for name, number in effect.parameters.items():
-            shown = digits(number.value, number.std) if number.std else f'{number.value:.4g}'
-            rows.append((effect.name, name, shown, number.unit))
+        values = effect_values(effect)
+        rows += [(effect.name, *line) for line in folded(values)]
+        plots += weights_figures(values)
     if verdict.unexplained.significant:
         parts.append(f'Still left: {verdict.unexplained.description}')
     found = table(('effect', 'parameter', 'value', 'unit'), rows, 'With one standard deviation.')
-    return Section('What is missing', '\n\n'.join(parts), (), (found,))
+    return Section('What is missing', '\n\n'.join(parts), plots, (found,))
+
+
+def effect_values(effect: NamedEffect) -> list[Value]:
+    """Return the parameters of an effect as they are told."""
+    return [
+        Value(name, number.value, number.std, number.unit)
+        for name, number in effect.parameters.items()
+    ]
+
+
+def chance_words(p_value: float) -> str:
+    """Return a p-value; one at the end of what resampling can tell is said to be below it."""
+    return f'{p_value:.1e}' if p_value > SMALLEST_P else f'below {2 * SMALLEST_P:.0e}'
 
 
 def _how_sure(verdict: Verdict) -> Section | None:
@@ -209,7 +238,7 @@ def _how_sure(verdict: Verdict) -> Section | None:
         return None
     rows = []
     for effect in verdict.effects:
-        rows.append((effect.name, f'{effect.probability:.3f}', f'{effect.p_value:.1e}'))
+        rows.append((effect.name, f'{effect.probability:.3f}', chance_words(effect.p_value)))
         rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
     text = (
         'The probability is the share of resamples of the training records, block by block, in '
@@ -231,11 +260,10 @@ def _model(found: Discovery) -> Section:
     std = final.fitted.std if final.fitted is not None else {}
     units = {q.name: q.unit for q in final.model.parameters}
     held = set(final.model.held)
-    rows = []
-    for name in final.model.parameter_names:
-        value = final.values[name]
-        shown = digits(value, std[name]) if std.get(name) else f'{value:.6g}'
-        rows.append((name, shown, units[name], 'held' if name in held else ''))
+    # what is held has no deviation
+    told = {name: value for name, value in std.items() if name not in held}
+    numbers = {name: final.values[name] for name in final.model.parameter_names}
+    rows = folded(values_of(numbers, told, units))
     chain = ' -> '.join(block.name for block in final.model.blocks)
     verdict = found.verdict
     text = (
@@ -243,11 +271,11 @@ def _model(found: Discovery) -> Section:
         f'Held out: {", ".join(verdict.records["held_out"])}.\n\n'
         f'Seed {verdict.seed}; {verdict.seconds:.1f} s.'
     )
-    return Section('The final model', text, (), (table(('parameter', 'value', 'unit', ''), rows),))
+    return Section('The final model', text, (), (table(('parameter', 'value', 'unit'), rows),))
 
 
-def _label(record: str, frequency: float, amplitude: float) -> str:
-    return f'{frequency:g} Hz, {amplitude:.3g}' if frequency else record
+def _label(record: str, frequency: float, amplitude: float, unit: str) -> str:
+    return f'{frequency:g} Hz, {amplitude:.3g} {unit}' if frequency else record
 
 
 def _unique(names: Sequence[str]) -> list[str]:

@@ -123,7 +123,7 @@ def fit_section(
         longest = max(records, key=len)
         curves = [
             Curve('measured', longest.time, longest.displacement),
-            Curve('model', longest.time, simulated[longest.name]),
+            Curve('model', longest.time, simulated[longest.name], 'model'),
         ]
         caption = f'{longest.name} and the free run of the model.'
         figures.append(trace_figure(curves, 'Over time', caption))
@@ -178,7 +178,8 @@ def next_section(found: Identification, data: Sequence[str] = ()) -> Section:
     )
     lines += [discover, judge] if lacks else [judge, discover]
     lines.append(
-        '`ros2 param load /feedforward params.yaml` makes the feedforward node invert it.'
+        '`python -m piezo_hysteresis param load /feedforward params.yaml` makes the running '
+        'feedforward node invert it.'
     )
     return Section('What next?', '\n'.join(f'- {line}' for line in lines))
 
@@ -193,7 +194,7 @@ def _loop(record: Record, simulated: FloatArray) -> Plot:
     cut = last_periods(len(record), record.info.frequency, record.dt, 2, record.warm_up_samples)
     curves = [
         Curve('measured', record.voltage[cut], record.displacement[cut]),
-        Curve('model', record.voltage[cut], simulated[cut]),
+        Curve('model', record.voltage[cut], simulated[cut], 'model'),
     ]
     part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
     caption = f'Input and displacement of {record.name}, {part}.'

@@ -13,7 +13,7 @@ from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.page import Plot, Section, Table, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
-from piezo_hysteresis.reporting.signals import last_periods
+from piezo_hysteresis.reporting.signals import last_periods, stands_out
 from piezo_hysteresis.reporting.units import micrometres
 
 _ORDERS = 9  # highest harmonic that is looked at
@@ -62,7 +62,7 @@ def over_frequency(records: Sequence[Record], found: Identification) -> Plot:
     floor = found.noise_floor if found.noise_floor > 0 else None
     caption = 'Free-run error of the model in every record, against the noise floor.'
     return xy_figure(
-        [Curve('free run', frequency, error)], 'Error over frequency', caption,
+        [Curve('free run', frequency, error, 'error')], 'Error over frequency', caption,
         'frequency of the drive [Hz]', 'rms error [µm]', log_y=True, floor=floor,
     )  # fmt: skip
 
@@ -106,13 +106,15 @@ def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> lis
     spectra = spectrum_figure(
         signals, record.dt, 'Spectrum of the error',
         f'{caption}; multiples of the drive are marked.' if frequency > 0 else f'{caption}.',
-        fundamental=frequency, marks=marked,
+        roles=('', 'error'), fundamental=frequency, marks=marked,
         highest=None if frequency > 0 else _highest(record),
     )  # fmt: skip
     span = last_periods(len(record), frequency, record.dt, 3, record.warm_up_samples)
     part = 'its last periods' if frequency > 0 else 'the whole record'
+    if stands_out(error[cut], error[span]):
+        span, part = cut, 'the whole record, for single samples stand out'
     trace = trace_figure(
-        [Curve('error', record.time[span], error[span])],
+        [Curve('error', record.time[span], error[span], 'error')],
         'Error over time', f'Measured minus model in {record.name}, {part}.', 'error',
     )  # fmt: skip
     return [spectra, trace]

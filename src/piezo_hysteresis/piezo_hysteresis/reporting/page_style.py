@@ -40,6 +40,15 @@ document.addEventListener('DOMContentLoaded', () => {
     plots.forEach((plot) => suit(plot, figures[0].clientWidth));
   }, 50);
 });
+// Canvases keep the width that they have on the screen: on paper each is scaled to the page.
+const PAPER = 540;  // three of them below each other
+addEventListener('beforeprint', () => {
+  for (const figure of document.querySelectorAll('figure'))
+    figure.style.zoom = Math.min(1.05, PAPER / figure.firstElementChild.offsetWidth);
+});
+addEventListener('afterprint', () => {
+  for (const figure of document.querySelectorAll('figure')) figure.style.zoom = '';
+});
 </script>
 </body>
 </html>
@@ -62,7 +71,14 @@ p, li { max-width: 75ch; }
 figure { margin: 0; min-width: 0; }
 figcaption, .caption { color: var(--soft); font-size: .9rem; }
 .caption { margin: 1rem 0 0; }
-.wide { overflow-x: auto; margin: .3rem 0 .8rem; }
+/* Shadows at an edge say that there is more behind it; those in the table's own colour move along
+   with it and cover them at the end. */
+.wide { overflow-x: auto; margin: .3rem 0 .8rem;
+  background: linear-gradient(to right, #fff 30%, #fff0) 0 0 / 40px 100% no-repeat local,
+    linear-gradient(to left, #fff 30%, #fff0) 100% 0 / 40px 100% no-repeat local,
+    radial-gradient(farthest-side at 0 50%, #1b1f2455, #1b1f2400) 0 0 / 14px 100% no-repeat scroll,
+    radial-gradient(farthest-side at 100% 50%, #1b1f2455, #1b1f2400) 100% 0 / 14px 100% no-repeat
+    scroll; }
 table { border-collapse: collapse; width: max-content; font-size: .92rem;
   font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
@@ -72,13 +88,20 @@ th { border-bottom: 2px solid var(--soft); }
 td.number { white-space: nowrap; }
 code { background: #f3f4f6; padding: .05em .3em; border-radius: 3px; font-size: .9em; }
 footer { margin-top: 2.5rem; color: var(--soft); font-size: .85rem; }
+@page { size: A4; margin: 16mm 15mm 18mm; }
 @media print {
   body { font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
   figure, tr, .verdict { break-inside: avoid; }
-  h2 { break-after: avoid; }
-  .plots { grid-template-columns: 1fr; }  /* canvases keep their width on screen */
-  .wide { overflow: visible; }
-  table { width: 100%; }
+  h1, h2, h2 + p, .caption { break-after: avoid; }
+  p { break-inside: avoid; }
+  .plots { break-before: avoid; }
+  h2 { margin-top: 1.2rem; }
+  .plots { display: block; }
+  figure { margin-bottom: .8rem; }
+  p, li { max-width: none; }
+  .wide { overflow: visible; background: none; }
+  table { width: 100%; font-size: 9pt; }
+  th, td { padding-right: .5rem; }
 }
 """

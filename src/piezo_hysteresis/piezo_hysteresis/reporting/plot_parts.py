@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from bokeh.models import Label, Legend, LegendItem, Span
+from bokeh.models import BasicTickFormatter, Label, Legend, LegendItem, LogTicker, Span
 from bokeh.plotting import figure
 
 from piezo_hysteresis.arrays import FloatArray
@@ -17,6 +17,21 @@ from piezo_hysteresis.reporting.units import MICRO
 #: Okabe and Ito: told apart with any colour vision, and by lightness in print.
 PALETTE = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 GREY = '#8c959f'
+#: What a line is has one colour wherever it stands, in reports and pictures.
+ROLES = {
+    'uncompensated': PALETTE[1],
+    'feedforward': PALETTE[0],
+    'attenuated': PALETTE[2],
+    'before': PALETTE[1],
+    'after': PALETTE[0],
+    'model': PALETTE[0],
+    'error': PALETTE[1],
+}
+#: Roles that lie on others: their lines are broken, so that both are seen.
+_ON_TOP = {'attenuated', 'after', 'model'}
+_FEW_DECADES = 300.0
+#: Of marks on axes: dark enough to read on white.
+MARK = '#7a2a58'
 _HEIGHT = 250
 _WIDE_LEGEND = 44  # characters that fit beside each other above a plot on a phone
 
@@ -31,11 +46,14 @@ class Curve:
         Its name in the legend.
     x, y : ndarray, shape (n,)
         In SI units.
+    role : str
+        One of `ROLES`, which fixes its colour; '' takes the next colour.
     """
 
     label: str
     x: FloatArray
     y: FloatArray
+    role: str = ''
 
 
 def new_axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:
@@ -46,6 +64,7 @@ def new_axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:
         active_drag='box_zoom', toolbar_location='above', min_border_right=18, **options,
     )  # fmt: skip
     plot.toolbar.logo = None
+    plot.toolbar.stylesheets = ['@media print { :host { display: none !important; } }']
     plot.title.text_font_size = '14px'
     plot.grid.grid_line_color = '#e6e9ec'
     plot.axis.minor_tick_line_color = None
@@ -64,17 +83,24 @@ def draw_lines(
     *,
     markers: bool = False,
     ground: bool = False,
+    overlaid: bool = False,
 ) -> None:
-    """Draw lines; a `ground` is broad and grey, so that what lies on it leaves it visible."""
-    ground = ground and len(curves) > 1
+    """Draw lines.
+
+    A `ground` is broad and grey, so that what lies on it leaves it visible; of curves that are
+    `overlaid` those that lie on others are broken.
+    """
+    ground = ground and len(curves) > 1 and not curves[0].role
     colours = (GREY, *PALETTE) if ground else PALETTE
     items = []
     for k, curve in enumerate(curves):
         x, y = thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
-        colour = colours[k % len(colours)]
+        colour = ROLES.get(curve.role) or colours[k % len(colours)]
+        broken = overlaid and k > 0 and curve.role in _ON_TOP
         line = plot.line(
             'x', 'y', source={'x': x * x_factor, 'y': y * y_factor}, color=colour,
-            line_width=4.0 if ground and k == 0 else 1.5, line_join='round',
+            line_width=4.0 if ground and k == 0 else 1.8 if broken else 1.5, line_join='round',
+            line_dash=[7, 4] if broken else 'solid',
         )  # fmt: skip
         drawn = [line]
         if markers:
@@ -127,4 +153,16 @@ def draw_mark(plot: Any, place: float, words: str, colour: str = GREY, low: bool
     plot.add_layout(Span(location=place, dimension='height', **look))
     height = 4 if low else _HEIGHT - 16
     text = {'text': words, 'text_font_size': '11px', 'text_color': colour, 'x_offset': 2}
+    # the words of a low mark stand left of its line, beside those of a multiple at the same place
+    if low:
+        text |= {'x_offset': -3, 'text_align': 'right'}
     plot.add_layout(Label(x=place, y=height, y_units='screen', **text))
+
+
+def readable_decades(axis: Any, values: Iterable[float]) -> None:
+    """Label a logarithmic axis by plain numbers, more than one per decade where it has few."""
+    known = [value for value in values if np.isfinite(value) and value > 0]
+    few = bool(known) and max(known) / min(known) < _FEW_DECADES
+    axis.ticker = LogTicker(mantissas=[1, 2, 5] if few else [1], desired_num_ticks=7)
+    # no formatter of our own: the page forbids scripts that are made of texts
+    axis.formatter = BasicTickFormatter(power_limit_low=-4, power_limit_high=4)

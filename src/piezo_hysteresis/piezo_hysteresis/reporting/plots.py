@@ -12,13 +12,16 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plot_parts import (
     GREY,
+    MARK,
     PALETTE,
+    ROLES,
     Curve,
     add_legend,
     draw_floor,
     draw_lines,
     draw_mark,
     new_axes,
+    readable_decades,
 )
 from piezo_hysteresis.reporting.signals import amplitude_spectrum
 from piezo_hysteresis.reporting.units import MICRO
@@ -53,7 +56,7 @@ def loop_figure(curves: Sequence[Curve], title: str, caption: str, input_unit: s
         'm': ('reference', MICRO, 'µm'),
     }[input_unit]
     plot = new_axes(title, f'{name} [{unit}]', 'displacement [µm]')
-    draw_lines(plot, curves, factor, MICRO, ground=True)
+    draw_lines(plot, curves, factor, MICRO, ground=True, overlaid=True)
     return Plot(plot, caption)
 
 
@@ -77,7 +80,7 @@ def trace_figure(
         Whether the first curve is a broad grey ground for the others.
     """
     plot = new_axes(title, 'time [s]', f'{y_label} [µm]')
-    draw_lines(plot, curves, 1.0, MICRO, ground=ground)
+    draw_lines(plot, curves, 1.0, MICRO, ground=ground, overlaid=ground)
     return Plot(plot, caption)
 
 
@@ -111,6 +114,9 @@ def xy_figure(
     kinds = {'x_axis_type': 'log' if log_x else 'auto', 'y_axis_type': 'log' if log_y else 'auto'}
     plot = new_axes(title, x_label, y_label, **kinds)
     draw_lines(plot, curves, 1.0, MICRO, markers=markers)
+    if log_y:
+        drawn = [MICRO * v for c in curves for v in np.asarray(c.y, float)]
+        readable_decades(plot.yaxis[0], [*drawn, MICRO * (floor or 0.0)])
     if floor and log_y:
         # an axis never grows to hold an annotation
         values = [MICRO * v for c in curves for v in np.asarray(c.y)[np.asarray(c.y) > 0]]
@@ -127,6 +133,7 @@ def spectrum_figure(
     title: str,
     caption: str,
     *,
+    roles: Sequence[str] = (),
     fundamental: float = 0.0,
     orders: Sequence[int] = (1, 3, 5, 7),
     marks: Mapping[str, float] | None = None,
@@ -142,6 +149,8 @@ def spectrum_figure(
         Sampling interval [s].
     title, caption : str
         Above and below the plot.
+    roles : sequence of str
+        What each signal is, as `Curve.role`.
     fundamental : float
         Frequency of the drive [Hz]; 0 for none.
     orders : sequence of int
@@ -154,17 +163,18 @@ def spectrum_figure(
     end = min(0.5 / dt, highest or (12 * fundamental if fundamental > 0 else np.inf))
     plot = new_axes(title, 'frequency [Hz]', 'amplitude [µm]', y_axis_type='log', x_range=(0, end))
     curves = []
-    for label, signal in signals:
+    named = [*roles, *[''] * len(signals)]
+    for (label, signal), role in zip(signals, named, strict=False):
         frequency, amplitude = amplitude_spectrum(signal, dt)
         inside = frequency <= end
-        curves.append(Curve(label, frequency[inside], np.maximum(amplitude[inside], 1e-13)))
+        curves.append(Curve(label, frequency[inside], np.maximum(amplitude[inside], 1e-13), role))
     draw_lines(plot, curves, 1.0, MICRO, ground=True)
     for order in orders:
         if 0 < order * fundamental < end:
             draw_mark(plot, order * fundamental, f'{order}×')
     for words, place in (marks or {}).items():
         if 0 < place < end:
-            draw_mark(plot, place, words, colour=PALETTE[3], low=True)
+            draw_mark(plot, place, words, colour=MARK, low=True)
     return Plot(plot, caption)
 
 
@@ -207,12 +217,13 @@ def bars_before_after(
         source = {'x': names, 'top': [MICRO * v if np.isfinite(v) else bottom for v in rows]}
         bars = plot.vbar(
             x=dodge('x', -0.2 + 0.4 * k, range=places), top='top', bottom=bottom, width=0.36,
-            source=source, fill_color=(GREY, PALETTE[0])[k], line_color=None,
+            source=source, fill_color=(ROLES['before'], ROLES['after'])[k], line_color=None,
             hatch_pattern=(None, 'right_diagonal_line')[k], hatch_color='white', hatch_alpha=0.6,
         )  # fmt: skip
         items.append((label, bars))
         words = [('record', '@x'), (label, '@top{0.0000} µm')]
         plot.add_tools(HoverTool(renderers=[bars], tooltips=words))
+    readable_decades(plot.yaxis[0], known)
     add_legend(plot, items)
     draw_floor(plot, floor)
     return Plot(plot, caption)

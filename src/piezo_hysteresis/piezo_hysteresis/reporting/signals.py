@@ -10,6 +10,8 @@ from piezo_hysteresis.arrays import FloatArray
 
 # A screen shows no more than a few points per pixel.
 DRAWN = 3000
+# Beyond so many times the largest value that is drawn, one that is not is missed.
+_SPIKE = 2.0
 
 
 def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArray, FloatArray]:
@@ -67,3 +69,10 @@ def last_periods(n: int, frequency: float, dt: float, periods: int, warm_up: int
     """Return the last whole `periods` of `n` samples, or all behind the warm-up without one."""
     wanted = round(periods / (frequency * dt)) if frequency > 0 else n
     return slice(max(n - wanted - 1, warm_up, 0), n)
+
+
+def stands_out(whole: FloatArray, part: FloatArray) -> bool:
+    """Tell whether a part hides the largest values of the whole, as of a spike elsewhere."""
+    if not part.size or not np.all(np.isfinite(whole)):
+        return False
+    return float(np.abs(whole).max()) > _SPIKE * float(np.abs(part).max())

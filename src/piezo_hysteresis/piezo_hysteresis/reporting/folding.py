@@ -1,0 +1,128 @@
+"""Parameters of many equal elements on one line: ``fine_memory1 .. 39``, and as a picture."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.reporting.page import Plot
+from piezo_hysteresis.reporting.plot_parts import PALETTE, new_axes
+from piezo_hysteresis.reporting.units import shown, with_deviation
+
+# Fewer elements are listed one by one.
+FEWEST = 6
+_NUMBERED = re.compile(r'^(.*?)(\d+)$')
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter as it is told.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter.
+    value : float
+        In SI units.
+    std : float or None
+        Standard deviation; None where it was held or is not known.
+    unit : str
+        SI unit.
+    """
+
+    name: str
+    value: float
+    std: float | None
+    unit: str
+
+
+def groups_of(values: Iterable[Value]) -> list[list[Value]]:
+    """Return the values with the elements of one kind together, all others alone."""
+    found: list[list[Value]] = []
+    for value in values:
+        same = bool(found and _stem(value)) and (
+            (_stem(found[-1][0]), found[-1][0].unit) == (_stem(value), value.unit)
+        )
+        if same:
+            found[-1].append(value)
+        else:
+            found.append([value])
+    return [
+        part
+        for group in found
+        for part in ([group] if len(group) >= FEWEST else [[each] for each in group])
+    ]
+
+
+def folded(values: Iterable[Value]) -> list[tuple[str, str, str]]:
+    """Return name, value with deviation, and unit of each parameter, elements on one line."""
+    return [_line(group) for group in groups_of(values)]
+
+
+def _line(group: Sequence[Value]) -> tuple[str, str, str]:
+    words, factor = shown(group[0].unit)
+    if len(group) == 1:
+        value = group[0]
+        std = None if value.std is None else abs(factor) * value.std
+        number, deviation = with_deviation(factor * value.value, std)
+        return value.name, f'{number} ± {deviation}' if _is_number(deviation) else number, words
+    sizes = np.array([factor * value.value for value in group])
+    largest = int(np.argmax(np.abs(sizes)))
+    text = (
+        f'{len(group)} values, {sizes.min():.3g} .. {sizes.max():.3g}, sum {sizes.sum():.3g}; '
+        f'largest: {group[largest].name}'
+    )
+    return f'{group[0].name} .. {_number(group[-1])}', text, words
+
+
+def weights_figures(values: Iterable[Value]) -> tuple[Plot, ...]:
+    """Draw the elements of each kind over their number, with their standard deviations."""
+    return tuple(_weights(group) for group in groups_of(values) if len(group) > 1)
+
+
+def _weights(group: Sequence[Value]) -> Plot:
+    words, factor = shown(group[0].unit)
+    stem = _stem(group[0]) or group[0].name
+    unit = f' [{words}]' if words else ''
+    plot = new_axes(f'Elements of {stem}', 'number of the element', f'value{unit}')
+    x = [_number(value) for value in group]
+    y = [factor * value.value for value in group]
+    spread = [abs(factor) * (value.std or 0.0) for value in group]
+    source = {
+        'x': x,
+        'y': y,
+        'low': [a - b for a, b in zip(y, spread, strict=True)],
+        'high': [a + b for a, b in zip(y, spread, strict=True)],
+    }
+    plot.vbar('x', top='y', width=0.7, source=source, fill_color=PALETTE[0], line_color=None)
+    plot.segment('x', 'low', 'x', 'high', source=source, line_color='#000000')
+    caption = 'One bar per element, with one standard deviation. All numbers are in model.yaml.'
+    return Plot(plot, caption)
+
+
+def values_of(
+    numbers: Mapping[str, float], std: Mapping[str, float], units: Mapping[str, str]
+) -> list[Value]:
+    """Return parameters as they are told, in their order."""
+    return [Value(name, value, std.get(name), units[name]) for name, value in numbers.items()]
+
+
+def _stem(value: Value) -> str:
+    match = _NUMBERED.match(value.name)
+    return match.group(1) if match else ''
+
+
+def _number(value: Value) -> int:
+    match = _NUMBERED.match(value.name)
+    return int(match.group(2)) if match else 0
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

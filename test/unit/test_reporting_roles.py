@@ -1,0 +1,98 @@
+"""One colour per run, elements on one line, spikes that are seen, axes that can be read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bokeh.models import GlyphRenderer
+
+from piezo_hysteresis.reporting.folding import Value, folded, weights_figures
+from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, ROLES
+from piezo_hysteresis.reporting.plots import (
+    Curve,
+    bars_before_after,
+    loop_figure,
+    spectrum_figure,
+    trace_figure,
+    xy_figure,
+)
+from piezo_hysteresis.reporting.signals import stands_out
+
+TIME = np.arange(400) * 1e-3
+WAVE = 1e-6 * np.sin(2 * np.pi * 5 * TIME)
+
+
+def glyphs(plot):
+    return [each.glyph for each in plot.figure.renderers if isinstance(each, GlyphRenderer)]
+
+
+def test_a_run_has_one_colour_in_every_plot():
+    def drawn(curves):
+        return [Curve(name, TIME, WAVE, role) for name, role in curves]
+
+    two = [('feedforward', 'feedforward'), ('both', 'attenuated')]
+    many = [('reference', ''), ('none', 'uncompensated'), *two]
+    traces = [glyph.line_color for glyph in glyphs(trace_figure(drawn(many), 't', 'c'))]
+    loops = [glyph.line_color for glyph in glyphs(loop_figure(drawn(many), 't', 'c'))]
+    errors = [glyph.line_color for glyph in glyphs(trace_figure(drawn(two), 't', 'c'))]
+    spectra = spectrum_figure(
+        [(n, WAVE) for n, _ in two], 1e-3, 't', 'c', roles=[r for _, r in two]
+    )
+    assert traces == loops == [GREY, *(ROLES[role] for _, role in many[1:])]
+    assert errors == traces[2:] == [glyph.line_color for glyph in glyphs(spectra)]
+    assert len(set(traces)) == 4
+
+
+def test_before_and_after_look_alike_as_bars_and_lines():
+    bars = [glyph.fill_color for glyph in glyphs(bars_before_after(['a'], [1e-6], [1e-7], None))]
+    lines = [
+        glyph.line_color
+        for glyph in glyphs(
+            trace_figure([Curve(r, TIME, WAVE, r) for r in ('before', 'after')], 't', 'c')
+        )
+    ]
+    assert bars == lines == [ROLES['before'], ROLES['after']]
+
+
+def test_what_lies_on_another_is_broken():
+    curves = [Curve('measured', TIME, WAVE), Curve('model', TIME, WAVE, 'model')]
+    below, above = glyphs(loop_figure(curves, 't', 'c'))
+    assert list(below.line_dash) == []
+    assert list(above.line_dash) == [7, 4]
+    assert below.line_width > above.line_width
+    assert below.line_color == GREY
+    assert above.line_color in PALETTE
+
+
+@pytest.mark.parametrize(('span', 'mantissas'), [(5.0, [1, 2, 5]), (1e5, [1])])
+def test_an_axis_of_few_decades_has_more_than_powers_of_ten(span, mantissas):
+    curve = Curve('a', np.arange(2.0), 1e-6 * np.array([1.0, span]))
+    plot = xy_figure([curve], 't', 'c', 'x', 'y', log_y=True)
+    assert plot.figure.yaxis[0].ticker.mantissas == mantissas
+
+
+def test_elements_of_one_kind_stand_on_one_line():
+    elements = [Value(f'fine{k}', 1e-6 * k, 1e-7, 'm/V') for k in range(1, 40)]
+    others = [Value('A1', 4e-5, 2e-6, 'm/V'), Value('gamma', 0.25, None, '1/V')]
+    lines = folded([*others, *elements])
+    assert [name for name, _, _ in lines] == ['A1', 'gamma', 'fine1 .. 39']
+    assert lines[0][1:] == ('40 ± 2', 'µm/V')
+    assert '39 values, 1 .. 39, sum 780; largest: fine39' in lines[2][1]
+    assert lines[2][2] == 'µm/V'
+    (plot,) = weights_figures([*others, *elements])
+    bar = next(each for each in plot.figure.renderers if hasattr(each.glyph, 'top'))
+    assert list(bar.data_source.data['y']) == pytest.approx(list(range(1, 40)))
+
+
+def test_few_elements_are_listed():
+    few = [Value(f'c{k}', 1.0 * k, None, '1') for k in (1, 2, 3)]
+    assert [name for name, _, _ in folded(few)] == ['c1', 'c2', 'c3']
+    assert weights_figures(few) == ()
+
+
+def test_a_spike_outside_of_what_is_drawn_is_noticed():
+    error = 1e-7 * np.sin(np.arange(3000.0))
+    assert not stands_out(error, error[-100:])
+    error[500] = 3e-5
+    assert stands_out(error, error[-100:])
+    assert not stands_out(error, error)
