@@ -10,6 +10,8 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing.connection import wait
 from types import TracebackType
 
+from piezo_hysteresis.threads import one_for_linear_algebra
+
 
 class OwnPool:
     """A process pool that can be renewed; leaving it by an exception ends its processes.
@@ -23,9 +25,7 @@ class OwnPool:
     def __init__(self, workers: int) -> None:
         self._workers = workers or os.cpu_count() or 1
         self._others = {child.pid for child in multiprocessing.active_children()}
-        # Each process works on a job of its own: threads of the linear algebra only get in the
-        # way. Read when a process starts, so this one keeps what it has.
-        os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+        one_for_linear_algebra()  # read when a process starts, so this one keeps what it has
         self.executor = self._new()
 
     def _new(self) -> Executor:

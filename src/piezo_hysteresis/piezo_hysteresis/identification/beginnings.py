@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.factor import gram, products
 from piezo_hysteresis.identification.record_start import path_to
 from piezo_hysteresis.identification.sensitivities import parameter_step
 from piezo_hysteresis.identification.tails import Moved, Tails
@@ -263,10 +264,8 @@ def level_rows(motion: Motion) -> list[FloatArray]:
     return rows
 
 
-def best_fit(
-    rows: FloatArray, prior: FloatArray, error: FloatArray, pull: FloatArray
-) -> FloatArray:
-    """Return the multiples of rows that explain an error best.
+class BestFit:
+    """Explains errors by multiples of rows.
 
     Parameters
     ----------
@@ -274,10 +273,21 @@ def best_fit(
         What each does [m].
     prior : ndarray, shape (q,)
         How firmly each is held to 0 [m].
-    error : ndarray, shape (m,)
-        What is to be explained [m].
-    pull : ndarray, shape (q,)
-        How much of each is in the model already, in multiples.
     """
-    gram = rows @ rows.T + np.diag(prior**2)
-    return solve_square(gram, rows @ error - prior**2 * pull).values
+
+    def __init__(self, rows: FloatArray, prior: FloatArray) -> None:
+        self._rows, self._prior = np.ascontiguousarray(rows), prior
+        self._gram = gram(self._rows) + np.diag(prior**2)
+
+    def __call__(self, error: FloatArray, pull: FloatArray) -> FloatArray:
+        """Return the multiples that explain an error best, shape (q,).
+
+        Parameters
+        ----------
+        error : ndarray, shape (m,)
+            What is to be explained [m].
+        pull : ndarray, shape (q,)
+            How much of each is in the model already, in multiples.
+        """
+        wanted = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
+        return solve_square(self._gram, wanted).values

@@ -1,7 +1,8 @@
-"""Compiled triangular factor of a tall problem, without BLAS.
+"""Compiled products and triangular factor of a tall problem, without BLAS.
 
-A matrix library may spread one small factorisation over threads, which costs more than it saves
-and competes with the threads over the records; this kernel releases the interpreter lock instead.
+A matrix library may spread one small product over threads, which costs more than it saves (on a
+busy machine a hundred times) and competes with the threads over the records; these kernels release
+the interpreter lock instead.
 """
 
 from __future__ import annotations
@@ -28,6 +29,26 @@ def inner(a: FloatArray, b: FloatArray) -> float:
     for k in range(whole, n):
         s0 += a[k] * b[k]
     return (s0 + s1) + (s2 + s3)
+
+
+@jit
+def products(rows: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the inner product of each row with a vector, shape (q,)."""
+    found = np.empty(rows.shape[0])
+    for i in range(rows.shape[0]):
+        found[i] = inner(rows[i], x)
+    return found
+
+
+@jit
+def gram(rows: FloatArray) -> FloatArray:
+    """Return the inner products of all rows with each other, shape (q, q)."""
+    q = rows.shape[0]
+    found = np.empty((q, q))
+    for i in range(q):
+        for j in range(i + 1):
+            found[i, j] = found[j, i] = inner(rows[i], rows[j])
+    return found
 
 
 @jit

@@ -14,8 +14,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.beginnings import (
+    BestFit,
     Motion,
-    best_fit,
     level_rows,
     start_rows,
 )
@@ -122,12 +122,13 @@ def _settled(
     assert begun.motion is not None
     motion, weight = begun.motion, 1.0 if factors is None else factors
     rows, prior = begun.rows * weight, begun.prior
+    explained = BestFit(rows, prior)
 
     def judged(shares: FloatArray) -> tuple[float, FloatArray]:
         error = left() * weight
         if not np.all(np.isfinite(error)):
             return float('inf'), shares
-        more = best_fit(rows, prior, error, shares)
+        more = explained(error, shares)
         rest, held = error - more @ rows, prior * (shares + more)
         return inner(rest, rest) + float(held @ held), more
 
@@ -242,5 +243,5 @@ def _split(
         error, rows = error * factors, rows * factors
     if not len(rows) or not np.all(np.isfinite(error)):
         return error, np.zeros(0)
-    more = best_fit(rows, begun.prior, error, begun.pull)
+    more = BestFit(rows, begun.prior)(error, begun.pull)
     return error - more @ rows, begun.prior * (begun.pull + more)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -115,13 +115,7 @@ class Tails:
         if isinstance(stage, LinearStage):
             free = stage.released(packed[stage.columns], dt, np.ones(size), count)
         else:
-            free, nothing = np.empty((size, count)), np.zeros(count)
-            for i in range(size):
-                state = np.zeros(size)
-                state[i] = 1.0
-                free[i] = stage.respond(
-                    nothing, packed[stage.columns], dt, state=state, frequency=0.0
-                )
+            free = _free_runs(stage.block, packed[stage.columns].tobytes(), dt, count).copy()
         if not stage.ahead and self._on_a_path(k, packed):
             free[:, 0] = 0.0  # there, what was read last is a state of its own
         rows = {first + i: self._passed_on(k + 1, packed, row) for i, row in enumerate(free)}
@@ -212,6 +206,17 @@ def _passes(block: Block) -> bool:
     if block.between in (Between.LINEAR, Between.DELAY, Between.CLOCK):
         return True
     return block.between is Between.INSTANT and _straight(block)
+
+
+@lru_cache(maxsize=4)
+def _free_runs(block: Block, packed: bytes, dt: float, count: int) -> FloatArray:
+    """Return what each state of a block does by itself from 1, shape (states, count).
+
+    Ways in which a record may have begun are tried by the hundred with the same parameters.
+    """
+    p, nothing = np.frombuffer(packed).copy(), np.zeros(count)
+    states = np.eye(block.initial_state(dt).size)
+    return np.array([block.respond(nothing, p, dt, state=state) for state in states])
 
 
 @cache

@@ -1,1 +1,5 @@
 """Thin rclpy wrappers; the only room that imports rclpy or piezo_interfaces."""
+
+from piezo_hysteresis.threads import one_for_linear_algebra
+
+one_for_linear_algebra()
