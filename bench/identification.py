@@ -31,7 +31,7 @@ from piezo_hysteresis.identification.errors import errors_of, free_run
 from piezo_hysteresis.identification.history import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.search import SEARCHES, search
+from piezo_hysteresis.identification.search import METHODS, search
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, read_csv
 from piezo_sim.sweep import simulate
@@ -229,7 +229,7 @@ def three_parameters(seeds: int) -> None:
 
     report('least squares (ours)', best_of(least_squares), [least_squares()], floor)
     scipy_rival(objective, np.array([start[n] for n in free]), low, high, floor)
-    for method in SEARCHES:
+    for method in METHODS:
         begun = time.perf_counter()
         costs = [
             search(objective.cost, low, high, method=method, seed=s, max_evaluations=3000).cost

@@ -100,7 +100,12 @@ IDENTIFICATION = ParameterTable(
             'rls: V1 is 000 (3), V0 is 000 (10), V2 is 001 (10) as printed.',
             choices=('V0', 'V1', 'V2'),
         ),
-        ParameterSpec('offset', True, 'rls: estimate a constant offset too.'),
+        ParameterSpec(
+            'offset',
+            False,
+            'rls: a constant column beside A0, which in steady state does the same; identify has '
+            'none and takes the offset from free runs afterwards.',
+        ),
         ParameterSpec('harmonic', 0, 'rls: exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
         ParameterSpec(
             'frequency',
