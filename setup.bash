@@ -15,3 +15,5 @@ _profiles="$_root/src/piezo_ros_common/piezo_ros_common/fastdds.xml"
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_profiles}"
 unset _profiles
 unset _root
+# One short word for the verbs; `source <(piezo completion bash)` completes them.
+piezo() { python -m piezo_hysteresis "$@"; }

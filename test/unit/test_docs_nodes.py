@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'nodes.md'
@@ -28,3 +31,19 @@ def test_every_node_has_a_section():
     assert nodes
     names = {*re.findall(r"'(\w+)'", nodes.group(1)), 'simulator'}
     assert set(re.findall(r'^## (\w+)$', PAGE.read_text(), re.MULTILINE)) == names
+
+
+@pytest.mark.parametrize('launch', ['loop', 'record', 'stages'])
+def test_every_launch_argument_is_documented(launch):
+    source = (ROOT / f'src/piezo_hysteresis/launch/{launch}.launch.py').read_text()
+    values = next(
+        node.value
+        for node in ast.parse(source).body
+        if isinstance(node, ast.Assign) and node.targets[0].id == 'ARGUMENTS'
+    )
+    arguments = ast.literal_eval(values)
+    page = (ROOT / 'docs/launch.md').read_text()
+    for name, (default, _) in arguments.items():
+        assert f'`{name}`' in page
+        if launch == 'loop' and default:
+            assert f'| `{name}` | `{default}` |' in page

@@ -79,7 +79,7 @@ def test_damage_is_refused_or_salvaged(tmp_path, capsys):
     told = capsys.readouterr().err
     assert told.startswith('error: ')
     assert told.count('\n') == 1
-    assert '1 samples are missing in 1 gaps' in told
+    assert '1 samples are missing in 1 gap' in told
     assert not (tmp_path / 'bag').exists()
     assert main([*words, '--salvage']) == 0
     told = capsys.readouterr()

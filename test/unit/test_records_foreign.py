@@ -90,3 +90,48 @@ def test_signals_are_parsed():
     signal = parse_signal('adc/raw.data[2]', 'voltage')
     assert (signal.topic, signal.field, signal.divisor) == ('/adc/raw', ('data', '2'), 1.0)
     assert parse_signal('/x.y.z:nm', 'reference').divisor == 1e9
+
+
+@pytest.fixture(scope='module')
+def robot_bag(tmp_path_factory):
+    """Return a bag of joint states and wrenches, as ros2_control publishes them."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    path = tmp_path_factory.mktemp('robot') / 'robot'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        joints, wrench = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/WrenchStamped'
+        states = writer.add_connection('/joint_states', joints, typestore=store)
+        forces = writer.add_connection('/ft', wrench, typestore=store)
+        for k in range(200):
+            time = 1_800_000_000_000_000_000 + k * 2_000_000
+            stamp = types['builtin_interfaces/msg/Time'](sec=time // 10**9, nanosec=time % 10**9)
+            header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+            vector = types['geometry_msgs/msg/Vector3']
+            load = types['geometry_msgs/msg/Wrench'](
+                force=vector(x=0.0, y=0.0, z=0.5 * k), torque=vector(x=0.0, y=0.0, z=0.0)
+            )
+            writer.write(forces, time, store.serialize_cdr(types[wrench](header, load), wrench))
+            # the order of the joints changes, as it may
+            names = ['x', 'stage'] if k % 2 else ['stage', 'x']
+            places = [9.0, 1e-7 * k] if k % 2 else [1e-7 * k, 9.0]
+            message = types[joints](
+                header=header, name=names, position=np.array(places), velocity=np.zeros(0),
+                effort=np.zeros(0),
+            )  # fmt: skip
+            writer.write(states, time, store.serialize_cdr(message, joints))
+    return path
+
+
+def test_a_joint_is_found_by_its_name_and_a_wrench_is_a_force(robot_bag, tmp_path):
+    words = ['--force', '/ft.wrench.force.z:N', '--displacement', '/joint_states.position[stage]']
+    assert main(['import', str(robot_bag), '--out', str(tmp_path / 'bag'), *words]) == 0
+    (record,) = read_bag(tmp_path / 'bag')
+    assert record.info.input_unit == 'N'
+    np.testing.assert_allclose(record.displacement, 1e-7 * np.arange(200), atol=1e-15)
+    np.testing.assert_allclose(record.voltage, 0.5 * np.arange(200))
+
+
+def test_a_joint_that_is_not_there_is_said(robot_bag, tmp_path, capsys):
+    words = ['--force', '/ft.wrench.force.z:N', '--displacement', '/joint_states.position[tip]']
+    assert main(['import', str(robot_bag), '--out', str(tmp_path / 'bag'), *words]) == 2
+    assert 'position.tip' in capsys.readouterr().err

@@ -64,11 +64,12 @@ def test_what_lies_on_another_is_broken():
     assert above.line_color in PALETTE
 
 
-@pytest.mark.parametrize(('span', 'mantissas'), [(5.0, [1, 2, 5]), (1e5, [1])])
-def test_an_axis_of_few_decades_has_more_than_powers_of_ten(span, mantissas):
+@pytest.mark.parametrize(('span', 'many'), [(5.0, True), (1e5, False)])
+def test_an_axis_of_few_decades_has_more_than_powers_of_ten(span, many):
     curve = Curve('a', np.arange(2.0), 1e-6 * np.array([1.0, span]))
     plot = xy_figure([curve], 't', 'c', 'x', 'y', log_y=True)
-    assert plot.figure.yaxis[0].ticker.mantissas == mantissas
+    ticks = getattr(plot.figure.yaxis[0].ticker, 'ticks', [])
+    assert ({1.0, 2.0, 5.0} <= set(ticks)) == many
 
 
 def test_elements_of_one_kind_stand_on_one_line():

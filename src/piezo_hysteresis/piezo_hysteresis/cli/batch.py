@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.cli import discover, identify
+from piezo_hysteresis.cli import discover, identify, talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import PiezoError
 
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         if row['state'] != 'done':
             print(f'{row["state"]}: {row["name"]}: {row["error"]}', file=sys.stderr)
     for note in done.notes:
-        print(f'warning: {note}', file=sys.stderr)
+        talk.warn(str(note))
     counts = ', '.join(f'{count} {state}' for state, count in settled(done.rows).items() if count)
     before = f' ({done.resumed} of them before)' if done.resumed else ''
     print(f'{len(done.rows)} data sets: {counts}{before}')

@@ -27,5 +27,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Hand over to the dashboard node."""
-    given = {name: value for name, value in vars(arguments).items() if value is not None}
+    known = {name: getattr(arguments, name) for name in ('namespace', 'folder', 'port', 'address')}
+    given = {name: value for name, value in known.items() if value is not None}
     return int(node_module('dashboard').run([f'--{name}={given[name]}' for name in given]))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 import numpy as np
 
+from piezo_hysteresis.cli import talk
 from piezo_hysteresis.records import Record, Survey
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
 
@@ -79,9 +79,9 @@ def bag_lines(bag: BagContent) -> list[str]:
 def print_survey_notes(found: Survey) -> None:
     """Tell on stderr what was lost, mended or should be known."""
     for note in found.notes:
-        print(f'note: {note}', file=sys.stderr)
+        talk.warn(str(note), 'note')
     for damage in found.damage:
-        print(f'salvaged: {damage}', file=sys.stderr)
+        talk.warn(str(damage), 'salvaged')
     if found.damage:
         lost = sum(damage.lost for damage in found.damage)
-        print(f'salvaged: {len(found.damage)} findings, {lost} samples lost', file=sys.stderr)
+        talk.warn(f'{len(found.damage)} findings, {lost} samples lost', 'salvaged')

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import IdentificationError
 
@@ -131,4 +132,4 @@ def _print_fit(found: Any) -> None:
             f'({row.nrmse_percent:.3g} % of its standard deviation)'
         )
     for warning in found.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
+        talk.warn(str(warning))

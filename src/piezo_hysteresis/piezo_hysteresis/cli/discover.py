@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from typing import TYPE_CHECKING, Any
 
+from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.errors import IdentificationError
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = task.work(arguments.data, arguments.out, progress)
     _tell(found.verdict, arguments.out)
     for finding in found.check.findings:
-        print(f'warning: {finding}', file=sys.stderr)
+        talk.warn(str(finding))
     return 0
 
 

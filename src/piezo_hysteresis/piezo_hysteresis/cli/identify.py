@@ -8,9 +8,9 @@ to record instead.
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
+from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.errors import IdentificationError
@@ -192,4 +192,4 @@ def _tell(found: Any, out: str) -> None:
         print('  ' + discrepancy_words(found.discrepancy, 'µm'))
     print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
+        talk.warn(str(warning))

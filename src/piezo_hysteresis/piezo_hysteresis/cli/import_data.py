@@ -1,19 +1,25 @@
 """Turn CSV files (or other bags) into one bag, one record per file.
 
 A bag of other message types is taken in by naming the fields that mean something:
---voltage /amplifier/command.data --displacement /laser/position.point.x:um
+--voltage /amplifier/command.data --displacement /laser/position.point.x:um, or
+--displacement /joint_states.position[stage]. Columns of a CSV file are named likewise:
+--time "Time (s)" --voltage CH1:V --displacement CH2:um, or by their number from 1.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
+from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.foreign import foreign_records
+from piezo_hysteresis.records.load import is_csv
+from piezo_hysteresis.records.resampling import resampled
 
 HELP = 'CSV files to one bag, one record per file'
 
@@ -35,15 +41,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--salvage', action='store_true', help='keep what is readable of damaged data'
     )
-    fields = parser.add_argument_group('bags of other message types')
-    for quantity in ('voltage', 'displacement', 'reference'):
-        fields.add_argument(f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]')
+    parser.add_argument(
+        '--resample', type=float, metavar='HZ', help='bring every record to this rate; stamps '
+        'that jitter are interpolated before'
+    )  # fmt: skip
+    fields = parser.add_argument_group('bags of other message types, CSV of other columns')
+    fields.add_argument('--time', metavar='COLUMN[:UNIT]', help='of a CSV file')
+    for quantity in ('voltage', 'force', 'displacement', 'reference'):
+        fields.add_argument(f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, write and list the records."""
     found = _read(arguments)
     records = [_named(record, arguments.actuator) for record in found.records]
+    if arguments.resample is not None:
+        records = [resampled(record, arguments.resample) for record in records]
     write_bag(arguments.out, records, storage=arguments.storage)
     print_survey_notes(found)
     print(records_table(records))
@@ -52,24 +65,31 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(arguments: argparse.Namespace) -> Survey:
-    named = [arguments.voltage, arguments.displacement]
-    if named == [None, None]:
-        return survey(arguments.files, salvage=arguments.salvage, actuator=arguments.actuator)
-    if None in named:
-        raise RecordError('--voltage and --displacement belong together; name both fields')
-    log = DamageLog(arguments.salvage)
-    records = [
-        record
-        for path in arguments.files
-        for record in foreign_records(
-            path,
-            log,
-            voltage=arguments.voltage,
-            displacement=arguments.displacement,
-            reference=arguments.reference,
-        )
-    ]
+    named = {
+        what: text
+        for what in ('time', 'voltage', 'force', 'displacement', 'reference')
+        if (text := getattr(arguments, what)) is not None
+    }
+    log = DamageLog(arguments.salvage, interpolate=arguments.resample is not None)
+    if not named:
+        return survey(arguments.files, actuator=arguments.actuator, log=log)
+    if len({'voltage', 'force'} & named.keys()) == 2:
+        raise RecordError('the input is a voltage or a force: name one of them')
+    records = [record for path in map(Path, arguments.files) for record in _one(path, named, log)]
     return Survey(records, log.findings, log.notes)
+
+
+def _one(path: Path, named: dict[str, str], log: DamageLog) -> list[Record]:
+    if not path.exists():
+        raise RecordError(f'{path} does not exist; check the path')
+    if is_csv(path):
+        return csv_records(path, log, named)
+    if 'displacement' not in named or not {'voltage', 'force'} & named.keys():
+        raise RecordError(
+            'of a bag --displacement and --voltage (or --force) belong together; name both fields'
+        )
+    fields = {what: text for what, text in named.items() if what != 'time'}
+    return foreign_records(path, log, **fields)
 
 
 def _named(record: Record, actuator: str | None) -> Record:

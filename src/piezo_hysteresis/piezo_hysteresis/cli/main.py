@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+import traceback
 import warnings
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TextIO
 
 from piezo_hysteresis import __version__
+from piezo_hysteresis.cli import talk
 from piezo_hysteresis.errors import DataNote, PiezoError
 
 # Each file offers HELP (one line), configure(parser) and run(arguments) -> exit code.
@@ -31,7 +33,10 @@ VERBS = {
     'param': 'param',
     'dashboard': 'dashboard',
     'demo': 'demo',
+    'completion': 'completion',
 }
+# What stands behind the name of a node is the node's own.
+PLAIN = ('node', 'batch')
 
 
 def load_verb(verb: str) -> ModuleType:
@@ -62,6 +67,8 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
             warnings.showwarning = _say
             return _run(words)
     except PiezoError as error:
+        if talk.level() == talk.Level.VERBOSE:
+            traceback.print_exc()
         print(f'error: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -79,7 +86,9 @@ def _say(
 ) -> None:
     """Print a warning as one line, without the place in the code that gave it."""
     kind = 'note' if issubclass(category, DataNote) else 'warning'
-    print(f'{kind}: {message}', file=file or sys.stderr)
+    if category.__name__ == 'DamageWarning':  # of a room that is not loaded for every verb
+        kind = 'salvaged'
+    talk.warn(str(message), kind)
 
 
 def _run(words: list[str]) -> int:
@@ -91,7 +100,11 @@ def _run(words: list[str]) -> int:
         prog=f'piezo_hysteresis {wanted}', description=module.__doc__ or module.HELP
     )
     module.configure(parser)
-    return int(module.run(parser.parse_args(words[1:])))
+    if wanted not in PLAIN:
+        talk.add_words(parser)
+    arguments = parser.parse_args(words[1:])
+    talk.choose(arguments)
+    return int(module.run(arguments))
 
 
 def _overview(words: list[str]) -> int:

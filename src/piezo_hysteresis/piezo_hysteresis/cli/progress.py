@@ -1,27 +1,85 @@
-"""Progress of long work: a bar on a terminal, nothing in a pipe."""
+"""Progress of long work and the time left: a bar on a terminal, lines now and then in a pipe."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from piezo_hysteresis.cli.talk import Level, level
+from piezo_hysteresis.reporting.units import clock
+
+Tell = Callable[[float, str], None]
+
+# Between two lines in a pipe [s]; work that is done sooner says nothing.
+SELDOM, OFTEN = 30.0, 2.0
+# Part of the work that tells its pace.
+ENOUGH = 0.03
+
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
-    """Offer a callback ``(fraction, words)`` that moves a bar on stderr."""
-    if not sys.stderr.isatty():
+def progress_bar(title: str) -> Iterator[Tell]:
+    """Offer a callback ``(fraction, words)`` that tells of work on stderr."""
+    if level() == Level.QUIET:
         yield lambda fraction, words: None
-        return
+    elif level() == Level.VERBOSE or not sys.stderr.isatty():
+        yield Lines(title, OFTEN if level() == Level.VERBOSE else SELDOM)
+    else:
+        with _bar(title) as tell:
+            yield tell
+
+
+class Lines:
+    """Says how far it is at most every so many seconds.
+
+    Parameters
+    ----------
+    title : str
+        Of the work.
+    every : float
+        Time between two lines [s].
+    now : callable, optional
+        Clock [s].
+    """
+
+    def __init__(
+        self, title: str, every: float, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._title, self._every, self._now = title, every, now
+        self._begun = self._said = now()
+
+    def __call__(self, fraction: float, words: str) -> None:
+        """Note how far it is, and say it where that is due."""
+        now = self._now()
+        if now - self._said < self._every:
+            return
+        self._said = now
+        spent = now - self._begun
+        line = f'{self._title}: {100 * fraction:.0f} %, {words}, {clock(spent)}'
+        print(f'{line}{left_words(fraction, spent)}', file=sys.stderr, flush=True)
+
+
+def left_words(fraction: float, spent: float) -> str:
+    """Return how long it will take at the pace so far, empty where nobody can tell."""
+    if not ENOUGH <= fraction < 1.0:
+        return ''
+    return f', about {clock(spent * (1.0 - fraction) / fraction)} left'
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Tell]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
                TextColumn('{task.fields[words]}'))  # fmt: skip
+    begun = time.monotonic()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0, words='')
 
         def tell(fraction: float, words: str) -> None:
-            bar.update(task, completed=fraction, words=words)
+            left = left_words(fraction, time.monotonic() - begun)
+            bar.update(task, completed=fraction, words=f'{words}{left}')
 
         yield tell

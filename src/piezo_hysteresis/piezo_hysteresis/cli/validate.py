@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 
+from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.models import ModelFile
 
@@ -102,5 +102,5 @@ def run(arguments: argparse.Namespace) -> int:
     print(comparison_words(known, saved.discrepancy))
     print(f'written to {arguments.out}')
     for warning in warnings:
-        print(f'warning: {warning}', file=sys.stderr)
+        talk.warn(str(warning))
     return 0

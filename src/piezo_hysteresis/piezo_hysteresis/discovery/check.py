@@ -67,7 +67,7 @@ def _refuse(records: Sequence[Record]) -> None:
     if max(rates) - min(rates) > 1e-6 * max(rates):
         raise IdentificationError(
             f'the records have different rates ({", ".join(f"{r:g} Hz" for r in sorted(rates))}): '
-            'give those of one rate at a time'
+            'give those of one rate at a time, or bring them to one with `import --resample`'
         )
     units = {r.info.input_unit for r in records}
     if len(units) > 1:

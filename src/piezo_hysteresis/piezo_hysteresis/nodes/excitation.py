@@ -129,7 +129,7 @@ class Excitation(Node):
 
     def _follow_restart(self, sample: int) -> None:
         """Begin again: the actuator was started anew and has reached tick `sample`."""
-        self.get_logger().warning('the actuator was started anew')
+        self.get_logger().warning('the actuator was started anew', throttle_duration_sec=5.0)
         self._restarts += 1
         self._newest_state = self._emitted = sample
         self._experiment = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -63,8 +64,20 @@ def read_csv(path: str | Path, *, salvage: bool = False) -> Record:
     return max(records, key=len)
 
 
-def csv_records(path: Path, log: DamageLog) -> list[Record]:
+def csv_records(
+    path: Path, log: DamageLog, chosen: Mapping[str, str] | None = None
+) -> list[Record]:
     """Return a CSV file as one record, or as its intact pieces when salvaging.
+
+    Parameters
+    ----------
+    path : Path
+        File with one line of column names.
+    log : DamageLog
+        Where damage is listed, or raised.
+    chosen : mapping of str to str, optional
+        ``NAME:UNIT`` or the number of a column, from 1, by what it is to be taken for; columns
+        that are not named keep what their own names say.
 
     Raises
     ------
@@ -81,7 +94,7 @@ def csv_records(path: Path, log: DamageLog) -> list[Record]:
         raise RecordError(f'{path}: the file is empty; it needs the columns {EXAMPLE}')
     delimiter = next((mark for mark in ('\t', ';', ',') if mark in lines[head]), ',')
     names = [name.strip().strip('"\'') for name in lines[head].split(delimiter)]
-    meanings = _meanings(path, names)
+    meanings = _meanings(path, _renamed(path, names, chosen or {}))
     values = _values(path, lines, head, delimiter, names, meanings, log)
     if not values.size:
         raise RecordError(f'{path}: it has column names but no samples; export it again')
@@ -98,6 +111,27 @@ def csv_records(path: Path, log: DamageLog) -> list[Record]:
     if not records:
         raise RecordError(f'{path}: nothing of it is readable as a record')
     return records
+
+
+def _renamed(path: Path, names: list[str], chosen: Mapping[str, str]) -> list[str]:
+    """Return the names of the columns as they would have to be, for those that are chosen."""
+    wanted = list(names)
+    for what, text in chosen.items():
+        name, colon, unit = text.rpartition(':')
+        if not colon:
+            name, unit = text, ''
+        unit = unit or next(iter(UNITS[what]))
+        place = int(name) - 1 if name not in names and name.isdigit() else -1
+        if name in names:
+            place = names.index(name)
+        if not 0 <= place < len(names):
+            raise RecordError(f'{path}: it has no column {name!r}, but {", ".join(names)[:160]}')
+        if unit not in UNITS[what]:
+            raise RecordError(f'{unit!r} is no unit of a {what}; use {", ".join(UNITS[what])}')
+        # what was named so by itself is something else then
+        wanted = ['' if _meaning(each)[0] == what else each for each in wanted]
+        wanted[place] = f'{what}_{unit}'
+    return wanted
 
 
 def _meanings(path: Path, names: list[str]) -> dict[int, tuple[str, str]]:
@@ -125,6 +159,7 @@ def _meanings(path: Path, names: list[str]) -> dict[int, tuple[str, str]]:
         missing = [what for what in missing if what != 'voltage']
     if missing:
         advice = '; '.join(helps) if helps else f'columns are named like {EXAMPLE}'
+        advice += f', or named to `import` (--{missing[0]} COLUMN:UNIT)'
         listed = ', '.join(names)[:120]
         raise RecordError(
             f'{path}: no column for {" and ".join(missing)} among {listed!r}; {advice}'

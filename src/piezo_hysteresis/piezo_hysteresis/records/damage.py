@@ -50,6 +50,8 @@ class DamageLog:
     ----------
     salvage : bool
         Keep what is readable and list the findings; otherwise the first one raises.
+    interpolate : bool
+        An uneven rate is no damage: whoever reads asks for another rate anyway.
     findings : list of Damage
         What was wrong, in the order it was met.
     notes : list of Damage
@@ -59,14 +61,22 @@ class DamageLog:
     """
 
     salvage: bool = False
+    interpolate: bool = False
     findings: list[Damage] = field(default_factory=list)
     notes: list[Damage] = field(default_factory=list)
     left_out: list[Damage] = field(default_factory=list)
 
     def add(
-        self, where: object, what: str, *, count: int = 1, lost: int = 0, remedy: str = ''
+        self,
+        where: object,
+        what: str,
+        *,
+        count: int = 1,
+        lost: int = 0,
+        remedy: str = '',
+        done: str = '',
     ) -> None:
-        """List a finding.
+        """List a finding, and what was `done` about it to salvage the rest.
 
         Raises
         ------
@@ -77,7 +87,8 @@ class DamageLog:
         if not self.salvage:
             advice = f'{remedy}, or {SALVAGE_HINT}' if remedy else SALVAGE_HINT
             raise RecordError(f'{where}: {what}; {advice}')
-        self.findings.append(Damage(str(where), what, count, lost))
+        told = f'{what}: {done}' if done else what
+        self.findings.append(Damage(str(where), told, count, lost))
 
     def note(self, where: object, what: str, *, count: int = 1) -> None:
         """List something that should be said but does not keep the data from being used."""

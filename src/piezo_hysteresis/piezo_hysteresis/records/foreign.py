@@ -17,7 +17,7 @@ from piezo_hysteresis.records.bag_content import blocks_of
 from piezo_hysteresis.records.csv_files import UNITS
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import stored_types, typestore
-from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.record import Record, RecordInfo
 from piezo_hysteresis.records.sampling import Track, records_of
 from piezo_hysteresis.records.storage import Topic
 
@@ -44,12 +44,15 @@ class Series:
 def parse_signal(text: str, quantity: str) -> Signal:
     """Return what ``/laser/position.point.x:um`` or ``/adc.data[2]:V`` names.
 
+    ``/joint_states.position[stage]`` takes the element that the message's ``name`` list gives that
+    name.
+
     Parameters
     ----------
     text : str
         Topic, path of the field, and unit (V or m where none is given).
     quantity : str
-        ``voltage``, ``displacement`` or ``reference``.
+        ``voltage``, ``force``, ``displacement`` or ``reference``.
 
     Raises
     ------
@@ -59,7 +62,7 @@ def parse_signal(text: str, quantity: str) -> Signal:
     name, _, unit = text.partition(':')
     topic, dot, path = name.partition('.')
     units = UNITS[quantity]
-    if not dot or not re.fullmatch(r'\w+(\[\d+\])*(\.\w+(\[\d+\])*)*', path):
+    if not dot or not re.fullmatch(r'\w+(\[\w+\])*(\.\w+(\[\w+\])*)*', path):
         raise RecordError(f'the {quantity} {text!r} is not understood; write {EXAMPLE}')
     if unit and unit not in units:
         raise RecordError(f'the {quantity} {text!r} has no unit of {", ".join(units)}; name one')
@@ -71,9 +74,10 @@ def foreign_records(
     path: str | Path,
     log: DamageLog,
     *,
-    voltage: str,
+    voltage: str | None = None,
     displacement: str,
     reference: str | None = None,
+    force: str | None = None,
 ) -> list[Record]:
     """Read a bag of any message types as a record (as its intact pieces when salvaging).
 
@@ -86,8 +90,8 @@ def foreign_records(
         Bag folder or storage file.
     log : DamageLog
         Where damage is listed, or raised.
-    voltage, displacement, reference : str
-        Fields, see `parse_signal`.
+    voltage, displacement, reference, force : str
+        Fields, see `parse_signal`; a force [N] stands in place of the voltage.
 
     Raises
     ------
@@ -95,8 +99,12 @@ def foreign_records(
         If a field is not there or the samples are no record and the log does not salvage.
     """
     path = Path(path)
-    texts = {'voltage': voltage, 'displacement': displacement, 'reference': reference}
-    signals = {key: parse_signal(text, key) for key, text in texts.items() if text is not None}
+    if (voltage is None) == (force is None):
+        raise RecordError('the input is a voltage or a force: name one of them')
+    texts = {'voltage': voltage, 'force': force, 'displacement': displacement,
+             'reference': reference}  # fmt: skip
+    named = {key: parse_signal(text, key) for key, text in texts.items() if text is not None}
+    signals = {'voltage' if key == 'force' else key: signal for key, signal in named.items()}
     series = _read(path, signals, log)
     ticks = series['displacement'].time
     first = max(held.time[0] for held in series.values())
@@ -109,7 +117,8 @@ def foreign_records(
         columns[key] = held.value[np.searchsorted(held.time, ticks, side='right') - 1]
     columns['displacement'] = series['displacement'].value[early:]
     time = np.asarray((ticks - series['displacement'].time[0]) / 1e9, np.float64)
-    return records_of(Track(path.resolve().stem, time, columns), str(path), log)
+    info = RecordInfo(input_unit='N' if force else 'V')
+    return records_of(Track(path.resolve().stem, time, columns, info=info), str(path), log)
 
 
 def _read(path: Path, signals: dict[str, Signal], log: DamageLog) -> dict[str, Series]:
@@ -165,7 +174,7 @@ def _value(message: Any, signal: Signal, topic: Topic) -> float:
     value = message
     try:
         for step in signal.field:
-            value = value[int(step)] if step.isdigit() else getattr(value, step)
+            value = _step(value, step, message)
         return float(value)
     except (AttributeError, IndexError, TypeError, ValueError):
         held = ', '.join(name for name in vars(message) if not name.startswith('_'))
@@ -173,6 +182,14 @@ def _value(message: Any, signal: Signal, topic: Topic) -> float:
             f'topic {topic.name} has no number {".".join(signal.field)}; '
             f'{topic.msgtype} has {held}'
         ) from None
+
+
+def _step(value: Any, step: str, message: Any) -> Any:
+    """Return a field, an element, or the element that the message's ``name`` list names."""
+    if step.isdigit():
+        return value[int(step)]
+    names = [] if hasattr(value, step) else list(getattr(message, 'name', ()))
+    return value[names.index(step)] if step in names else getattr(value, step)
 
 
 def _stamp(message: Any, log_time: int) -> int:

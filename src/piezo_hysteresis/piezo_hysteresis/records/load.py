@@ -77,9 +77,15 @@ def load(
 
 
 def survey(
-    paths: Sequence[str | Path], *, salvage: bool = False, actuator: str | None = None
+    paths: Sequence[str | Path],
+    *,
+    salvage: bool = False,
+    actuator: str | None = None,
+    log: DamageLog | None = None,
 ) -> Survey:
     """Read like `load`, and return besides the records all that was found and lost.
+
+    What is damage and what is done about it is said by `log`, where there is one.
 
     Raises
     ------
@@ -88,7 +94,7 @@ def survey(
     """
     if not paths:
         raise RecordError('no data were given; name a bag folder or a CSV file')
-    log = DamageLog(salvage)
+    log = DamageLog(salvage) if log is None else log
     records: list[Record] = []
     bags: list[BagContent] = []
     for path in map(Path, paths):
@@ -116,11 +122,16 @@ def _read(
         content = read_content(path, log)
         bags.append(content)
         return bag_records(content, log, actuator)
-    if path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat'):
+    if is_csv(path):
         return csv_records(path, log)
     raise RecordError(
         f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
     )
+
+
+def is_csv(path: Path) -> bool:
+    """Tell whether a file is one of columns, by its name."""
+    return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat')
 
 
 def _uniquely_named(records: list[Record]) -> list[Record]:

@@ -117,6 +117,7 @@ def _finite(track: Track, place: str, log: DamageLog) -> Track:
             count=bad,
             lost=bad,
             remedy='mend them',
+            done='left out',
         )
         track = track.take(good)
     return track
@@ -126,7 +127,8 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
     """Sort by time and drop samples that come twice."""
     back = int(np.sum(np.diff(track.time) < 0))
     if back:
-        log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time')
+        log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time',
+                done='sorted')  # fmt: skip
         track = track.take(np.argsort(track.time, kind='stable'))
     again = np.zeros(track.time.size, np.bool_)
     if track.sample is None:
@@ -140,7 +142,7 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         if track.sample is None:
             what = f'{doubled} times stand twice'
         remedy = 'write each sample once, with enough digits of its time'
-        log.add(place, what, count=doubled, lost=doubled, remedy=remedy)
+        log.add(place, what, count=doubled, lost=doubled, remedy=remedy, done='kept once')
         track = track.take(~again)
     return track
 
@@ -188,10 +190,12 @@ def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
         first = float(track.time[np.argmax(missing > 0)])
         log.add(
             place,
-            f'{total} samples are missing in {number} gaps, the first after {first:.6g} s',
+            f'{total} samples are missing in {number} gap{"s" * (number > 1)}, the first after '
+            f'{first:.6g} s',
             count=number,
             lost=0,
             remedy='record again without loss',
+            done='cut into records there',
         )
     edges = [0, *cuts.tolist(), track.time.size]
     return [track.take(slice(a, b)) for a, b in pairwise(edges)]
@@ -229,15 +233,20 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
 
 
 def _resampled(track: Track, place: str, log: DamageLog) -> Track:
-    """Return the samples interpolated at a constant rate: only ever done when salvaging."""
+    """Return the samples interpolated at a constant rate: only where somebody asked for it."""
     steps = np.diff(track.time)
     low, high = 1e3 * np.quantile(steps, [0.05, 0.95])
-    log.add(
-        place,
-        f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms (salvaged: interpolated)',
-        count=track.time.size,
-        remedy='sample at a constant rate',
-    )
+    words = f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms'
+    if log.interpolate:
+        log.note(place, f'{words}: interpolated', count=track.time.size)
+    else:
+        log.add(
+            place,
+            words,
+            count=track.time.size,
+            remedy='sample at a constant rate, `import` it with --resample RATE',
+            done='interpolated at its mean rate',
+        )
     number = track.time.size
     time = np.linspace(track.time[0], track.time[-1], number)
     columns = {key: np.interp(time, track.time, column) for key, column in track.columns.items()}

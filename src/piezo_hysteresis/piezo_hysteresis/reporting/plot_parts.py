@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from bokeh.models import BasicTickFormatter, Label, Legend, LegendItem, LogTicker, Span
+from bokeh.models import (
+    BasicTickFormatter,
+    FixedTicker,
+    Label,
+    Legend,
+    LegendItem,
+    LogTicker,
+    Span,
+)
 from bokeh.plotting import figure
 
 from piezo_hysteresis.arrays import FloatArray
@@ -163,6 +171,14 @@ def readable_decades(axis: Any, values: Iterable[float]) -> None:
     """Label a logarithmic axis by plain numbers, more than one per decade where it has few."""
     known = [value for value in values if np.isfinite(value) and value > 0]
     few = bool(known) and max(known) / min(known) < _FEW_DECADES
-    axis.ticker = LogTicker(mantissas=[1, 2, 5] if few else [1], desired_num_ticks=7)
+    if few:
+        first, last = (
+            int(np.floor(np.log10(min(known)))) - 1,
+            int(np.ceil(np.log10(max(known)))) + 1,
+        )
+        ticks = [m * 10.0**k for k in range(first, last + 1) for m in (1, 2, 5)]
+        axis.ticker = FixedTicker(ticks=ticks)
+    else:
+        axis.ticker = LogTicker(mantissas=[1], desired_num_ticks=7)
     # no formatter of our own: the page forbids scripts that are made of texts
     axis.formatter = BasicTickFormatter(power_limit_low=-4, power_limit_high=4)

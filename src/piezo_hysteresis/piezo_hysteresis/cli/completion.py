@@ -1,0 +1,46 @@
+"""Print what a shell needs to complete verbs and options: source <(piezo completion bash)."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = 'completion of verbs and options for bash, zsh or tcsh'
+
+# What setup.bash calls `python -m piezo_hysteresis`.
+COMMAND = 'piezo'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the script."""
+    import shtab
+
+    print(shtab.complete(whole_parser(), arguments.shell))
+    return 0
+
+
+def whole_parser() -> argparse.ArgumentParser:
+    """Return one parser of all verbs, whose files and folders are completed as such."""
+    import shtab
+
+    from piezo_hysteresis.cli import talk
+    from piezo_hysteresis.cli.main import PLAIN, VERBS, load_verb
+
+    whole = argparse.ArgumentParser(prog=COMMAND)
+    verbs = whole.add_subparsers(metavar='VERB')
+    for verb in VERBS:
+        module = load_verb(verb)
+        parser = verbs.add_parser(verb, help=module.HELP)
+        module.configure(parser)
+        if verb not in PLAIN:
+            talk.add_words(parser)
+        for action in parser._actions:
+            kind = {'DIR': shtab.DIRECTORY, 'BAG': shtab.DIRECTORY}.get(str(action.metavar))
+            takes = action.metavar in ('DATA', 'FILE', 'YAML', 'NAME|YAML', 'MODEL')
+            if kind or takes:
+                action.complete = kind or shtab.FILE  # type: ignore[attr-defined]
+    return whole

@@ -1,0 +1,46 @@
+"""How much the command line says: results always, the rest as -q and -v wish."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from enum import IntEnum
+
+
+class Level(IntEnum):
+    """What is said on stderr."""
+
+    QUIET = 0
+    USUAL = 1
+    VERBOSE = 2
+
+
+_level = Level.USUAL
+
+
+def add_words(parser: argparse.ArgumentParser) -> None:
+    """Add -q and -v to a verb."""
+    wish = parser.add_mutually_exclusive_group()
+    wish.add_argument('-q', '--quiet', action='store_true', help='no progress, notes and warnings')
+    wish.add_argument(
+        '-v', '--verbose', action='store_true',
+        help='progress as lines, and where in the code an error arose',
+    )  # fmt: skip
+
+
+def choose(arguments: argparse.Namespace) -> None:
+    """Take the wish of the parsed words."""
+    global _level
+    quiet, verbose = getattr(arguments, 'quiet', False), getattr(arguments, 'verbose', False)
+    _level = Level.QUIET if quiet else Level.VERBOSE if verbose else Level.USUAL
+
+
+def level() -> Level:
+    """Return how much is said."""
+    return _level
+
+
+def warn(text: str, kind: str = 'warning') -> None:
+    """Say a warning (or note) in one line, unless nobody wants to hear it."""
+    if _level > Level.QUIET:
+        print(f'{kind}: {text}', file=sys.stderr)
