@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -139,3 +140,19 @@ def test_there_are_parameter_files_and_all_yaml_can_be_read() -> None:
         for block in blocks_of(page):
             if block.language == 'yaml':
                 assert yaml.safe_load(block.text) is not None, page.name
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_and_shows_what_it_draws() -> None:
+    """Its cells assert what they promise; what it has stored is of these cells."""
+    tool = [sys.executable, str(ROOT / 'tools' / 'write_notebook.py'), '--check']
+    done = subprocess.run(tool, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    notebook = json.loads((TUTORIALS / 'python.ipynb').read_text('utf-8'))
+    code = [cell for cell in notebook['cells'] if cell['cell_type'] == 'code']
+    assert [cell['execution_count'] for cell in code] == list(range(1, len(code) + 1))
+    for cell in code:
+        kinds = {output['output_type'] for output in cell['outputs']}
+        source = ''.join(cell['source'])
+        assert ('display_data' in kinds) == ('plt.subplots' in source or 'plt.figure' in source)
+        assert ('stream' in kinds) == ('print(' in source)
