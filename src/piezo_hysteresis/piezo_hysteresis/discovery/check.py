@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.units import require_plausible, unit_findings
 from piezo_hysteresis.records import Record
@@ -100,7 +100,7 @@ def _findings(record: Record) -> list[str]:
                 f'{record.name}: the {what} rests at its largest or smallest value in '
                 f'{100 * share:.0f} % of the samples; it may be clipped'
             )
-    if float(np.ptp(record.voltage)) > 0 and _correlation(record) < 0.2:
+    if float(np.ptp(record.voltage)) > 0 and abs(_correlation(record)) < 0.2:
         found.append(
             f'{record.name}: input and displacement hardly move together; check that both come '
             'from the same clock'
@@ -116,8 +116,16 @@ _FLAT = ('rest', 'step', 'staircase', 'unknown')
 def _clipped(signal: FloatArray) -> float:
     if float(np.ptp(signal)) == 0.0:
         return 0.0
-    top, bottom = signal == signal.max(), signal == signal.min()
-    return float(max(top.mean(), bottom.mean()))
+    return max(_resting(signal == signal.max()), _resting(signal == signal.min()))
+
+
+def _resting(there: BoolArray) -> float:
+    """Return the share of samples that stay at a value: a sine passes through its peak."""
+    stays = there[:-2] & there[1:-1] & there[2:]
+    inside = np.zeros(there.size, np.bool_)
+    for shift in range(3):
+        inside[shift : shift + stays.size] |= stays
+    return float(inside.mean())
 
 
 def _correlation(record: Record) -> float:
