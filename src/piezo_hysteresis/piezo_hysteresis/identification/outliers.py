@@ -17,6 +17,7 @@ _WIDEST = 3  # samples of an excursion that is told without a second period
 _FROZEN = 4  # samples for which a sensor may say the same by chance
 _SETTLING = 3.0  # typical differences of a period, over those of most, from which it settles
 _SMALLEST = 1e-5  # share of the stroke below which nothing is an outlier
+_SAME = 1e-9  # share of the stroke within which two readings are the same
 _FEWEST_PERIODS = 3  # of which the median is not moved by one bad one
 
 
@@ -50,9 +51,24 @@ def _unlike(periods: FloatArray) -> BoolArray:
     left -= np.median(left, axis=1, keepdims=True)  # a drift from period to period is no outlier
     size = np.abs(left)
     typical = np.median(size, axis=1, keepdims=True)
-    usual = max(float(np.median(typical)), _SMALLEST * float(np.ptp(periods)))
+    # where most samples of a coarse sensor repeat exactly, its own steps are what is usual
+    usual = max(
+        float(np.median(typical)),
+        _SMALLEST * float(np.ptp(periods)),
+        0.5 * step_of(periods.ravel()),
+    )
     # a period that is still settling differs from the others everywhere: no heap of outliers
     return np.asarray((size > _FAR * _MAD * usual) & (typical < _SETTLING * usual))
+
+
+def step_of(y: FloatArray) -> float:
+    """Return the smallest difference between two readings [m]: the step of a coarse sensor."""
+    levels = np.unique(np.round(y / (_SAME * (float(np.ptp(y)) or 1.0))))
+    return (
+        float(np.min(np.diff(levels), initial=np.inf) * _SAME * np.ptp(y))
+        if len(levels) > 1
+        else 0.0
+    )
 
 
 def excursions(y: FloatArray) -> BoolArray:
