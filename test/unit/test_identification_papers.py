@@ -235,3 +235,26 @@ def test_constants_of_a_swarm_are_options() -> None:
         Swarm(own=-1.0)
     with pytest.raises(IdentificationError, match='no swarm'):
         identify(data, named('classical'), method='cma', swarm={'inertia': 0.5})
+
+
+def lagging(values: dict[str, float], u: np.ndarray) -> np.ndarray:
+    """Return the output [m] of 001 (8) for an actuator without hysteresis."""
+    y = np.zeros(u.size + 2)
+    for k, voltage in enumerate(u, start=2):
+        y[k] = y[k - 1] + values['c1'] * y[k - 2] + values['c2'] * y[k - 1]
+        y[k] += values['A1'] * voltage
+    return y[2:]
+
+
+def test_the_regressor_as_printed_in_001_finds_the_linear_part() -> None:
+    """Beside hysteresis it does not: its sums have the signs of no Bouc-Wen loop."""
+    truth = {'A1': 60e-6, 'c1': 0.2, 'c2': -0.6}
+    t, phases = DT * np.arange(20_000), np.random.default_rng(1).uniform(0.0, 6.0, 7)
+    tones = (3.0, 17.0, 41.0, 83.0, 131.0, 177.0, 211.0)
+    u = sum(np.sin(2 * np.pi * f * t + p) for f, p in zip(tones, phases, strict=True)) / 4
+    data = [Record('tones', DT, u, lagging(truth, u))]
+    found = identify(data, named('extended'), method='tatebatake2017', unit='um', p0=1e3).values
+    assert found['c1'] == pytest.approx(truth['c1'], rel=1e-3)
+    assert found['c2'] == pytest.approx(truth['c2'], rel=1e-3)
+    # the voltage and the sum of its steps are one column: only both together are seen
+    assert found['A1'] + found['A'] == pytest.approx(truth['A1'], rel=1e-3)
