@@ -6,7 +6,9 @@ Eight processes run in real time: simulator, excitation, feedforward, attenuatio
 identification, gap monitor, recorder. At random moments each node is killed (SIGKILL), ended
 (SIGTERM, and SIGINT twice as `ros2 launch` does) and started again, or frozen (SIGSTOP, SIGCONT),
 `--trials` times each; the simulator's own faults are injected, and a rogue publisher sends what is
-not a number, doubled, reordered, stale or from another time. An observer says whether the applied
+not a number, doubled, reordered, stale or from another time. A twin of each link writes to the
+same topics for a while. Nodes are started in a random order. `--rate`, `--clock lock_step` and
+`--subscribers 20` make the loop another one. An observer says whether the applied
 voltage stayed within its limits and its slew, how long it took until the node was heard again and
 the loop tracked again, and whether the recorder lost a sample that was published while it lived.
 """
@@ -31,7 +33,7 @@ if not __package__:
 import numpy as np
 
 from bench.faults_watch import Watch
-from bench.live_loop import NODES, Loop, Setting, end_on_terminate, wait_until
+from bench.live_loop import NODES, Crowd, Loop, Setting, end_on_terminate, wait_until
 from bench.live_observer import Observer
 from bench.rogue import FAULTS, TARGETS, Rogue
 from piezo_interfaces.srv import InjectFault
@@ -44,6 +46,8 @@ ENDINGS: dict[str, tuple[int, float | None]] = {
     'interrupt': (signal.SIGINT, 0.05),
 }
 FREEZE = 'freeze'
+TWIN = 'twin'
+LINKS = ('excitation', 'feedforward', 'attenuation', 'feedback')
 INJECTED = ('sensor_dropout', 'stuck_sensor', 'amplifier_trip')
 MESSAGES = 20
 PATIENCE = 90.0
@@ -131,6 +135,8 @@ class Campaign:
             begun = self._end_and_restart(trial)
         elif fault == FREEZE:
             begun = self._freeze(target)
+        elif fault == TWIN:
+            begun = self._doubled(target)
         elif fault in INJECTED:
             request = InjectFault.Request(fault=fault, duration=0.3)
             self.observer.call(InjectFault, 'simulator/inject_fault', request)
@@ -173,6 +179,13 @@ class Campaign:
         node.signal(signal.SIGCONT)
         return time.monotonic()
 
+    def _doubled(self, target: str) -> float:
+        """Let two nodes write to the topics of one for a second or two."""
+        twin = self.loop.start_twin(target)
+        time.sleep(float(self.random.uniform(2.0, 4.0)))  # it takes one to start
+        self.loop.end_twin(twin)
+        return time.monotonic()
+
     def _start_all_anew(self) -> None:
         for name in NODES:
             if name in self.loop.running:
@@ -188,8 +201,8 @@ class Campaign:
             If it never does.
         """
         begun = time.monotonic()
-        for name in NODES:
-            self.loop.start(name)
+        for name in self.random.permutation(list(NODES)):
+            self.loop.start(str(name))
         if not self.watch.settle(begun, 2.0 * PATIENCE):
             silent = [n for n in NODES if self.observer.seen.heard.get(n, 0.0) < begun]
             raise SystemExit(f'the loop does not run; silent are: {", ".join(silent) or "none"}')
@@ -197,6 +210,7 @@ class Campaign:
 
 KINDS = (
     *((name, fault) for name in NODES for fault in (*ENDINGS, FREEZE)),
+    *((name, TWIN) for name in LINKS),
     *(('simulator', fault) for fault in INJECTED),
     *((topic, fault) for topic in TARGETS for fault in FAULTS),
 )
@@ -240,6 +254,9 @@ def main() -> int:
     parser.add_argument('--minutes', type=float, default=1e9, help='end after so long')
     names = sorted({word for kind in KINDS for word in kind})
     parser.add_argument('--only', nargs='*', default=(), choices=names, metavar='TARGET|FAULT')
+    parser.add_argument('--rate', type=float, default=Setting.rate, help='of the loop [Hz]')
+    parser.add_argument('--clock', choices=('real_time', 'lock_step'), default=Setting.clock)
+    parser.add_argument('--subscribers', type=int, default=0, help='more, of actuator/state')
     parser.add_argument('--out', type=Path, default=Path('out/faults.json'))
     words = parser.parse_args()
     end_on_terminate()
@@ -249,7 +266,8 @@ def main() -> int:
         NodeProcesses() as processes,
         contextlib.closing(Observer(processes)) as observer,
     ):
-        loop = Loop(processes, Path(folder), Setting())
+        crowd = Crowd(processes, words.subscribers)
+        loop = Loop(processes, Path(folder), Setting(rate=words.rate, clock=words.clock))
         watch = Watch(observer.seen, loop.setting)
         random = np.random.default_rng(words.seed)
         campaign = Campaign(loop, observer, Rogue(observer), watch, random)
@@ -263,6 +281,7 @@ def main() -> int:
                 print(f'\r{len(campaign.trials)} of {len(wanted)}', end='', file=sys.stderr)
             if time.monotonic() > end:
                 break
+        crowd.close()
     show(campaign.trials)
     wrong = [trial for trial in campaign.trials if trial.faults]
     print(f'{len(campaign.trials)} trials, {len(wrong)} went wrong; load {os.getloadavg()[0]:.1f}')

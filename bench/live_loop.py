@@ -6,15 +6,23 @@ What `bench/faults.py`, `bench/soak.py` and `bench/real_time.py` have in common.
 from __future__ import annotations
 
 import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
 from bench.live_observer import VOICES, VOLTAGE_ATTENUATED
 from piezo_hysteresis.models import ModelFile, named
+from piezo_interfaces.msg import ActuatorState
 from piezo_ros_common import topics
+from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.qos import LOOP
 
 NODES = tuple(VOICES)
 
@@ -34,6 +42,8 @@ class Setting:
     patience : float
         Silence after which links and simulator go to the safe voltage [s]; so long that a machine
         that is busy with other things is not taken for a fault.
+    clock : str
+        Of the simulator: ``real_time`` or ``lock_step``.
     """
 
     rate: float = 100.0
@@ -43,6 +53,7 @@ class Setting:
     frequency: float = 1.0
     amplitude: float = 6e-5
     patience: float = 0.5
+    clock: str = 'real_time'
 
     @property
     def period(self) -> int:
@@ -93,6 +104,7 @@ class Loop:
         }
         own: dict[str, dict[str, object]] = {
             'simulator': {
+                'clock': s.clock,
                 'command_slew': s.slew,
                 'ramp': 0.25 * s.slew,
                 'command_timeout': s.patience,
@@ -134,6 +146,22 @@ class Loop:
         self.running[name] = node
         return node
 
+    def start_twin(self, name: str) -> NodeProcess:
+        """Start a second node of a kind, which writes to the same topics under another name."""
+        remap = {
+            'attenuation': {topics.VOLTAGE_COMMAND: VOLTAGE_ATTENUATED},
+            'feedback': {topics.VOLTAGE_FEEDFORWARD: VOLTAGE_ATTENUATED},
+        }.get(name)
+        return self._processes.start(
+            'piezo_hysteresis', name, self._parameters(name), name='twin', remap=remap
+        )
+
+    def end_twin(self, node: NodeProcess) -> None:
+        """End it again."""
+        node.signal(signal.SIGINT)
+        node.wait(60.0)
+        self._processes.forget(node)
+
     def end(self, name: str, number: int, again: float | None = None) -> tuple[int, str]:
         """End a node by a signal, sent twice where `again` [s] is given; return code and log."""
         node = self.running.pop(name)
@@ -149,6 +177,42 @@ class Loop:
     def stop(self) -> dict[str, tuple[int, str]]:
         """End every node that runs, the last link first; return codes and logs."""
         return {name: self.end(name, signal.SIGINT) for name in reversed(tuple(self.running))}
+
+
+class Crowd:
+    """More subscribers of the state of the actuator, each a node, all served by one thread.
+
+    Parameters
+    ----------
+    processes : NodeProcesses
+        In whose domain they listen.
+    count : int
+        How many.
+    """
+
+    def __init__(self, processes: NodeProcesses, count: int) -> None:
+        self._context = joined(processes.domain)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._nodes = [Node(f'listener_{k}', context=self._context) for k in range(count)]
+        for node in self._nodes:
+            node.create_subscription(ActuatorState, topics.STATE, lambda _: None, LOOP)
+            self._executor.add_node(node)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._over.is_set():
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def close(self) -> None:
+        """Let them go."""
+        self._over.set()
+        self._thread.join()
+        self._executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+        rclpy.shutdown(context=self._context)
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, step: float = 0.01) -> bool:

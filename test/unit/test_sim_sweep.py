@@ -165,3 +165,9 @@ def test_presets_and_descriptions_are_listed(capsys):
     assert _cli('describe', 'waveforms') == 0
     text = capsys.readouterr().out
     assert all(kind in text for kind in KINDS)
+
+
+def test_it_tells_its_version(capsys):
+    with pytest.raises(SystemExit, match='0'):
+        main(['--version'])
+    assert capsys.readouterr().out.strip() == '0.1.0'

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
-from piezo_sim import serve
+from piezo_sim import __version__, serve
 from piezo_sim.errors import SimulationError, SweepError
 from piezo_sim.output import check_target, labels, write_labels, write_records
 from piezo_sim.plant import Plant
@@ -40,7 +40,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
-    parser = argparse.ArgumentParser(prog='piezo_sim', description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog='piezo_sim',
+        description='Sweeps faster than real time; presets and their numbers.',
+    )
+    parser.add_argument('--version', action='version', version=__version__)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
     _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
     verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)

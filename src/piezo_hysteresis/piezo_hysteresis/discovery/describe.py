@@ -15,6 +15,9 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 # A line counts from this many times the local median of the spectrum.
 LINE = 60.0
 
+# A power of less than this is none.
+_LEVEL = 0.15
+
 
 def describe(
     data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray], floor: float
@@ -115,8 +118,17 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
     if not solved.sound:
         return []
     for name, power in zip(names, solved.values[1:], strict=True):
-        said.append(f'It grows about as {name} to the power {power:.1f}.')
+        said.append(_growth(name, float(power)))
     return said
+
+
+def _growth(name: str, power: float) -> str:
+    """Return how what is left changes with the frequency or the amplitude."""
+    if abs(power) < _LEVEL:
+        return f'It hardly changes with the {name}.'
+    if power > 0:
+        return f'It grows with the {name}, about as its power {power:.1f}.'
+    return f'It falls with the {name}, about as its power {power:.1f}.'
 
 
 def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) -> list[str]:

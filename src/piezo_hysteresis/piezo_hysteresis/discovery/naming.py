@@ -187,8 +187,9 @@ def summary_of(verdict: Verdict) -> str:
         )
     names = ' and '.join(_with_chance(effect) for effect in verdict.effects)
     more = ' Something significant is left.' if verdict.unexplained.significant else ''
+    them = 'it' if len(verdict.effects) == 1 else 'them'
     return (
-        f'The model {verdict.baseline} misses {names}; adding it lowers the held-out gap from '
+        f'The model {verdict.baseline} misses {names}; adding {them} lowers the held-out gap from '
         f'{gap}.{more}'
     )
 

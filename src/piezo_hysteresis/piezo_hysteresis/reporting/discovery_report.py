@@ -191,7 +191,10 @@ def _where(found: Discovery) -> Section:
         f'{key.replace("_", " ")} {MICRO * value:.3g} µm'
         for key, value in verdict.baseline_gaps_rms_m.items()
     )
-    text = f'Gap of the baseline on the training records: {words}.'
+    text = (
+        f'Gap of the baseline on the training records: {words}. The joint fit is to all of '
+        'them; a fit to the slowest ones alone shows what comes with frequency.'
+    )
     return Section('Where model and measurement disagree', text, (spectrum,), (places,))
 
 
@@ -267,7 +270,8 @@ def _model(found: Discovery) -> Section:
     chain = ' -> '.join(block.name for block in final.model.blocks)
     verdict = found.verdict
     text = (
-        f'Chain: {chain}.\n\nTraining records: {", ".join(verdict.records["training"])}.\n\n'
+        f'Chain, in the order in which the voltage passes, with | between blocks side by side: '
+        f'{chain}.\n\nTraining records: {", ".join(verdict.records["training"])}.\n\n'
         f'Held out: {", ".join(verdict.records["held_out"])}.\n\n'
         f'Seed {verdict.seed}; {verdict.seconds:.1f} s.'
     )

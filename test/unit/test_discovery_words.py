@@ -1,0 +1,19 @@
+"""What is left is described as a colleague would say it."""
+
+from __future__ import annotations
+
+import pytest
+
+from piezo_hysteresis.discovery.describe import _growth
+
+
+@pytest.mark.parametrize(
+    ('power', 'words'),
+    [
+        (2.0, 'grows with the frequency, about as its power 2.0'),
+        (-0.3, 'falls with the frequency, about as its power -0.3'),
+        (0.05, 'hardly changes with the frequency'),
+    ],
+)
+def test_growth_and_fall_are_told_apart(power, words):
+    assert words in _growth('frequency', power)
