@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
@@ -153,7 +154,22 @@ def main_frequency(record: Record) -> float:
     near = power[max(peak - 2, 0) : peak + 3].sum()
     if peak < 1 or near < 0.8 * power.sum():
         return 0.0
-    return peak / record.duration
+    return _between_lines(u, record.dt, peak)
+
+
+def _between_lines(u: FloatArray, dt: float, peak: int) -> float:
+    """Return where the windowed spectrum of a signal is largest near one of its lines [Hz].
+
+    Harmonics of a frequency that is half a line off drift through a radian over the record.
+    """
+    windowed = u * np.hanning(u.size)
+    turn = -2j * np.pi * np.arange(u.size) / u.size
+
+    def size(place: float) -> float:
+        return -float(np.abs(windowed @ np.exp(place * turn)))
+
+    found = minimize_scalar(size, bounds=(peak - 1.0, peak + 1.0), method='bounded')
+    return float(found.x) / (u.size * dt)
 
 
 def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:

@@ -128,7 +128,7 @@ def condition_of(residual: Residual) -> Condition:
         rms=rms,
         noise=residual.noise if isfinite(residual.noise) else None,
         harmonics=_harmonics(residual, least) if periodic else {},
-        bands={} if periodic else _octaves(residual, least),
+        bands=_beside(residual, least) if periodic else _octaves(error, residual.dt, least),
     )
 
 
@@ -139,12 +139,24 @@ def _harmonics(residual: Residual, least: float) -> dict[int, float]:
     return {n: sqrt(float(p)) for n, p in zip(orders, power, strict=True) if p > least}
 
 
-def _octaves(residual: Residual, least: float) -> dict[float, float]:
+def _beside(residual: Residual, least: float) -> dict[float, float]:
+    """Return the rms in octaves of what is on no harmonic, beyond white noise."""
+    orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
+    turn = 2j * np.pi * residual.frequency * residual.dt * np.arange(residual.error.size)
+    left = residual.error.copy()
+    for order, phasor in zip(orders, phasors, strict=True):
+        left -= np.real(phasor * np.exp(order * turn))
+    white = residual.noise**2 * 2.0 * residual.dt if isfinite(residual.noise) else 0.0
+    found = _octaves(left, residual.dt, 0.0)
+    beyond = {low: rms**2 - white * low for low, rms in found.items() if low > 0.0}
+    return {low: sqrt(square) for low, square in beyond.items() if square > least}
+
+
+def _octaves(error: FloatArray, dt: float, least: float) -> dict[float, float]:
     """Return the rms in octaves from the lowest frequency that the record shows."""
-    error = residual.error
     mean = float(np.mean(error))
     power = 2.0 * np.abs(np.fft.rfft(error - mean)) ** 2 / error.size**2
-    lowest = 1.0 / (error.size * residual.dt)
+    lowest = 1.0 / (error.size * dt)
     found = {0.0: abs(mean)} if mean**2 > least else {}
     first = 1
     while first < power.size:

@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.models.chain import Model, State
 from piezo_hysteresis.models.correlation import Correlation
-from piezo_hysteresis.models.discrepancy import Condition, Discrepancy
+from piezo_hysteresis.models.discrepancy import Condition, Discrepancy, Missed
 from piezo_hysteresis.models.effects import (
     EFFECT_NAMES,
     Candidate,
@@ -26,6 +26,7 @@ __all__ = [
     'Correlation',
     'Discrepancy',
     'FormerModelWarning',
+    'Missed',
     'Model',
     'ModelFile',
     'Provenance',

@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 from math import isfinite, log2, sqrt
 from typing import Any
 
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_stray
 
@@ -39,8 +42,8 @@ class Condition:
     harmonics : mapping of int to float
         Rms of the error at the mean (0) and at each harmonic that holds a part of it [m].
     bands : mapping of float to float
-        For a drive that is not periodic: rms of the error in the octave from each frequency
-        [Hz] on [m]; 0 is the mean.
+        Rms of the error in the octave from each frequency [Hz] on [m]; 0 is the mean. For a
+        periodic drive what is beside its harmonics, and beyond the noise.
     """
 
     frequency: float
@@ -115,6 +118,38 @@ class Condition:
             {int(order): rms for order, rms in table('harmonics').items()},
             table('bands'),
         )
+
+
+@dataclass(frozen=True)
+class Missed:
+    """What a model misses of the stroke near one condition.
+
+    Attributes
+    ----------
+    share : float
+        Its rms as a part of the stroke.
+    harmonics : mapping of int to float
+        The same at the mean (0) and at each harmonic.
+    octaves : tuple of (float, float, float)
+        Lowest and highest frequency [Hz], and the density of the square of the share between
+        them [1/Hz].
+    """
+
+    share: float
+    harmonics: Mapping[int, float]
+    octaves: tuple[tuple[float, float, float], ...]
+
+    def density(self, frequency: FloatArray) -> FloatArray:
+        """Return the density beside the harmonics at frequencies [Hz], shape (n,) [1/Hz].
+
+        Below the lowest octave that is known it is that of the lowest.
+        """
+        found = np.zeros(frequency.size)
+        lowest = min((low for low, _, _ in self.octaves), default=0.0)
+        for low, high, density in self.octaves:
+            begin = 0.0 if low == lowest else low
+            found[(frequency >= begin) & (frequency < high)] += density
+        return found
 
 
 @dataclass(frozen=True)
@@ -196,15 +231,37 @@ class Discrepancy:
             Rms of the noise [m]; that under the known conditions where not given.
         """
         if noise is None:
-            noise = _rms(c.noise or 0.0 for c in self.conditions)
+            noise = self.noise
+        return sqrt((self.near(frequency, amplitude).share * stroke) ** 2 + noise**2)
+
+    @property
+    def noise(self) -> float:
+        """Rms of the noise under all conditions alike [m]; 0 where it is not known."""
+        return _rms(c.noise or 0.0 for c in self.conditions)
+
+    def near(self, frequency: float, amplitude: float) -> Missed:
+        """Return what is missed near a condition, as in `expected`, by line and by octave."""
         weights = [
             (_NEAR**2 + _apart(c.frequency, frequency) ** 2 + _apart(c.amplitude, amplitude) ** 2)
             ** -2
             for c in self.conditions
         ]
-        pairs = zip(weights, self.conditions, strict=True)
-        share = sqrt(sum(w * c.share**2 for w, c in pairs) / sum(weights))
-        return sqrt((share * stroke) ** 2 + noise**2)
+        shares = [weight / sum(weights) for weight in weights]
+        pairs = list(zip(shares, self.conditions, strict=True))
+        orders = sorted({order for c in self.conditions for order in c.harmonics})
+        return Missed(
+            sqrt(sum(w * c.share**2 for w, c in pairs)),
+            {
+                n: sqrt(sum(w * (c.harmonics.get(n, 0.0) / c.stroke) ** 2 for w, c in pairs))
+                for n in orders
+            },
+            tuple(
+                (low, 2.0 * low, w * (rms / c.stroke) ** 2 / low)
+                for w, c in pairs
+                for low, rms in c.bands.items()
+                if low > 0.0
+            ),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return what is written, of plain types only."""
