@@ -76,6 +76,8 @@ class Effect:
         Parameters that the model must hold and that become free.
     holds : mapping of str to float
         Parameters of the block that are not fitted.
+    zeros : tuple of str
+        Parameters of the block that only say where its zero lies: nuisances, no evidence.
     repeatable : bool
         Whether a model may have it several times (modes, tones, creep elements).
     start : mapping of str to float
@@ -104,6 +106,7 @@ class Effect:
     first: bool = False
     frees: tuple[str, ...] = ()
     holds: Mapping[str, float] = field(default_factory=dict)
+    zeros: tuple[str, ...] = ()
     repeatable: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[Mapping[str, float], ...] = ()

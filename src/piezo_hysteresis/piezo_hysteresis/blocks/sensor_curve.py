@@ -1,0 +1,77 @@
+"""A sensor whose curve has its own middle, wherever the stroke lies."""
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.linalg import solve_least_squares
+
+
+@jit
+def kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Answer ``v + s2 d^2 + s3 d^3``, ``d = v - c``, less that at ``v = 0``; no state."""
+    c = p[2]
+    zero = (p[0] - p[1] * c) * c * c
+    for k in range(x.size):
+        d = x[k] - c
+        y[k] = x[k] + (p[0] + p[1] * d) * d * d - zero
+
+
+def guess(seen: Residual) -> dict[str, float]:
+    """Return the curve about the middle of the stroke that is nearest to the residual."""
+    middle = 0.5 * float(np.max(seen.simulated) + np.min(seen.simulated))
+    d = seen.simulated - middle
+    size = max(float(np.max(np.abs(d))), 1e-300)
+    columns = np.column_stack([(d / size) ** 2, (d / size) ** 3, np.ones(d.size)])
+    square, cube, _ = solve_least_squares(columns, seen.residual).values
+    return {
+        'curve_quadratic': float(square) / size**2,
+        'curve_cubic': float(cube) / size**3,
+        'curve_centre': middle,
+    }
+
+
+BLOCK = Block(
+    name='sensor_curve',
+    slot=Slot.SENSOR,
+    parameters=(
+        Parameter(
+            'curve_quadratic', '1/m', 0.0, -1e7, 1e7, 'Quadratic error about the middle.', 100.0
+        ),
+        Parameter('curve_cubic', '1/m^2', 0.0, -1e13, 1e13, 'Cubic error about the middle.', 1e6),
+        Parameter(
+            'curve_centre', 'm', 0.0, -1.0, 1.0, 'Displacement in the middle of the curve.', 1e-5
+        ),
+    ),
+    kernel=kernel,
+    state_size=0,
+    between=Between.INSTANT,
+    description='Polynomial of third order about a middle of its own, before the offset.',
+    source='calibration curve of the sensor',
+)
+
+EFFECTS = (
+    Effect(
+        name='sensor_nonlinearity',
+        variant='sensor_curve',
+        block=BLOCK,
+        first=True,
+        neutral={'curve_quadratic': 0.0, 'curve_cubic': 0.0},
+        start={'curve_quadratic': 50.0, 'curve_cubic': 0.0},
+        zeros=('curve_centre',),
+        guess=guess,
+        physics=(
+            'The reading is a curve of the true displacement about the middle of the range of the '
+            'sensor, which need not be where the actuator rests.'
+        ),
+        experiment=(
+            'Calibrate against a second sensor; or shift the sensor against the actuator: a curve '
+            'of the sensor stays with the sensor.'
+        ),
+        mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
+    ),
+)
