@@ -107,11 +107,19 @@ def _pairs(one: Dataset, other: Dataset) -> Iterator[tuple[Target, Target]]:
     return zip((*one.training, *one.held_out), (*other.training, *other.held_out), strict=True)
 
 
-def told_by(trial: Trial, data: Dataset, choices: Choices) -> Dataset:
-    """Return the data with starts, zeros and weights as a fitted model tells them."""
+def told_by(trial: Trial, data: Dataset, choices: Choices, *, alone: bool = False) -> Dataset:
+    """Return the data with starts, zeros and weights as a model tells them, see `revised`."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
-    told = revised(trial.model, trial.values, trial.sampling_offset, views, data.records, choices)
+    told = revised(
+        trial.model,
+        trial.values,
+        trial.sampling_offset,
+        views,
+        data.records,
+        choices,
+        alone=alone,
+    )
     return beginning_like(data, told)
 
 

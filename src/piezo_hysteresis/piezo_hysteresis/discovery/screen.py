@@ -88,10 +88,15 @@ class Screen:
         The model, fitted to `views`.
     views : sequence of Target
         Short training views.
+    free : sequence of str, optional
+        Parameters that a fit may move; all that the model does not hold where not given.
     """
 
-    def __init__(self, trial: Trial, views: Sequence[Target]) -> None:
+    def __init__(
+        self, trial: Trial, views: Sequence[Target], free: Sequence[str] | None = None
+    ) -> None:
         self._trial = trial
+        self._free = trial.model.free_names if free is None else tuple(free)
         self._views = views
         packed, late = trial.model.pack(trial.values), trial.sampling_offset
         self._simulated = [simulated(trial.model, packed, v, late) for v in views]
@@ -102,7 +107,7 @@ class Screen:
 
     def _own_basis(self) -> FloatArray:
         columns = []
-        for name in self._trial.model.free_names:
+        for name in self._free:
             column = self._difference(name)
             if column is not None:
                 columns.append(column)

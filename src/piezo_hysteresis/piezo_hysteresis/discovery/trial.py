@@ -143,6 +143,8 @@ def fit_trial(
     evaluations: int,
     sampling_offset: float = 0.0,
     added: tuple[Added, ...] = (),
+    free: Sequence[str] | None = None,
+    clock: tuple[float, float] | None = None,
 ) -> Trial | None:
     """Fit `model` from `values`; return None where it cannot be fitted at all.
 
@@ -156,8 +158,12 @@ def fit_trial(
         Where that of the recording begins [s]; it is fitted besides.
     added : tuple of Added
         What the model has beyond the baseline.
+    free : sequence of str, optional
+        What is fitted; everything that the model does not hold where not given.
+    clock : (float, float), optional
+        Between what the sampling offset may lie [s]; see `offset_bounds` where not given.
     """
-    low, high = offset_bounds(views[0].dt)
+    low, high = clock or offset_bounds(views[0].dt)
     bounds = {**_resolvable(model, views[0].dt), SAMPLING_OFFSET: (low, high)}
     start = {**values, SAMPLING_OFFSET: float(np.clip(sampling_offset, low, high))}
     try:
@@ -165,6 +171,7 @@ def fit_trial(
             model,
             (),
             start,
+            free=free,
             targets=views,
             sampling_offset=True,
             bounds=bounds,

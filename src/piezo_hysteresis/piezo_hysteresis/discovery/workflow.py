@@ -16,6 +16,7 @@ from piezo_hysteresis.discovery.compete import Contest
 from piezo_hysteresis.discovery.consistency import explained_together
 from piezo_hysteresis.discovery.dataset import Dataset, split
 from piezo_hysteresis.discovery.describe import describe
+from piezo_hysteresis.discovery.held import HeldArena, find_held
 from piezo_hysteresis.discovery.locate import places
 from piezo_hysteresis.discovery.naming import named_effects, summary_of, suspects
 from piezo_hysteresis.discovery.prove import Proof, ProofRow, over_frequency, prove
@@ -24,6 +25,7 @@ from piezo_hysteresis.discovery.settle import Step
 from piezo_hysteresis.discovery.trial import Trial, on_views
 from piezo_hysteresis.discovery.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
@@ -54,6 +56,8 @@ class Discovery:
         Before and after on held-out records.
     check : Check
         What the data can tell.
+    given : ModelFile or None
+        The file that the baseline came from.
     """
 
     verdict: Verdict
@@ -64,6 +68,7 @@ class Discovery:
     final: Trial
     proof: Proof
     check: Check
+    given: ModelFile | None = None
 
 
 def discover(
@@ -106,16 +111,36 @@ def discover(
     found = check(records)
     data = split(records, choices.start)
     progress(0.02, 'checked, split and noise measured')
-    base, data = fitted_baselines(data, baseline, choices)
-    progress(0.12, 'baselines fitted')
-    hints = [trial.values for trial in (base.slow,) if trial is not None]
-    arena = Arena(data, seed, workers, hints)
-    arena, steps, final, last = search(arena, base.joint, progress)
+    arena: Arena
+    if isinstance(baseline, ModelFile) and baseline.discrepancy is not None:
+        # What the user knows is a prior: a free refit would hide the effect in wrong values.
+        arena, steps, final, last = found_held = find_held(
+            data, baseline, choices, seed, workers, progress
+        )
+        nominal = on_views(found_held[0].base, arena.views)
+        base = Baselines(nominal, None, nominal)
+    else:
+        base, data = fitted_baselines(data, baseline, choices)
+        progress(0.12, 'baselines fitted')
+        hints = [trial.values for trial in (base.slow,) if trial is not None]
+        arena, steps, final, last = search(Arena(data, seed, workers, hints), base.joint, progress)
     progress(0.95, 'proving on held-out records')
     proof = prove(arena.data, base.joint, final)
+    if steps and not proof.after_in_floors <= proof.before_in_floors:
+        # Nothing that is worse on records it has not seen is handed out.
+        steps, final = [], base.joint
+        proof = prove(arena.data, base.joint, final)
     seen = arena.data
     discovery = Discovery(
-        _placeholder(), seen, seen.noise.rms, base, tuple(steps), final, proof, found
+        _placeholder(),
+        seen,
+        seen.noise.rms,
+        base,
+        tuple(steps),
+        final,
+        proof,
+        found,
+        baseline if isinstance(baseline, ModelFile) else None,
     )
     verdict = _verdict(discovery, arena, last, name or base.joint.model.name, seed)
     return replace(discovery, verdict=replace(verdict, seconds=time.monotonic() - began))
@@ -131,19 +156,10 @@ def _verdict(
     found: Discovery, arena: Arena, last: Contest | None, name: str, seed: int
 ) -> Verdict:
     data, floor, proof = found.data, found.floor, found.proof
-    views, final, open_values = data.training, found.final, ''
-    if not arena.lacks_something(final):
-        # What training does not show can neither be named nor passed over.
-        views, final = data.held_out, on_views(final, data.held_out)
-        if arena.lacks_something(final):
-            open_values = explained_together(arena, found.final)
-    left = arena.lacks_something(final) and not open_values
-    # An effect that does not prove itself on held-out records is not the one.
-    proven = _explained(found.baselines.joint.floors, found.final.floors) and _explained(
-        proof.before_in_floors, proof.after_in_floors
+    left, description, proven = (
+        _left_held(found, arena) if isinstance(arena, HeldArena) else _left_free(found, arena)
     )
     word = _word(bool(found.steps), left, proven)
-    description = describe(data, views, final.errors, floor) if left else open_values
     effects = named_effects(found.steps, found.baselines.joint, found.final, arena)
     doubts = suspects(found.steps, last) if word == 'unknown' else ()
     verdict = Verdict(
@@ -182,6 +198,36 @@ def _verdict(
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
     )
     return replace(verdict, summary=summary_of(verdict))
+
+
+def _left_free(found: Discovery, arena: Arena) -> tuple[bool, str, bool]:
+    """Return whether something is left, what it looks like, and whether the effects are proven."""
+    data, floor, proof = found.data, found.floor, found.proof
+    views, final, open_values = data.training, found.final, ''
+    if not arena.lacks_something(final):
+        # What training does not show can neither be named nor passed over.
+        views, final = data.held_out, on_views(final, data.held_out)
+        if arena.lacks_something(final):
+            open_values = explained_together(arena, found.final)
+    left = arena.lacks_something(final) and not open_values
+    # An effect that does not prove itself on held-out records is not the one.
+    proven = _explained(found.baselines.joint.floors, found.final.floors) and _explained(
+        proof.before_in_floors, proof.after_in_floors
+    )
+    description = describe(data, views, final.errors, floor) if left else open_values
+    return left, description, proven
+
+
+def _left_held(found: Discovery, arena: HeldArena) -> tuple[bool, str, bool]:
+    """Return the same against what the baseline is known to miss; its effects are proven."""
+    data = found.data
+    for views, final in (
+        (data.training, found.final),
+        (data.held_out, on_views(found.final, data.held_out)),
+    ):
+        if arena.has_news(final, views is data.held_out):
+            return True, describe(data, views, final.errors, found.floor), True
+    return False, discrepancy_words(arena.known), True
 
 
 def _circumstances(view: Target) -> dict[str, Any]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.apply import simulator_parameters
-from piezo_hysteresis.models import ModelFile, Provenance
+from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
+from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.reporting.discovery_report import discovery_page
 from piezo_hysteresis.reporting.folder import write_folder
 
@@ -20,12 +22,12 @@ def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
     """Return the final model with its values, deviations and where they come from."""
     final = found.final
     own = {name: final.values[name] for name in final.model.parameter_names}
-    std = final.fitted.std if final.fitted is not None else {}
+    deviations, together = _uncertainty(found, own)
     effects = ', '.join(e.name for e in found.verdict.effects) or 'none'
     return ModelFile(
         final.model,
         own,
-        {name: value for name, value in std.items() if name in own},
+        deviations,
         Provenance(
             data=tuple(data),
             date=datetime.now(UTC).isoformat(timespec='seconds'),
@@ -38,7 +40,46 @@ def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
                 'sampling_offset_s': float(final.sampling_offset),
             },
         ),
+        together,
+        what_is_left(found),
     )
+
+
+def _uncertainty(
+    found: Discovery, own: Mapping[str, float]
+) -> tuple[dict[str, float], Correlation | None]:
+    """Return deviations and correlation: of what was fitted, and of values that were held.
+
+    Values that stayed as the baseline had them keep what its file says of them.
+    """
+    final = found.final
+    std = final.fitted.std if final.fitted is not None else {}
+    fitted = {k: v for k, v in std.items() if k in own and np.isfinite(v)}
+    if found.given is not None and found.given.discrepancy is not None:
+        before = found.given
+        kept = {
+            k: v
+            for k, v in before.deviations.items()
+            if own.get(k) == before.values[k] and k not in fitted
+        }
+        if before.correlation is not None:
+            known = before.correlation
+            return {**kept, **fitted}, Correlation.among(known.names, known.matrix, tuple(kept))
+        return {**kept, **fitted}, None
+    if final.fitted is None:
+        return fitted, None
+    return fitted, Correlation.among(final.fitted.free, final.fitted.correlation, tuple(fitted))
+
+
+def what_is_left(found: Discovery) -> Discrepancy | None:
+    """Return what the final model misses, by frequency, harmonic and amplitude."""
+    records = {r.name: r for r in found.data.records}
+    views = found.data.training
+    kept = [records[view.name] for view in views]
+    left = residuals_of(
+        found.final.model, found.final.values, kept, views, found.final.sampling_offset
+    )
+    return discrepancy_of(left, held_out=False)
 
 
 def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ()) -> None:

@@ -1,0 +1,109 @@
+"""A baseline that knows what it misses: no news stays none, what is hidden gets its name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.expectation import expectation
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
+from piezo_hysteresis.records import Record, RecordInfo
+from piezo_hysteresis.reporting.discovery_folder import model_file
+
+DT, STROKE = 2e-3, 4e-5
+
+
+def plays(u: FloatArray) -> FloatArray:
+    """Return a bank of plays with a curve behind it: no block of the suite [m]."""
+    total = 0.7 * u
+    for radius, weight in ((0.1, 0.2), (0.3, 0.15), (0.6, 0.1)):
+        y, last = np.empty(u.size), 0.0
+        for k, x in enumerate(u):
+            last = max(x - radius, min(x + radius, last))
+            y[k] = last
+        total = total + weight * y
+    return np.asarray(1.7e-5 * (total + 0.01 * total**2))
+
+
+def actuator(frequency: float, amplitude: float, seed: int) -> Record:
+    """Return a measured sine of the actuator, from rest."""
+    t = DT * np.arange(4000)
+    u = amplitude * np.sin(2 * np.pi * frequency * t)
+    noise = 2e-8 * np.random.default_rng(seed).standard_normal(t.size)
+    info = RecordInfo(excitation='sine', frequency=frequency, amplitude=amplitude, warm_up=0.5)
+    return Record(f'{frequency:g}Hz_{amplitude:g}V', DT, u, plays(u) + noise, info=info)
+
+
+def hidden(record: Record, kind: str) -> Record:
+    y = record.displacement
+    t = DT * np.arange(y.size)
+    if kind == 'lag':
+        a = np.exp(-DT / 8e-3)
+        y = lfilter([1.0 - a], [1.0, -a], y)
+    if kind == 'tone':
+        y = y + 6e-7 * np.sin(2 * np.pi * 37.3 * t)
+    if kind == 'drift':
+        y = y + 4e-7 * t
+    return replace(record, displacement=np.ascontiguousarray(y))
+
+
+@pytest.fixture(scope='module')
+def known() -> ModelFile:
+    fitted = [actuator(f, a, k) for k, (f, a) in enumerate(((1, 1.0), (5, 1.0), (1, 0.5)))]
+    return identify(fitted, named('classical')).model_file()
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name'),
+    [('', None), ('lag', 'amplifier_lag'), ('tone', 'mains_hum'), ('drift', 'drift')],
+)
+def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
+    known: ModelFile, kind: str, name: str | None
+) -> None:
+    records = [
+        hidden(actuator(f, a, 10 + k), kind) for k, (f, a) in enumerate(((1, 1.0), (5, 1.0)))
+    ]
+    found = discover(records, known)
+    verdict = found.verdict
+    assert known.discrepancy is not None
+    assert known.discrepancy.missed > 4 * verdict.noise_floor_rms_m
+    assert [each.name for each in verdict.effects] == ([name] if name else [])
+    assert verdict.verdict == ('named' if name else 'none')
+    assert verdict.held_out.gap_after_rms_m <= 1.02 * verdict.held_out.gap_before_rms_m
+    assert 'um rms beyond the noise' in verdict.unexplained.description
+
+
+def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) -> None:
+    found = discover([hidden(actuator(5, 1.0, 3), 'drift')], known)
+    saved = ModelFile.parse(model_file(found).text())
+    assert saved.discrepancy is not None
+    assert saved.discrepancy.rms == pytest.approx(found.final.rms, rel=0.05)
+    assert saved.deviations['beta'] == pytest.approx(known.deviations['beta'])
+    assert saved.correlation is not None
+    assert 'beta' in saved.correlation.names
+
+
+def test_a_residual_is_compared_part_by_part() -> None:
+    view = replace(whole(actuator(1, 1.0, 0)), noise=1e-8)
+    missed = Discrepancy(False, (Condition(1.0, 1.0, STROKE, 4e-7, 1e-8, {2: 4e-7}),))
+    expected = expectation(view, missed, STROKE)
+    t = DT * np.arange(view.measured.size)
+    second = 4e-7 * np.sqrt(2.0) * np.cos(4 * np.pi * t)
+    noise = 1e-8 * np.random.default_rng(1).standard_normal(t.size)
+    tone = 4e-7 * np.sin(2 * np.pi * 37.3 * t)
+    assert not expected.news(expected.powers(second + noise))
+    assert expected.powers(second)[2] == pytest.approx(1.6e-13, rel=0.01)
+    # a tone adds a fifth to the rms, and is news where no harmonic is
+    assert expected.news(expected.powers(second + noise + tone))
+    assert expected.news(expected.powers(2.0 * second))
+    gain = expected.cost(expected.powers(second + noise + tone)) - expected.cost(
+        expected.powers(second + noise)
+    )
+    assert gain > 20.0
