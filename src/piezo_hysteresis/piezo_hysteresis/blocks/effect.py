@@ -78,6 +78,9 @@ class Effect:
         Parameters of the block that are not fitted.
     zeros : tuple of str
         Parameters of the block that only say where its zero lies: nuisances, no evidence.
+    held : bool
+        Whether it is for baselines whose values stay: where they are fitted besides, offset and
+        gain take up where it has its zero, and another way of the effect does the same with less.
     repeatable : bool
         Whether a model may have it several times (modes, tones, creep elements).
     start : mapping of str to float
@@ -107,6 +110,7 @@ class Effect:
     frees: tuple[str, ...] = ()
     holds: Mapping[str, float] = field(default_factory=dict)
     zeros: tuple[str, ...] = ()
+    held: bool = False
     repeatable: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[Mapping[str, float], ...] = ()

@@ -63,6 +63,7 @@ EFFECTS = (
         neutral={'curve_quadratic': 0.0, 'curve_cubic': 0.0},
         start={'curve_quadratic': 50.0, 'curve_cubic': 0.0},
         zeros=('curve_centre',),
+        held=True,
         guess=guess,
         physics=(
             'The reading is a curve of the true displacement about the middle of the range of the '

@@ -55,6 +55,7 @@ EFFECTS = (
         first=True,
         neutral={'gain_rate': 0.0},
         start={'gain_rate': 1e-3},
+        held=True,
         guess=guess,
         physics=(
             'The gain of the sensor, or of the actuator about a bias, falls or rises steadily: '

@@ -61,6 +61,9 @@ class Arena:
         Other values of the baseline's parameters from which fits may start.
     """
 
+    #: Whether the values of the baseline stay as they are.
+    holds = False
+
     def __init__(
         self,
         data: Dataset,
@@ -92,7 +95,8 @@ class Arena:
 
     def candidates(self, trial: Trial) -> tuple[Candidate, ...]:
         """Return the model of `trial` with every effect that it can take up."""
-        return candidates(trial.model, self.data.amplitude, self.data.span)
+        every = candidates(trial.model, self.data.amplitude, self.data.span)
+        return tuple(each for each in every if self.holds or not each.effect.held)
 
     def penalty(self, trial: Trial) -> float:
         """Return what the parameters of `trial` cost, in units of log sum of squares.

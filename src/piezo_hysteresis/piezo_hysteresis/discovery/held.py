@@ -71,6 +71,8 @@ class HeldArena(Arena):
         What decides.
     """
 
+    holds = True
+
     def __init__(
         self,
         data: Dataset,
