@@ -2,42 +2,50 @@
 
     python tools/write_notebook.py [--check]
 
-With --check nothing is written: the exit code is 1 where a cell fails. No Jupyter is needed.
+With --check nothing is written: the exit code is 1 where a cell fails. No Jupyter is needed: the
+cells run as one program, in a folder of their own.
 """
 
 from __future__ import annotations
 
 import base64
-import contextlib
-import io
 import json
 import os
+import subprocess
 import sys
 import tempfile
-import traceback
 from pathlib import Path
 from typing import Any
 
-import matplotlib
+NOTEBOOK = Path(__file__).resolve().parents[1] / 'docs' / 'tutorials' / 'python.ipynb'
+# Stands in the output between two cells.
+MARK = '\x1e'
 
+_BEGIN = """
+import matplotlib
 matplotlib.use('Agg')
 
-from matplotlib import pyplot
+def _end_of_cell(number):
+    import matplotlib.pyplot as plot
+    for count, each in enumerate(plot.get_fignums()):
+        name = f'cell_{number}_{count}.png'
+        plot.figure(each).savefig(name, format='png', dpi=80, metadata={'Software': None})
+    plot.close('all')
+    print(end=chr(30), flush=True)
 
-NOTEBOOK = Path(__file__).resolve().parents[1] / 'docs' / 'tutorials' / 'python.ipynb'
+"""
 
 
 def main() -> int:
     """Run the notebook."""
     notebook = json.loads(NOTEBOOK.read_text('utf-8'))
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        try:
-            outputs = run_cells(notebook)
-        except Exception:
-            traceback.print_exc()
-            return 1
+    cells = [cell for cell in notebook['cells'] if cell['cell_type'] == 'code']
+    with tempfile.TemporaryDirectory() as folder:
+        outputs = run_cells([''.join(cell['source']) for cell in cells], Path(folder))
+    if outputs is None:
+        return 1
     if '--check' not in sys.argv[1:]:
-        for k, cell in enumerate(c for c in notebook['cells'] if c['cell_type'] == 'code'):
+        for k, cell in enumerate(cells):
             cell['outputs'], cell['execution_count'] = outputs[k], k + 1
         young = NOTEBOOK.with_suffix(f'.{os.getpid()}.tmp')
         young.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + '\n', 'utf-8')
@@ -45,17 +53,19 @@ def main() -> int:
     return 0
 
 
-def run_cells(notebook: dict[str, Any]) -> list[list[dict[str, Any]]]:
-    """Return the outputs of every cell of code, run in the order in which they stand."""
-    names: dict[str, Any] = {'__name__': '__main__'}
-    found = []
-    for k, cell in enumerate(c for c in notebook['cells'] if c['cell_type'] == 'code'):
-        text = io.StringIO()
-        code = compile(''.join(cell['source']), f'cell {k + 1}', 'exec')
-        with contextlib.redirect_stdout(text):
-            exec(code, names)  # the cells are ours
-        found.append([*_printed(text.getvalue()), *_drawn()])
-    return found
+def run_cells(cells: list[str], folder: Path) -> list[list[dict[str, Any]]] | None:
+    """Return the outputs of every cell, run in a folder in the order in which they stand."""
+    parts = [f'{cell}\n_end_of_cell({k})\n' for k, cell in enumerate(cells)]
+    program = folder / 'cells.py'
+    program.write_text(_BEGIN + '\n'.join(parts), 'utf-8')
+    # what the commands in a cell print belongs to the cell: all of it in the order of its coming
+    command = [sys.executable, '-u', program.name]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        print(done.stderr, file=sys.stderr)
+        return None
+    printed = done.stdout.split(MARK)
+    return [[*_printed(printed[k]), *_drawn(folder, k)] for k in range(len(cells))]
 
 
 def _printed(text: str) -> list[dict[str, Any]]:
@@ -63,16 +73,12 @@ def _printed(text: str) -> list[dict[str, Any]]:
     return [{'output_type': 'stream', 'name': 'stdout', 'text': lines}] if lines else []
 
 
-def _drawn() -> list[dict[str, Any]]:
-    """Return the figures that a cell has left open, and close them."""
+def _drawn(folder: Path, cell: int) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
-    for number in pyplot.get_fignums():
-        buffer = io.BytesIO()
-        pyplot.figure(number).savefig(buffer, format='png', dpi=80, metadata={'Software': None})
-        picture = base64.b64encode(buffer.getvalue()).decode()
+    for file in sorted(folder.glob(f'cell_{cell}_*.png')):
+        picture = base64.b64encode(file.read_bytes()).decode()
         data = {'image/png': picture, 'text/plain': ['<Figure>']}
         found.append({'output_type': 'display_data', 'data': data, 'metadata': {}})
-    pyplot.close('all')
     return found
 
 

@@ -28,6 +28,8 @@ verbs = [
     'identify',
     'import',
     'info',
+    'linear',
+    'loop',
     'play',
     'record',
     'validate',
