@@ -22,6 +22,7 @@ from piezo_hysteresis.reporting.plots import (
     bars_before_after,
     loop_figure,
     spectrum_figure,
+    trace_figure,
     xy_figure,
 )
 
@@ -100,3 +101,21 @@ def test_the_report_of_an_identification_reads_on_a_phone(tmp_path):
     assert faults == []
     assert share(image, '#7f3b08') > 1e-3  # the diagonal
     assert np.all(image[:, -1, :3] == 1.0)
+
+
+def test_on_paper_plots_are_whole_and_few_pages_are_white(tmp_path):
+    time = np.arange(2000) * 1e-3
+    curves = [Curve('a', time, 1e-6 * np.sin(20 * time)), Curve('b', time, 1e-6 * np.cos(time))]
+    figures = tuple(
+        trace_figure(curves, f'Plot {k}', 'A caption of some words.') for k in range(6)
+    )
+    write_report(
+        tmp_path / 'r.html', 'Title', 'Verdict.', [Section('One', 'Text. ' * 20, figures)]
+    )
+    subprocess.run(
+        [BROWSER, *FLAGS, f'--user-data-dir={tmp_path / "profile"}', '--window-size=1280,900',
+         f'--print-to-pdf={tmp_path / "r.pdf"}', f'file://{tmp_path / "r.html"}'],
+        capture_output=True, timeout=120, check=True,
+    )  # fmt: skip
+    pages = re.findall(rb'/Type\s*/Page\b', (tmp_path / 'r.pdf').read_bytes())
+    assert 2 <= len(pages) <= 3  # six plots, two or three to a page

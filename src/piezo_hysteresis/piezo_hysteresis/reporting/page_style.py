@@ -43,11 +43,15 @@ document.addEventListener('DOMContentLoaded', () => {
 // Canvases keep the width that they have on the screen: on paper each is scaled to the page.
 const PAPER = 540;  // three of them below each other
 addEventListener('beforeprint', () => {
-  for (const figure of document.querySelectorAll('figure'))
-    figure.style.zoom = Math.min(1.05, PAPER / figure.firstElementChild.offsetWidth);
+  for (const figure of document.querySelectorAll('figure')) {
+    const width = figure.clientWidth;
+    figure.style.width = width + 'px';
+    figure.style.zoom = Math.min(1, PAPER / width);
+  }
 });
 addEventListener('afterprint', () => {
-  for (const figure of document.querySelectorAll('figure')) figure.style.zoom = '';
+  for (const figure of document.querySelectorAll('figure'))
+    figure.style.zoom = figure.style.width = '';
 });
 </script>
 </body>
