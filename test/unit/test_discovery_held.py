@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.expectation import expectation
+from piezo_hysteresis.discovery.reference import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
@@ -88,6 +89,20 @@ def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) ->
     assert saved.deviations['beta'] == pytest.approx(known.deviations['beta'])
     assert saved.correlation is not None
     assert 'beta' in saved.correlation.names
+
+
+def test_a_reference_tells_what_is_no_news(known: ModelFile) -> None:
+    before = [actuator(f, 1.0, 20 + k) for k, f in enumerate((1, 5))]
+    silent = as_on(before, replace(known, discrepancy=None))
+    assert silent.discrepancy is not None
+    assert silent.discrepancy.held_out
+    fitted = as_on(before, named('classical'))
+    for baseline in (silent, fitted):
+        same = discover([actuator(1, 1.0, 30), actuator(5, 1.0, 31)], baseline).verdict
+        assert (same.verdict, same.effects) == ('none', ())
+        changed = [hidden(actuator(f, 1.0, 40 + k), 'lag') for k, f in enumerate((1, 5))]
+        verdict = discover(changed, baseline).verdict
+        assert [each.name for each in verdict.effects] == ['amplifier_lag']
 
 
 def test_a_residual_is_compared_part_by_part() -> None:

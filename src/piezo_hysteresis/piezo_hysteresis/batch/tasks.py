@@ -167,6 +167,8 @@ class Discover:
         Which one, where a bag holds several.
     salvage : bool
         Use what is readable of damaged data.
+    reference : tuple of str
+        Data of the actuator as it was: what the baseline misses there is no news.
     begins, zero : str
         How records begin and where their zeros lie, see `identification.circumstances.Choices`.
     """
@@ -177,6 +179,7 @@ class Discover:
     warm_up: float | None = None
     actuator: str | None = None
     salvage: bool = False
+    reference: tuple[str, ...] = ()
     begins: str = 'auto'
     zero: str = 'auto'
 
@@ -184,8 +187,8 @@ class Discover:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The baseline, where it is a file."""
-        return (self.baseline,) if _is_file(self.baseline) else ()
+        """The baseline, where it is a file, and the reference."""
+        return (*((self.baseline,) if _is_file(self.baseline) else ()), *self.reference)
 
     def settings(self) -> dict[str, Any]:
         """Return all fields that the verdict depends on."""
@@ -205,6 +208,7 @@ class Discover:
             If data, settings or folder cannot be used.
         """
         from piezo_hysteresis.discovery import discover
+        from piezo_hysteresis.discovery.reference import as_on
         from piezo_hysteresis.identification.circumstances import Choices
         from piezo_hysteresis.identification.settings import require_settings, warmed
         from piezo_hysteresis.models import ModelFile, named
@@ -217,13 +221,18 @@ class Discover:
         word = self.baseline
         baseline = ModelFile.load(word) if _is_file(word) else named(word)
         records = load(data, actuator=self.actuator, salvage=self.salvage)
+        choices = Choices(self.begins, self.zero)
+        if self.reference:
+            _require_apart(data, self.reference, 'is judged and the reference')
+            before = load(self.reference, actuator=self.actuator, salvage=self.salvage)
+            baseline = as_on(warmed(before, self.warm_up), baseline, choices, self.workers)
         found = discover(
             warmed(records, self.warm_up),
             baseline,
             name=word,
             seed=self.seed,
             workers=self.workers,
-            choices=Choices(self.begins, self.zero),
+            choices=choices,
             progress=progress,
         )
         write_discovery(out, found, data)
@@ -268,11 +277,13 @@ def discovery_row(found: Discovery) -> Row:
     }
 
 
-def _require_apart(data: Sequence[str], held_out: Sequence[str]) -> None:
-    """Refuse data that are fitted and held out."""
+def _require_apart(
+    data: Sequence[str], held_out: Sequence[str], both_words: str = 'is fitted and held out'
+) -> None:
+    """Refuse data that are given twice, for two ends that exclude each other."""
     both = {Path(each).resolve() for each in data} & {Path(each).resolve() for each in held_out}
     if both:
-        raise IdentificationError(f'{min(both).name} is fitted and held out; give it once')
+        raise IdentificationError(f'{min(both).name} {both_words}; give it once')
 
 
 def _is_file(word: str) -> bool:

@@ -26,6 +26,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add('--baseline', required=True, metavar='NAME|YAML', help='named model or model.yaml')
+    add(
+        '--reference',
+        nargs='+',
+        default=(),
+        metavar='DATA',
+        help='data of the actuator as it was: what the baseline misses there is no news',
+    )
     add('--out', required=True, metavar='DIR', help='folder of the results')
     add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
@@ -60,6 +67,7 @@ def task_of(arguments: argparse.Namespace) -> Discover:
         warm_up=arguments.warm_up,
         actuator=arguments.actuator,
         salvage=arguments.salvage,
+        reference=tuple(arguments.reference),
         begins=arguments.start,
         zero=arguments.zero,
     )

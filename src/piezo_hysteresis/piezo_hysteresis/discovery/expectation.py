@@ -142,8 +142,9 @@ def expectation(
     for order, square in known_lines.items():
         if ranks[order]:
             expected[order] += square
-        elif order:  # a drive that does not repeat has no lines: anywhere
-            expected[_ORDERS:] += square / (parts - _ORDERS)
+        elif order:  # too few periods for a line
+            near = _octaves_near(order * view.frequency * count * dt, parts - _ORDERS)
+            expected[_ORDERS:] += square * near
     independent = np.minimum(2 * np.bincount(octave_of, minlength=parts), policy.octave)
     independent[:_ORDERS] = np.minimum(ranks[:_ORDERS], policy.line)
     total = (missed.share * stroke) ** 2
@@ -151,6 +152,18 @@ def expectation(
     expected += 1e-14 * stroke**2 + 1e-300
     window = np.asarray(tukey(count, policy.taper), dtype=np.float64)
     return Expectation(lines, line_of, octave_of, expected, independent.astype(np.float64), window)
+
+
+def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
+    """Return in which octaves of a short record a line may lie, shape (octaves,).
+
+    It leaks into the neighbours; a drive that does not repeat (bin 0) leaves it anywhere.
+    """
+    if bin_of_line <= 0.0:
+        return np.full(octaves, 1.0 / octaves)
+    place = min(max(int(np.floor(np.log2(max(bin_of_line, 1.0)))), 0), octaves - 1)
+    near = np.abs(np.arange(octaves) - place)
+    return np.where(near == 0, 1.0, np.where(near == 1, 0.5, 0.0))
 
 
 def _lines(
