@@ -220,13 +220,12 @@ def _left_free(found: Discovery, arena: Arena) -> tuple[bool, str, bool]:
 
 def _left_held(found: Discovery, arena: HeldArena) -> tuple[bool, str, bool]:
     """Return the same against what the baseline is known to miss; its effects are proven."""
-    data = found.data
-    for views, final in (
-        (data.training, found.final),
-        (data.held_out, on_views(found.final, data.held_out)),
-    ):
-        if arena.has_news(final, views is data.held_out):
-            return True, describe(data, views, final.errors, found.floor), True
+    data, final = found.data, found.final
+    if arena.has_news(final):
+        return True, describe(data, data.training, final.errors, found.floor), True
+    if arena.has_news_held_out(final):
+        errors = on_views(final, data.held_out).errors
+        return True, describe(data, data.held_out, errors, found.floor), True
     return False, discrepancy_words(arena.known), True
 
 
