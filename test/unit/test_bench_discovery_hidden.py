@@ -1,0 +1,67 @@
+"""What hides effects in measured records, and the page that tells how they were found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.discovery_hidden import CASES, HIDDEN, Row, hide, page
+from piezo_hysteresis.discovery.verdict import (
+    Alternative,
+    HeldOut,
+    NamedEffect,
+    Unexplained,
+    Verdict,
+)
+from piezo_hysteresis.models import EFFECT_NAMES
+from piezo_hysteresis.records import Record
+
+DT, STROKE = 1e-3, 2e-5
+
+
+def measured() -> Record:
+    t = DT * np.arange(4000)
+    return Record('one', DT, np.sin(2 * np.pi * t), 0.5 * STROKE * np.sin(2 * np.pi * t) + 3e-5)
+
+
+@pytest.mark.parametrize('kind', list(HIDDEN))
+def test_each_kind_changes_the_displacement_alone_and_by_its_size(kind: str) -> None:
+    before = measured()
+    small, large = (hide([before], kind, size, CASES[0])[0] for size in (0.25, 1.0))
+    changed = [float(np.std(r.displacement - before.displacement)) for r in (small, large)]
+    assert np.array_equal(large.voltage, before.voltage)
+    if kind == 'nothing':
+        assert changed == [0.0, 0.0]
+        return
+    assert HIDDEN[kind][1] in EFFECT_NAMES
+    assert changed[0] == pytest.approx(0.25 * changed[1], rel=0.1)
+    assert 1e-4 * STROKE < changed[1] < 0.2 * STROKE
+
+
+def verdict(word: str, names: tuple[str, ...], after: float) -> Verdict:
+    effects = tuple(
+        NamedEffect(n, '', 0.9, 1e-6, 2e-7, after, {}, (Alternative('creep', 0.1),), ())
+        for n in names
+    )
+    gap = HeldOut(2e-7, after, 4.0, 2.0)
+    return Verdict(
+        'classical', 0, 5e-8, gap, effects, word, Unexplained(False, ''), (), (), {}, 1.0
+    )
+
+
+def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
+    rows = [
+        Row('P-885', 'classical', 'nothing', 0.5, verdict('none', (), 1e-7), 1e-7, 3.0),
+        Row(
+            'P-885', 'classical', 'lag', 0.5, verdict('named', ('amplifier_lag',), 1e-7), 1e-7, 3.0
+        ),
+        Row('P-885', 'classical', 'tone', 0.5, verdict('named', ('creep',), 1.5e-7), 1e-7, 3.0),
+        Row('P-885', 'classical', 'drift', 0.5, verdict('unknown', (), 1.5e-7), 1e-7, 3.0),
+    ]
+    text = page(rows, 7)
+    assert 'right name first: 1 of 3; first or among the alternatives: 1' in text
+    assert 'a wrong name, alone or besides: 1 of 3' in text
+    assert 'untouched control `none`: 1 of 1' in text
+    assert 'held-out error within 1.2 of the control: 1 of 3' in text
+    assert '| amplifier_lag 0.90 (or creep) |' in text
+    assert text.count('**wrong**') == 2
