@@ -57,8 +57,8 @@ class Expectation:
 
     @property
     def total(self) -> float:
-        """Mean square over all parts [m^2]."""
-        return float(self.expected.sum())
+        """Mean square over all parts but the mean [m^2]."""
+        return float(self.expected[1:].sum())
 
     def powers(self, error: FloatArray) -> FloatArray:
         """Return the mean square of each part of an error, shape (n,) [m^2]; its mean is left out.
@@ -89,12 +89,12 @@ class Expectation:
             return float('inf')
         ratio = powers / self.expected
         ratio[_ORDERS:] = np.maximum(ratio[_ORDERS:], 1.0)
-        whole = policy.whole * float(np.log1p(powers.sum() / self.total))
+        whole = policy.whole * float(np.log1p(powers[1:].sum() / self.total))
         return float(self.independent @ np.log1p(ratio)) + whole
 
     def news(self, powers: FloatArray, policy: SelectionPolicy = POLICY) -> bool:
         """Tell whether parts show more than the model is known to miss."""
-        if not powers.sum() <= policy.news**2 * self.total:
+        if not powers[1:].sum() <= policy.news**2 * self.total:
             return True
         chance = 1.0 + 3.0 / np.sqrt(np.maximum(self.independent, 1.0))
         large = powers > chance * policy.news**2 * self.expected
@@ -149,6 +149,8 @@ def expectation(
     independent[:_ORDERS] = np.minimum(ranks[:_ORDERS], policy.line)
     total = (missed.share * stroke) ** 2
     expected = np.where(independent > 0, expected + policy.shape * total, 0.0)
+    # how the mean follows the amplitude no file of steady drives tells
+    expected[0] += total
     expected += 1e-14 * stroke**2 + 1e-300
     window = np.asarray(tukey(count, policy.taper), dtype=np.float64)
     return Expectation(lines, line_of, octave_of, expected, independent.astype(np.float64), window)

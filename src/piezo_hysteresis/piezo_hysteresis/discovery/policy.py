@@ -21,8 +21,8 @@ class SelectionPolicy:
         `identification.comparison.NEWS`.
     part : float
         A line or an octave that exceeds what is known of it by `news` is news for itself where
-        the excess is this share of all that is known [1, mean square]. A tone that adds an eighth
-        to the rms is seen, a discrepancy that only changed its shape is not.
+        the excess is this share of all that is known [1, mean square]. A tone that adds a
+        twentieth to the rms is seen, a discrepancy that only changed its shape is not.
     shape : float
         Share of the known mean square that any line or octave may hold without its being told
         [1]: files tell parts from 1e-3 on, and shapes change with the drive.
@@ -57,7 +57,7 @@ class SelectionPolicy:
     """
 
     news: float = 1.5
-    part: float = 0.25
+    part: float = 0.1
     shape: float = 0.01
     octave: int = 20
     line: int = 2
