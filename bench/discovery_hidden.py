@@ -50,7 +50,7 @@ CASES = (
         'p885_stack/train_1Hz_sine.csv',
         np.inf,
         ('p885_stack/train_1Hz_sine.csv', 'p885_stack/test_growing_amplitude.csv'),
-        ('prandtl_ishlinskii', 'bouc_wen_mode'),
+        ('prandtl_ishlinskii', 'classical'),
         70.0,
         0.04,
     ),
