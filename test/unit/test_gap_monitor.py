@@ -36,6 +36,23 @@ def test_a_right_model_is_on_the_floor() -> None:
     assert reports[-1].frequency == pytest.approx(7.0, abs=0.1)
 
 
+def test_remanence_that_a_sweep_before_has_left_is_no_gap() -> None:
+    model = named('classical')
+    loaded = ModelFile(
+        model, {**model.defaults(), **TRUE}, provenance=Provenance(noise_floor=FLOOR)
+    )
+    plant = Plant.from_preset('generic_bouc_wen', rate=RATE, seed=2, overrides={})
+    sweep = np.sin(2 * np.pi * 5.0 * np.arange(600) / RATE)
+    left = [plant.exchange(u) for u in (*sweep.tolist(), *(20 * [0.0]))][-1]
+    assert left < -5e-6
+    monitor = GapMonitor(loaded, 1.0 / RATE, 0.0, 500)
+    after = 0.3 * np.sin(2 * np.pi * 7.0 * np.arange(2000) / RATE)
+    reports = [monitor.add(u, plant.exchange(u)) for u in after.tolist()]
+    floors = [report.floors for report in reports if report is not None]
+    assert len(floors) == 4
+    assert max(floors) < 1.3
+
+
 @pytest.mark.parametrize(
     ('effect', 'word'),
     [

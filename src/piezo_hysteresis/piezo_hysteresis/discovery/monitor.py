@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.errors import free_run, views_of
 from piezo_hysteresis.identification.opening import state_at_start
 from piezo_hysteresis.identification.reading import samples_late, shifted
 from piezo_hysteresis.identification.record_start import STEP, first_guess
@@ -109,22 +110,35 @@ class GapMonitor:
         if len(self._voltage) < self._window:
             return None
         u, y = np.array(self._voltage), np.array(self._measured)
+        unknown = 0
         if self._fresh:
-            self._fresh = False
+            # what was measured before this began, and what was held then
+            self._fresh, unknown = False, MARGIN + max(ceil(-self._late), 0)
             self._begin(u, y)
         self._voltage.clear()
         self._measured.clear()
-        return self._report(u, self._error(u, y))
+        return self._report(u, self._error(u, y)[unknown:])
 
     def _begin(self, u: FloatArray, y: FloatArray) -> None:
-        """Bring the model to where the actuator is, if it was in motion when this began."""
+        """Bring the model to where the actuator is, if it was in motion when this began.
+
+        At 0 V it may have been at rest for ever, or hold what the drive before has left.
+        """
         record = Record('begins', self._dt, u, y)
-        if first_guess(record) == STEP:
+        if first_guess(record) == STEP and self._explains(record):
             return
         (view,) = views_of(self._model, self._values, [record], self._offset)
+        if view.begins == STEP:
+            return
         self._state, answer = state_at_start(self._model, self._packed, view, self._offset)
         known = np.concatenate([np.zeros(2 * MARGIN), answer])
         self._simulated_tail = known[-2 * MARGIN :]
+
+    def _explains(self, record: Record) -> bool:
+        """Tell whether the model from rest leaves nothing beyond the floor of a record."""
+        with np.errstate(over='ignore', invalid='ignore'):
+            y = free_run(self._model, self._values, record, self._offset, begins=STEP)
+        return float(np.sqrt(np.mean((record.displacement - y) ** 2))) <= BEYOND * self._floor
 
     def _error(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus simulated, `MARGIN` ticks behind, where both are known."""

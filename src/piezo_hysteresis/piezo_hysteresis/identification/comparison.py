@@ -70,7 +70,7 @@ def comparison_words(found: Sequence[Comparison], known: Discrepancy | None) -> 
     worst = max(found, key=lambda each: each.ratio)
     where = 'records that were not fitted' if known.held_out else 'the fitted records'
     told = (
-        f'{worst.record}: {worst.ratio:.3g} times the {1e6 * worst.expected:.3g} um that {where} '
+        f'{worst.record}: {worst.ratio:.3g} times the {1e6 * worst.expected:.3g} µm that {where} '
         'let expect'
     )
     news = sum(each.news for each in found)

@@ -243,7 +243,7 @@ def run_on_clock(
             done += piece.size
             history.append(float(np.sqrt(np.nanmean(errors**2))))
             if progress is not None:
-                progress(done / total, f'prediction error {1e6 * history[-1]:.4g} um')
+                progress(done / total, f'prediction error {1e6 * history[-1]:.4g} µm')
     after = recursion.estimate()
     zero = _zero(recursion, records) if method == 'rls' and offset else None
     at_rest = settled(before, after)
