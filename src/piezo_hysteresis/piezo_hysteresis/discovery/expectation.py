@@ -70,7 +70,7 @@ class Expectation:
         beside = error - error.mean()
         found = np.zeros(self.expected.size)
         if len(self.lines):
-            shares, beside = _taken_out(beside, self.lines)
+            shares, beside = taken_out(beside, self.lines)
             found += np.bincount(self.line_of, shares**2 / error.size, found.size)
         power = np.abs(np.fft.rfft(self.window * beside)) ** 2
         power[0] = 0.0
@@ -186,13 +186,13 @@ def _lines(
         for law in laws:
             rows += [law * np.cos(order * angle), law * np.sin(order * angle)]
             orders += [order, order]
-    basis = _orthonormal(np.array(rows))
+    basis = orthonormal(np.array(rows))
     # the first is the mean, which is left out
     return basis[1:], np.array(orders[1:], dtype=np.int64)
 
 
 @jit
-def _orthonormal(rows: FloatArray) -> FloatArray:
+def orthonormal(rows: FloatArray) -> FloatArray:
     """Return orthonormal rows, shape (q, n), without BLAS threads; zeros for dependent ones."""
     found = rows.copy()
     for j in range(found.shape[0]):
@@ -206,7 +206,7 @@ def _orthonormal(rows: FloatArray) -> FloatArray:
 
 
 @jit
-def _taken_out(error: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray]:
+def taken_out(error: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the shares of orthonormal rows in an error, shape (q,), and what is left."""
     left, shares = error.copy(), np.empty(lines.shape[0])
     for j in range(lines.shape[0]):
