@@ -83,7 +83,7 @@ def test_only_what_is_larger_than_known_is_news():
     assert larger.news
     assert larger.ratio == pytest.approx(2.0)
     assert 'no more than' in comparison_words([usual], known)
-    assert 'on 1 of 2 records; most on r: 2 times the 0.1 um' in comparison_words(
+    assert 'on 1 of 2 records; most on r: 2 times the 0.1 µm' in comparison_words(
         [usual, larger], known
     )
     (diverged,) = compared([residual(np.full(9, np.nan))], known)
