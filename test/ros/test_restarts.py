@@ -119,7 +119,9 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
     assert send(data=['bag'], out='out', workers=1).accepted
     loop.listener.tells(loop.health, 'discovery', 'busy', 'True')
     loop.kill(first)
-    assert not (loop.folder / 'out').exists()
+    left = {path.name for path in (loop.folder / 'out').glob('*')}
+    # on a fast machine it may have come to its end before it was heard to be busy
+    assert not left or left >= {'verdict.json', 'report.html', 'model.yaml', 'params.yaml'}
     second = start()
     loop.listener.tells(loop.health, 'discovery', 'runs', '0')
     handle = send(data=['nowhere'], out='out')
