@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 import os
 import signal
 import subprocess
@@ -119,6 +120,9 @@ class NodeProcess:
         return ' | '.join(text[-lines:]) or '(nothing)'
 
 
+_CLAIMS = itertools.count()
+
+
 class NodeProcesses:
     """A group of node processes that share a domain and end together.
 
@@ -142,8 +146,10 @@ class NodeProcesses:
 
     def _claim_domain(self) -> int:
         """Return a domain that is ours until we end: two loops in one domain would mix."""
+        # each time another one: what a killed process has left behind in a domain stays there
+        begin = os.getpid() + 7 * next(_CLAIMS)
         for k in range(100):
-            domain = 1 + (os.getpid() + k) % 100
+            domain = 1 + (begin + k) % 100
             with contextlib.suppress(OSError):
                 file = (Path(tempfile.gettempdir()) / f'piezo_domain_{domain}.lock').open('w')
                 try:
