@@ -23,10 +23,13 @@ from bench import closed_loops as loops
 from bench.compensation_plants import measure_plants
 from bench.goals import Goals
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
 from piezo_hysteresis.compensation.base import Link
-from piezo_hysteresis.compensation.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.harmonics import line_amplitudes
+from piezo_hysteresis.compensation.harmonics.attenuation import (
+    AttenuationSettings,
+    HarmonicAttenuation,
+)
+from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
+from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.waveforms import Sequence as Parts

@@ -9,22 +9,25 @@ import numpy as np
 
 from bench import closed_loops as loops
 from bench.goals import Goals
-from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
 from piezo_hysteresis.compensation.base import Link
-from piezo_hysteresis.compensation.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.frequency_switch import FrequencySwitch
-from piezo_hysteresis.compensation.fuzzy_pid import FuzzyPid, FuzzyRules
-from piezo_hysteresis.compensation.hinf import (
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.feedback.hinf import (
     HInfinity,
     HInfinityDesign,
     HInfinityWeights,
     design,
     transfer_function,
 )
+from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.harmonics.attenuation import (
+    AttenuationSettings,
+    HarmonicAttenuation,
+)
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
+from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.compensation.loop import tracking_metrics
-from piezo_hysteresis.compensation.pid import Pid, PidGains
-from piezo_hysteresis.compensation.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function
 from piezo_hysteresis.identification.inverse_rows import row_of, selector_table
 from piezo_hysteresis.waveforms import Sine, Triangle, Waveform, from_spec

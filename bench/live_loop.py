@@ -17,9 +17,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bench.live_observer import VOICES, VOLTAGE_ATTENUATED
+from piezo_common import topics
 from piezo_hysteresis.models import ModelFile, named
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common import topics
 from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
 from piezo_ros_common.qos import LOOP

@@ -12,6 +12,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from piezo_common import topics
 from piezo_interfaces.msg import (
     ActuatorState,
     Gap,
@@ -20,7 +21,6 @@ from piezo_interfaces.msg import (
     Reference,
     VoltageCommand,
 )
-from piezo_ros_common import topics
 from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP

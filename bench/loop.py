@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.nodes.excitation import Excitation
+from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_interfaces.msg import VoltageCommand
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP

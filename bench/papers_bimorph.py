@@ -10,15 +10,18 @@ import numpy as np
 
 from bench import closed_loops as loops
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
 from piezo_hysteresis.compensation.base import Link
-from piezo_hysteresis.compensation.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.feedforward import ExtendedInverse
-from piezo_hysteresis.compensation.harmonic_rls import rls_update
-from piezo_hysteresis.compensation.harmonics import line_amplitudes
+from piezo_hysteresis.compensation.harmonics.attenuation import (
+    AttenuationSettings,
+    HarmonicAttenuation,
+)
+from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
+from piezo_hysteresis.compensation.harmonics.rls import rls_update
+from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
 from piezo_hysteresis.compensation.linear_gain import linear_gain
 from piezo_hysteresis.compensation.loop import LoopResult
-from piezo_hysteresis.compensation.physical import PhysicalInverse
 from piezo_hysteresis.identification import OnlineRls, RlsSettings
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named

@@ -41,9 +41,9 @@ from rclpy.subscription import Subscription
 
 from bench.live_loop import end_on_terminate
 from bench.loop import paced_ring
+from piezo_common import topics
 from piezo_hysteresis.models import ModelFile, named
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
-from piezo_ros_common import topics
 from piezo_ros_common.middleware import prepare
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP

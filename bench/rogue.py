@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.live_observer import ROGUE, Observer
+from piezo_common import topics
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
-from piezo_ros_common import topics
 from piezo_ros_common.qos import LOOP
 
 # Where the rogue talks, and the field that carries the value.

@@ -15,10 +15,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
 
-from piezo_hysteresis.nodes.sheets import SHEETS
-from piezo_ros_common import topics
-from piezo_ros_common.sheet import NodeSheet
-from piezo_ros_common.table import ParameterSpec, ParameterTable
+from piezo_common import topics
+from piezo_common.sheet import NodeSheet
+from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'

@@ -29,8 +29,9 @@ PAGES = {
         tuple(
             f'compensation.{name}'
             for name in (
-                'base', 'choice', 'loop', 'model_plant', 'attenuation', 'attenuation_settings',
-                'pid', 'fuzzy_pid', 'hinf', 'limiter',
+                'base', 'inverses.choice', 'loop', 'model_plant', 'harmonics.attenuation',
+                'harmonics.settings', 'feedback.pid', 'feedback.fuzzy_pid', 'feedback.hinf',
+                'limiter',
             )
         ),
     ),

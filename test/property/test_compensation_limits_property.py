@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.compensation.base import Limits, ReferencePoint
 from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
 from piezo_hysteresis.compensation.limiter import Limiter
-from piezo_hysteresis.compensation.physical import PhysicalInverse
 
 DT = 1e-3
 anything = st.floats(allow_nan=True, allow_infinity=True)
@@ -80,7 +80,7 @@ def test_inverse_answers_a_finite_voltage_in_range_for_any_reference(rows):
     st.lists(moderate, min_size=5, max_size=80),
 )
 def test_exact_inverse_undoes_the_model_wherever_the_slope_is_positive(a1, a, beta, gamma, path):
-    from piezo_hysteresis.compensation.physical import least_slope
+    from piezo_hysteresis.compensation.inverses.physical import least_slope
     from piezo_hysteresis.models.named import named
 
     values = {'A1': a1, 'A': a * a1, 'A0': 0.0, 'beta': beta, 'gamma': gamma * beta}

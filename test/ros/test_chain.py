@@ -16,7 +16,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference, VoltageCommand

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from listening import Listener
 
+from piezo_common.sheet import NodeSheet
 from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.sheet import NodeSheet
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 

@@ -13,7 +13,7 @@ from listening import Listener
 from rclpy.action import ActionClient
 from std_msgs.msg import Header
 
-from piezo_hysteresis.nodes.sweep_plan import Sweep
+from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_hysteresis.waveforms import from_spec
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker

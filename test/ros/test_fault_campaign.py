@@ -26,7 +26,7 @@ from bench.faults_watch import Watch, missing
 from bench.live_loop import NODES, VOLTAGE_ATTENUATED, Loop, Setting, wait_until
 from bench.live_observer import Observer, State
 from bench.rogue import Rogue
-from piezo_ros_common import topics
+from piezo_common import topics
 
 pytestmark = pytest.mark.ros
 

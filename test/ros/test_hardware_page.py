@@ -13,10 +13,10 @@ import pytest
 from listening import Listener
 from rclpy.action import ActionClient
 
+from piezo_common.stamps import nanoseconds_of
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, RecordMarker
 from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.stamps import nanoseconds_of
 
 pytestmark = pytest.mark.ros
 

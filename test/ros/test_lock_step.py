@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from listening import Listener
 
-from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.harmonics.attenuation import (
+    AttenuationSettings,
+    HarmonicAttenuation,
+)
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.nodes.tables import ATTENUATION
+from piezo_hysteresis.parameters.tables import ATTENUATION
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate
 from piezo_ros_common.processes import NodeProcesses

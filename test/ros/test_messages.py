@@ -8,6 +8,7 @@ import struct
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
+from piezo_common.stamps import nanoseconds_of, stamp_into, tick_nanoseconds
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.online import online
@@ -23,7 +24,6 @@ from piezo_interfaces.msg import (
     VoltageCommand,
 )
 from piezo_ros_common.flat import FlatCodec, head_of, stamp_of
-from piezo_ros_common.stamps import nanoseconds_of, stamp_into, tick_nanoseconds
 
 
 @pytest.mark.parametrize('frame', ['', 'a', 'stage', 'stage_x', 300 * 'x'])

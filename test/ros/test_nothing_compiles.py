@@ -11,7 +11,7 @@ from listening import Listener
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
-from piezo_hysteresis.nodes.tables import ATTENUATION, FEEDBACK, IDENTIFICATION
+from piezo_hysteresis.parameters.tables import ATTENUATION, FEEDBACK, IDENTIFICATION
 from piezo_interfaces.msg import ActuatorState
 from piezo_interfaces.srv import LoadModel
 from piezo_ros_common.processes import NodeProcesses

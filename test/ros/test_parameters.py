@@ -16,11 +16,11 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
-from piezo_hysteresis.nodes import tables
+from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.parameters import tables
 from piezo_hysteresis.records import Record, read_bag, write_bag
 from piezo_interfaces.msg import ActuatorState, LoopStatus
 from piezo_ros_common.processes import NodeProcess, NodeProcesses
-from piezo_ros_common.table import ParameterSpec, ParameterTable
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 

@@ -13,8 +13,8 @@ from action_msgs.msg import GoalStatus
 from listening import Listener
 from rclpy.action import ActionClient
 
-from piezo_hysteresis.nodes.sweep_plan import Sweep
 from piezo_hysteresis.records import read_bag, survey
+from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, RecordMarker
 from piezo_ros_common.processes import NodeProcess, NodeProcesses

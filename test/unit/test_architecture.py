@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2] / 'src'
 CORE = ROOT / 'piezo_hysteresis' / 'piezo_hysteresis'
 # Each room may import itself and the rooms named here.
 NEUTRAL = {'numerics', 'records', 'waveforms', 'blocks'}
+CORE_ROOMS = {'models', 'identification', 'compensation', 'discovery'}
 ALLOWED = {
     'numerics': set(),
     'records': {'numerics', 'waveforms'},
@@ -21,11 +22,13 @@ ALLOWED = {
     'reporting': NEUTRAL | {'models', 'identification', 'compensation', 'discovery'},
     'dashboard': NEUTRAL | {'models', 'reporting'},
     'batch': NEUTRAL | {'models', 'identification', 'discovery', 'reporting'},
-    'cli': NEUTRAL
-    | {'models', 'identification', 'compensation', 'discovery', 'reporting', 'batch'},
-    'nodes': NEUTRAL
-    | {'models', 'identification', 'compensation', 'discovery', 'reporting', 'cli', 'dashboard'},
+    'parameters': NEUTRAL | {'models', 'compensation'},
+    'runtime': NEUTRAL | {'models', 'identification', 'compensation', 'parameters'},
+    'nodes': NEUTRAL | CORE_ROOMS | {'reporting', 'dashboard', 'parameters', 'runtime'},
+    'cli': NEUTRAL | CORE_ROOMS | {'reporting', 'batch', 'parameters', 'nodes'},
 }
+# Rooms within `compensation`: what they share imports none of them.
+WITHIN_COMPENSATION = {'inverses': set(), 'harmonics': set(), 'feedback': set()}
 ROS = {
     'rclpy',
     'rcl_interfaces',
@@ -40,8 +43,15 @@ ROS = {
 
 
 def imported(path):
-    """Answer the dotted names that a file imports, those within functions included."""
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+    """Return the dotted names that a file imports, those within functions included.
+
+    What only a checker of types imports is no arrow.
+    """
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    for block in ast.walk(tree):
+        if isinstance(block, ast.If) and ast.unparse(block.test) == 'TYPE_CHECKING':
+            block.body = []
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -72,13 +82,95 @@ def test_imports_between_rooms_point_one_way(room):
     assert wrong == []
 
 
-def test_only_nodes_know_ros():
+@pytest.mark.parametrize('room', WITHIN_COMPENSATION)
+def test_the_rooms_of_compensation_know_only_what_they_share(room):
+    folder = CORE / 'compensation'
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
-        for path in files_of(CORE)
-        if (CORE / 'nodes') not in path.parents
+        for path in files_of(folder / room)
         for name in imported(path)
-        if name.split('.')[0] in ROS
+        for other in WITHIN_COMPENSATION
+        if other not in (room, *WITHIN_COMPENSATION[room])
+        and name.startswith(f'piezo_hysteresis.compensation.{other}')
+    ]
+    assert wrong == []
+
+
+def needing_ros(path):
+    """Answer the names that a file imports within ``with ros_needed():``, inside a function."""
+    for function in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        for node in ast.walk(function):
+            if isinstance(node, ast.With) and ast.unparse(node.items[0]) == 'ros_needed()':
+                for each in node.body:
+                    assert isinstance(each, ast.ImportFrom), f'{path}: only imports belong there'
+                    yield from (each.module, *(f'{each.module}.{a.name}' for a in each.names))
+
+
+def test_verbs_import_nodes_only_where_a_missing_ros_is_told():
+    used = []
+    for path in files_of(CORE / 'cli'):
+        outside = list(imported(path))
+        for name in needing_ros(path):
+            outside.remove(name)
+            used.append(name)
+        wrong = [n for n in outside if n.startswith('piezo_hysteresis.nodes')]
+        assert wrong == [], path
+    assert 'piezo_hysteresis.nodes.live' in used
+
+
+def test_only_nodes_know_ros():
+    wrong = []
+    for path in files_of(CORE):
+        if (CORE / 'nodes') in path.parents:
+            continue
+        names = list(imported(path))
+        if (CORE / 'cli') in path.parents:
+            for name in needing_ros(path):
+                names.remove(name)
+        wrong += [
+            f'{path.relative_to(ROOT)}: {name}' for name in names if name.split('.')[0] in ROS
+        ]
+    assert wrong == []
+
+
+# Imports by a name that is made up at run time, which no arrow shows: each stays in its own room.
+BY_NAME = {
+    'blocks/__init__.py': 'every file of the room holds blocks',
+    'cli/main.py': 'only the verb that is asked for is loaded',
+    'discovery/__init__.py': 'names of the room, loaded when they are used',
+    'nodes/recording/message_types.py': 'messages of any package, by the name of their type',
+}
+
+
+def test_nothing_is_imported_by_name_round_the_arrows():
+    users = [
+        str(path.relative_to(CORE))
+        for path in files_of(CORE)
+        if any(
+            (
+                isinstance(node, ast.Call)
+                and ast.unparse(node.func) in ('importlib.import_module', '__import__')
+            )
+            or (
+                (isinstance(node, ast.ImportFrom) and node.module == 'importlib')
+                and any(alias.name == 'import_module' for alias in node.names)
+            )
+            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        )
+    ]
+    assert sorted(users) == sorted(BY_NAME)
+
+
+def test_what_the_core_shares_with_the_nodes_knows_no_ros():
+    files = files_of(ROOT / 'piezo_common' / 'piezo_common')
+    assert files
+    wrong = [
+        f'{path.relative_to(ROOT)}: {name}'
+        for path in files
+        for name in imported(path)
+        if name.split('.')[0] in {*ROS, 'piezo_sim', 'piezo_hysteresis', 'piezo_kernels'}
     ]
     assert wrong == []
 

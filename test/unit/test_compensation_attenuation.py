@@ -5,14 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from piezo_hysteresis.compensation.attenuation import AttenuationSettings, HarmonicAttenuation
 from piezo_hysteresis.compensation.base import Limits, Measured
-from piezo_hysteresis.compensation.harmonics import (
+from piezo_hysteresis.compensation.harmonics.attenuation import (
+    AttenuationSettings,
+    HarmonicAttenuation,
+)
+from piezo_hysteresis.compensation.harmonics.lines import (
     folded,
     line_amplitudes,
     resonant_orders,
     separable_orders,
 )
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
 from piezo_hysteresis.compensation.loop import (
     closed_loop,
@@ -20,7 +24,6 @@ from piezo_hysteresis.compensation.loop import (
     tracking_metrics,
 )
 from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.choice import inverse_for
-from piezo_hysteresis.compensation.fuzzy_pid import (
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
     INTEGRAL_RULES,
     PROPORTIONAL_RULES,
     FuzzyPid,
     FuzzyRules,
     infer,
 )
-from piezo_hysteresis.compensation.hinf import (
+from piezo_hysteresis.compensation.feedback.hinf import (
     XIAO_DENOMINATOR,
     XIAO_NUMERATOR,
     HInfinity,
@@ -24,14 +23,15 @@ from piezo_hysteresis.compensation.hinf import (
     mixed_sensitivity,
     transfer_function,
 )
-from piezo_hysteresis.compensation.hinf_synthesis import (
+from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
     GeneralizedPlant,
     StateSpace,
     hinf_synthesis,
 )
+from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.compensation.loop import closed_loop, tracking_metrics
 from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine

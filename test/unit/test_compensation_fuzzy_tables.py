@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
-from piezo_hysteresis.compensation.fuzzy_pid import (
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
     INTEGRAL_RULES,
     LEVELS,
     PROPORTIONAL_RULES,
@@ -15,8 +15,8 @@ from piezo_hysteresis.compensation.fuzzy_pid import (
     FuzzyRules,
     infer,
 )
-from piezo_hysteresis.compensation.fuzzy_tables import read_tables
-from piezo_hysteresis.compensation.pid import PidGains
+from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
+from piezo_hysteresis.compensation.feedback.pid import PidGains
 from piezo_hysteresis.errors import CompensationError
 
 TABLES = Path(__file__).resolve().parents[2] / 'config' / 'fuzzy' / 'symmetric.yaml'

@@ -7,14 +7,14 @@ import pytest
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.compensation.base import Limits, ReferencePoint
-from piezo_hysteresis.compensation.chain_inverse import ChainInverse
-from piezo_hysteresis.compensation.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.feedforward import ExtendedInverse
-from piezo_hysteresis.compensation.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
+from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
+from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse, least_slope
+from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.compensation.loop import reference_points
-from piezo_hysteresis.compensation.oscillator import OscillatorInverse
-from piezo_hysteresis.compensation.physical import PhysicalInverse, least_slope
-from piezo_hysteresis.compensation.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.errors import CompensationError, IdentificationError
 from piezo_hysteresis.identification.inverse_rows import (
     InverseBoucWen,

@@ -10,8 +10,8 @@ from piezo_hysteresis.identification.inverse_rows import row_of
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.search import FANG, Swarm
 from piezo_hysteresis.models import answers_at_once, named
-from piezo_hysteresis.nodes.identification_plan import Course, Edge
 from piezo_hysteresis.records import Record, RecordInfo
+from piezo_hysteresis.runtime.identification_plan import Course, Edge
 
 DT = 1e-3
 HARMONIC = {

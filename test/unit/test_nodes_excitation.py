@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.excitation_plan import Experiment
-from piezo_hysteresis.nodes.sweep_plan import Sweep, parse_options, waveform_of
+from piezo_hysteresis.runtime.excitation_plan import Experiment
+from piezo_hysteresis.runtime.sweep_plan import Sweep, parse_options, waveform_of
 from piezo_hysteresis.waveforms import KINDS, Sine, from_spec
 
 RATE = 1000.0

@@ -6,16 +6,16 @@ from itertools import pairwise
 
 import pytest
 
+from piezo_common.health import HOLD, CounterWatch, Level, judge
+from piezo_common.order import AHEAD, REORDERED, Intake, Stamps
+from piezo_common.stamps import tick_nanoseconds
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.limiter import Limiter
-from piezo_hysteresis.nodes.actuator_clock import ActuatorClock
-from piezo_hysteresis.nodes.excitation_health import Doing, ExcitationHealth
-from piezo_hysteresis.nodes.link_health import SILENCE, LinkHealth
-from piezo_hysteresis.nodes.tick_book import TickBook
-from piezo_hysteresis.nodes.watchdog import Watchdog
-from piezo_ros_common.health import HOLD, CounterWatch, Level, judge
-from piezo_ros_common.order import AHEAD, REORDERED, Intake, Stamps
-from piezo_ros_common.stamps import tick_nanoseconds
+from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
+from piezo_hysteresis.runtime.excitation_health import Doing, ExcitationHealth
+from piezo_hysteresis.runtime.link_health import SILENCE, LinkHealth
+from piezo_hysteresis.runtime.synchronizer import TickBook
+from piezo_hysteresis.runtime.watchdog import Watchdog
 
 
 class Clock:

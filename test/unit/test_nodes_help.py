@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from piezo_hysteresis.nodes.sheets import SHEETS
-from piezo_ros_common.sheet import NodeSheet
-from piezo_ros_common.table import ParameterSpec, ParameterTable
+from piezo_common.sheet import NodeSheet
+from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
-from piezo_hysteresis.nodes.hindsight import EVERY, KEPT
-from piezo_hysteresis.nodes.identification_plan import Course, Edge, forgetting_of, new_method
-from piezo_hysteresis.nodes.tables import IDENTIFICATION
+from piezo_hysteresis.parameters.tables import IDENTIFICATION
+from piezo_hysteresis.runtime.identification_plan import Course, Edge, forgetting_of, new_method
+from piezo_hysteresis.runtime.rollback import EVERY, KEPT
 
 RATE = 1000.0
 MS = 1_000_000

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.choice import inverse_for
+from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.nodes.crossfade import CrossFade
-from piezo_hysteresis.nodes.inversion import HISTORY, Inversion
-from piezo_hysteresis.nodes.tick_book import LONGEST, TickBook
+from piezo_hysteresis.runtime.crossfade import CrossFade
+from piezo_hysteresis.runtime.inversion import HISTORY, Inversion
+from piezo_hysteresis.runtime.synchronizer import LONGEST, TickBook
 
 DT = 1e-3
 LIMITS = Limits(-1.2, 1.2, 2000.0)

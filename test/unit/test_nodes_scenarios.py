@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from piezo_hysteresis.nodes import tables
-from piezo_ros_common.table import ParameterTable
+from piezo_common.table import ParameterTable
+from piezo_hysteresis.parameters import tables
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 from piezo_sim.presets import preset_names

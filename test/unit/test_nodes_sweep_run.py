@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from piezo_hysteresis.nodes.confirmation import Progress, Taken
-from piezo_hysteresis.nodes.sweep_plan import Sweep, SweepRecord
-from piezo_hysteresis.nodes.sweep_run import MOST_REPEATS, Kept, Pause, SweepRun, told
+from piezo_hysteresis.runtime.confirmation import Progress, Taken
+from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
+from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, Kept, Pause, SweepRun, told
 
 RATE = 1000.0
 TICKS = 50

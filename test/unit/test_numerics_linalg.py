@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.compensation.harmonics import solve_lines
+from piezo_hysteresis.compensation.harmonics.lines import solve_lines
 from piezo_hysteresis.discovery.annotate import sine_frequency
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.estimate import scaled_condition

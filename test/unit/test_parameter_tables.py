@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from piezo_hysteresis.nodes import tables
-from piezo_ros_common.table import ParameterSpec, ParameterTable
+from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.parameters import tables
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 

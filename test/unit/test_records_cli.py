@@ -1,12 +1,12 @@
 """The verbs import, export, info, record and play."""
 
-from types import SimpleNamespace
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import yaml
 
-from piezo_hysteresis.cli import need_ros
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.records import Record, RecordInfo, read_bag, read_csv, write_bag
 
@@ -108,14 +108,27 @@ def test_existing_output_is_left_alone(tmp_path, capsys, verb):
     assert not list((tmp_path / 'out').iterdir())
 
 
-@pytest.mark.parametrize(
-    ('words', 'node'), [(['record', '--out', 'x'], 'recorder'), (['play', 'x'], 'player')]
+WITHOUT_ROS = (
+    'import sys; sys.modules["rclpy"] = None; from piezo_hysteresis.cli.main import main; '
+    'sys.exit(main(sys.argv[1:]))'
 )
-def test_without_ros_record_and_play_say_what_to_do(capsys, monkeypatch, words, node):
-    def absent(module):
-        assert module == f'piezo_hysteresis.nodes.{node}'
-        raise ModuleNotFoundError(f'No module named {module}', name='rclpy')
 
-    monkeypatch.setattr(need_ros, 'importlib', SimpleNamespace(import_module=absent))
-    assert main(words) == 2
-    assert 'run `source setup.bash`' in capsys.readouterr().err
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['record', '--out', 'x'],
+        ['play', 'x'],
+        ['dashboard'],
+        ['param', 'list'],
+        ['demo', '--out', 'x'],
+    ],
+)
+def test_without_ros_verbs_that_need_it_say_what_to_do(tmp_path, words):
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_ROS, *words],
+        capture_output=True, text=True, cwd=tmp_path, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert 'run `source setup.bash`' in done.stderr
+    assert len(done.stderr.splitlines()) == 1

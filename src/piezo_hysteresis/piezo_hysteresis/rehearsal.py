@@ -95,9 +95,9 @@ def online_methods() -> None:
 def inverses() -> None:
     """Invert every named model by every law that there is for it."""
     from piezo_hysteresis.compensation.base import INVERSES, ReferencePoint
-    from piezo_hysteresis.compensation.choice import inverse_for
-    from piezo_hysteresis.compensation.inverse import InverseLink
-    from piezo_hysteresis.compensation.physical import Law, PhysicalInverse
+    from piezo_hysteresis.compensation.inverses.base import InverseLink
+    from piezo_hysteresis.compensation.inverses.choice import inverse_for
+    from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
     from piezo_hysteresis.models import NAMES, named
 
     values = {**named('prandtl_ishlinskii').defaults(), **named('modified').defaults()}
@@ -113,13 +113,13 @@ def inverses() -> None:
 
 def laws() -> None:
     """Let every attenuation law take a few ticks."""
-    from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
-    from piezo_hysteresis.compensation.attenuation_settings import (
+    from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+    from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+    from piezo_hysteresis.compensation.harmonics.settings import (
         AttenuationSettings,
         Fit,
         Method,
     )
-    from piezo_hysteresis.compensation.base import Measured, ReferencePoint
     from piezo_hysteresis.compensation.linear_gain import ModeGain
 
     gain = ModeGain(1e-6, 68.0, 0.02, DT)
@@ -133,7 +133,10 @@ def laws() -> None:
 def rivals() -> None:
     """Let repetitive control take a few ticks."""
     from piezo_hysteresis.compensation.base import Measured, ReferencePoint
-    from piezo_hysteresis.compensation.repetitive import OddRepetitive, RepetitiveSettings
+    from piezo_hysteresis.compensation.harmonics.repetitive import (
+        OddRepetitive,
+        RepetitiveSettings,
+    )
 
     law = OddRepetitive(RepetitiveSettings(1e-6), DT)
     for k in range(3):

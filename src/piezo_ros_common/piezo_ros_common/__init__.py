@@ -1,1 +1,1 @@
-"""What the nodes of the suite share: parameter tables, spinning, quality of service."""
+"""What nodes share: declaring parameters, processes, spinning, quality of service."""

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from piezo_ros_common.health import Health, Level
+from piezo_common.health import Health, Level
 from piezo_ros_common.herald import Herald, State
 from piezo_ros_common.timers import wall_timer
 

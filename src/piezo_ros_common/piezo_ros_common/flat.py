@@ -12,7 +12,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from piezo_ros_common.stamps import NANOSECONDS
+from piezo_common.stamps import NANOSECONDS
 
 # CDR, little endian: what every middleware on every common machine sends.
 _LITTLE = b'\x00\x01'

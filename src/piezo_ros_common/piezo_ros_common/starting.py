@@ -50,23 +50,22 @@ def _watch(owner: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def tell(module: str) -> None:
-    """Print what the node of `module` is and takes, from its room's ``sheets``; starts nothing."""
-    room, _, name = module.rpartition('.')
-    sheet = importlib.import_module(f'{room}.sheets').SHEETS[name]
+def tell(module: str, sheets: str) -> None:
+    """Print what the node of `module` is and takes, by the table ``SHEETS`` of `sheets`."""
+    sheet = importlib.import_module(sheets).SHEETS[module.rpartition('.')[2]]
     try:
         print(sheet.help_text(Path(sys.argv[0]).name), flush=True)
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def node_executable(module: str) -> Callable[[], None]:
+def node_executable(module: str, sheets: str) -> Callable[[], None]:
     """Return an entry point that runs ``main`` of `module`, or answers ``--help``."""
 
     def run() -> None:
         quiet_start()
         if any(word in HELP_WORDS for word in sys.argv[1:]):
-            return tell(module)
+            return tell(module, sheets)
         end_with_owner()
         importlib.import_module(module).main()
         return None
@@ -76,4 +75,4 @@ def node_executable(module: str) -> Callable[[], None]:
 
 
 # Named here because to import anything of piezo_sim is slow already.
-simulator = node_executable('piezo_sim.nodes.simulator')
+simulator = node_executable('piezo_sim.nodes.simulator', 'piezo_sim.nodes.sheets')

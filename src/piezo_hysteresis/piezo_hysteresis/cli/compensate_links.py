@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, get_type_hints
 
-from piezo_hysteresis.compensation.attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.base import INVERSES, Limits, Link
-from piezo_hysteresis.compensation.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.frequency_switch import FrequencySwitch
-from piezo_hysteresis.compensation.fuzzy_pid import FuzzyPid, FuzzyRules
-from piezo_hysteresis.compensation.fuzzy_tables import read_tables
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
+from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.linear_gain import LinearGain
-from piezo_hysteresis.compensation.pid import Pid, PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -280,8 +280,8 @@ class Builder:
         return Pid(asked.gains, self.dt, limits=self.limits)
 
     def _h_infinity(self, weights: Mapping[str, Any], given: TransferFunction | None) -> Link:
-        from piezo_hysteresis.compensation import hinf
-        from piezo_hysteresis.compensation.physical import structure_coefficients
+        from piezo_hysteresis.compensation.feedback import hinf
+        from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 
         k1, k2 = structure_coefficients(self.model.model.unpack(self.model.packed))
         if given is not None:

@@ -13,8 +13,9 @@ import numpy as np
 import yaml
 
 from piezo_hysteresis.cli.compensate_links import Builder, Feedback
-from piezo_hysteresis.compensation.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.base import Limits, Link
+from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.loop import (
     LoopResult,
@@ -24,7 +25,6 @@ from piezo_hysteresis.compensation.loop import (
 )
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.process_plant import simulated
-from piezo_hysteresis.compensation.reach import require_reachable
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import write_folder

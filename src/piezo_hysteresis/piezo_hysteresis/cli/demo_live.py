@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.cli.need_ros import node_module
+from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, tracking_metrics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.identify import Identification, identify
@@ -108,7 +108,8 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     PiezoError
         If ROS 2 is not there, a node dies or the sweep identifies nothing.
     """
-    live = node_module('live')
+    with ros_needed():
+        from piezo_hysteresis.nodes import live
     clock = _Clock()
     order = live.SweepOrder(plan.frequencies, [plan.amplitude], plan.seconds, plan.warm_up)
     progress(0.0, 'starting the nodes')

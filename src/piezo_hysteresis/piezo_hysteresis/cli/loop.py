@@ -10,9 +10,13 @@ import os
 import signal
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from piezo_hysteresis.cli.need_ros import node_module, ros_module
+from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.errors import PiezoError
+
+if TYPE_CHECKING:
+    from piezo_ros_common.processes import NodeProcesses
 
 HELP = 'the whole loop with its live page, in one terminal'
 
@@ -35,7 +39,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Start every node and wait for the end."""
     model = _checked(arguments.model)
-    processes = ros_module('piezo_ros_common.processes')
+    with ros_needed():
+        from piezo_ros_common import processes
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: processes.INTERRUPTED.set())
     end = time.monotonic() + (arguments.seconds or float('inf'))
@@ -85,9 +90,10 @@ def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dic
     return found
 
 
-def _tell(group: object, arguments: argparse.Namespace, model: str) -> None:
-    live = node_module('live')
-    with live.Observer(group) as observer:
+def _tell(group: NodeProcesses, arguments: argparse.Namespace, model: str) -> None:
+    with ros_needed():
+        from piezo_hysteresis.nodes.live import Observer
+    with Observer(group) as observer:
         observer.until_ready('simulator', 'excitation', 'dashboard')
     print(f'open http://localhost:{arguments.port}/ (Ctrl-C ends the loop)', flush=True)
     if not model:

@@ -1,10 +1,10 @@
-"""Loads a node only when a verb needs it; everything else works without ROS 2."""
+"""Turns a missing ROS 2 into a sentence; only verbs that run nodes import them."""
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
 
 from piezo_hysteresis.errors import PiezoError
 
@@ -16,19 +16,9 @@ _NOT_SOURCED = (
 ROS_PACKAGES = ('rclpy', 'piezo_interfaces', 'piezo_ros_common')
 
 
-def node_module(name: str) -> ModuleType:
-    """Return a module of the room `nodes`.
-
-    Raises
-    ------
-    PiezoError
-        If ROS 2 or the built workspace is not there.
-    """
-    return ros_module(f'piezo_hysteresis.nodes.{name}')
-
-
-def ros_module(name: str) -> ModuleType:
-    """Return a module that needs ROS 2.
+@contextmanager
+def ros_needed() -> Iterator[None]:
+    """Let imports of `nodes`, and of what else needs ROS 2, end in a sentence without it.
 
     Raises
     ------
@@ -36,7 +26,7 @@ def ros_module(name: str) -> ModuleType:
         If ROS 2 or the built workspace is not there.
     """
     try:
-        return importlib.import_module(name)
+        yield
     except ModuleNotFoundError as error:
         missing = (error.name or '').split('.')[0]
         if missing not in ROS_PACKAGES:

@@ -7,8 +7,9 @@ enabled false; param load /feedforward out/model/params.yaml
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
-from piezo_hysteresis.cli.need_ros import node_module
+from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'list, get, set and load parameters of running nodes'
@@ -32,9 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         forms = {'get': '/NODE NAME', 'set': '/NODE NAME VALUE', 'load': '/NODE FILE'}
         form = forms.get(arguments.what, '[/NODE]')
         raise PiezoError(f'write `param {arguments.what} {form}`')
-    asks = node_module('parameter_asks')
-    with asks.Asks(arguments.timeout) as running:
-        done = {
+    with ros_needed():
+        from piezo_hysteresis.nodes.parameter_asks import Asks
+    with Asks(arguments.timeout) as running:
+        done: dict[str, Callable[..., list[str]]] = {
             'list': running.listed,
             'get': running.value,
             'set': running.change,

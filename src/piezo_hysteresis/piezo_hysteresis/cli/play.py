@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.need_ros import node_module
+from piezo_hysteresis.cli.need_ros import ros_needed
 
 HELP = 'topics from a bag'
 
@@ -35,4 +35,6 @@ def run(arguments: argparse.Namespace) -> int:
         '--salvage': arguments.salvage,
     }
     words += [switch for switch, given in switches.items() if given]
-    return int(node_module('player').run(words))
+    with ros_needed():
+        from piezo_hysteresis.nodes.recording import player
+    return player.run(words)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.need_ros import node_module
+from piezo_hysteresis.cli.need_ros import ros_needed
 
 HELP = 'bag from topics of a running ROS 2 system'
 
@@ -25,4 +25,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Hand over to the recorder node."""
     words = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
-    return int(node_module('recorder').run(words))
+    with ros_needed():
+        from piezo_hysteresis.nodes.recording import recorder
+    return recorder.run(words)

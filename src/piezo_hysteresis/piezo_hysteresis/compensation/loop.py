@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits, Link, Measured, ReferencePoint
-from piezo_hysteresis.compensation.harmonics import line_amplitudes
+from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.waveforms.base import Samples

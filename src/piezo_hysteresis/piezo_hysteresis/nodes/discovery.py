@@ -11,14 +11,14 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
 
+from piezo_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.paths import inside
-from piezo_hysteresis.nodes.tables import DISCOVERY
+from piezo_hysteresis.parameters.tables import DISCOVERY
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_interfaces.action import Discover
 from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.running import run_node
 

@@ -15,11 +15,11 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from piezo_common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, read_bag
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import LoopStatus
-from piezo_ros_common import topics
 from piezo_ros_common.middleware import joined
 from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.processes import NodeProcess, NodeProcesses, ProcessError

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from piezo_common.table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.table import ParameterSpec, ParameterTable, Value
 
 PREFIX = 'model.'
 

@@ -11,19 +11,19 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
+from piezo_common import topics
+from piezo_common.health import Health
+from piezo_common.order import Stamps
+from piezo_common.stamps import NANOSECONDS, tick_nanoseconds
+from piezo_common.table import Value
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
-from piezo_ros_common import topics
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.flat import FlatCodec, head_of, nanoseconds_of_head
-from piezo_ros_common.health import Health
 from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.order import Stamps
 from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_ros_common.running import run_node
-from piezo_ros_common.stamps import NANOSECONDS, tick_nanoseconds
-from piezo_ros_common.table import Value
 from piezo_ros_common.timers import wall_timer
 from piezo_sim.errors import SimulationError
 from piezo_sim.nodes.health import ActuatorHealth

@@ -1,0 +1,1 @@
+"""Feedback laws on the tracking error: PID, fuzzy PID, H-infinity."""

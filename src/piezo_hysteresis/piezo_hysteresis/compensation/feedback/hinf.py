@@ -1,0 +1,326 @@
+"""003's H-infinity feedback: mixed sensitivity on its G(s), discretised, as a link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, signal
+
+from piezo_hysteresis.arrays import ComplexArray, FloatArray
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.feedback.base import FeedbackLink
+from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
+    GeneralizedPlant,
+    StateSpace,
+    hinf_synthesis,
+    ill_conditioned,
+)
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.numerics.linalg import failing_as
+
+# 003 (4); its DC gain reads as mm per volt at the actuator.
+XIAO_NUMERATOR = (1135e-3, 35770e-3)
+XIAO_DENOMINATOR = (1.0, 3960.0, 5.046e6, 1.452e8)
+
+
+@dataclass(frozen=True)
+class HInfinityWeights:
+    """What the closed loop shall achieve; 003 gives no weights.
+
+    Attributes
+    ----------
+    bandwidth : float
+        Frequency up to which errors are fought [Hz].
+    steady_error : float
+        Share of a constant disturbance that may remain.
+    peak : float
+        Largest amplification of errors beyond the bandwidth; small ones give robustness.
+    control : float
+        Weight of the voltage. The loop stays stable while the plant differs from its model, at
+        any frequency, by less than ``control / gamma`` times its gain at rest.
+    delay_ticks : int
+        Samples by which a measurement is late when the voltage is computed; 1 in lock-step. The
+        hold of the voltage is taken into account besides.
+    """
+
+    bandwidth: float
+    steady_error: float = 1e-3
+    peak: float = 1.6
+    control: float = 0.5
+    delay_ticks: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ('bandwidth', 'steady_error', 'peak', 'control'):
+            if not getattr(self, name) > 0:
+                raise CompensationError(f'the H-infinity weight {name} must be positive')
+        if self.delay_ticks < 0 or self.delay_ticks != int(self.delay_ticks):
+            raise CompensationError('delay_ticks must be a whole number from 0')
+
+
+@dataclass(frozen=True)
+class HInfinityDesign:
+    """A controller, and what it is worth.
+
+    Attributes
+    ----------
+    controller : StateSpace
+        Discrete, from the error [m] to the voltage [V].
+    gamma : float
+        Bound on the weighted gains of the loop; up to 1 the weights are met.
+    weights : HInfinityWeights
+        What was asked for.
+    """
+
+    controller: StateSpace
+    gamma: float
+    weights: HInfinityWeights
+
+    @property
+    def poles(self) -> ComplexArray:
+        """Poles of the controller in z, the largest first."""
+        found = np.linalg.eigvals(self.controller.a)
+        return np.asarray(found[np.argsort(-np.abs(found))], dtype=np.complex128)
+
+    @property
+    def met(self) -> bool:
+        """Whether the loop does what the weights ask for."""
+        return self.gamma <= 1.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether the controller stays finite by itself, without a plant or while it is cut."""
+        return bool(abs(self.poles[0]) < 1.0)
+
+    def words(self) -> str:
+        """Return gamma and poles in a sentence."""
+        largest = ', '.join(f'{abs(pole):.6g}' for pole in self.poles[:3])
+        met = 'weights met' if self.met else 'weights missed'
+        return f'H-infinity: gamma {self.gamma:.3g} ({met}), largest controller poles {largest}'
+
+    def require_usable(self) -> HInfinityDesign:
+        """Return the design, or refuse one that does less than was asked for.
+
+        Raises
+        ------
+        CompensationError
+            If the weights are missed or the controller is unstable.
+        """
+        asked = self.weights
+        if not self.met:
+            raise CompensationError(
+                f'no H-infinity controller reaches {asked.bandwidth:g} Hz with these weights: '
+                f'gamma is {self.gamma:.3g} and should be 1 or less; lower the bandwidth, or '
+                'raise peak or steady_error'
+            )
+        if not self.stable:
+            raise CompensationError(
+                f'the H-infinity controller would be unstable by itself (a pole at '
+                f'{abs(self.poles[0]):.4g}) and run away when the sensor or the voltage stands '
+                'still; raise control or lower the bandwidth'
+            )
+        return self
+
+
+def transfer_function(numerator: Sequence[float], denominator: Sequence[float]) -> StateSpace:
+    """Return ``numerator(s) / denominator(s)`` in state space (companion form).
+
+    Parameters
+    ----------
+    numerator, denominator : sequence of float
+        Coefficients, highest power first; m/V and s.
+    """
+    a, b, c, d = signal.tf2ss(np.asarray(numerator), np.asarray(denominator))
+    return _balanced(StateSpace(a, b, c, d))
+
+
+def mixed_sensitivity(plant: StateSpace, weights: HInfinityWeights, dt: float) -> GeneralizedPlant:
+    """Build the problem ``|| W S; control K S || < gamma`` on a plant scaled to unit DC gain.
+
+    ``W = (s / peak + omega) / (s + steady_error omega) / (1 + s dt / 2)`` with omega of the
+    bandwidth: below gamma = 1 what `weights` ask for is reached. A direct path of the plant
+    counts in the error that is weighed, not in the one that is measured: there it can be closed
+    around the controller afterwards.
+
+    Parameters
+    ----------
+    plant : StateSpace
+        One input and one output, scaled to unit DC gain.
+    weights : HInfinityWeights
+        What is wanted.
+    dt : float
+        Sampling interval [s]; beyond it nothing is weighed.
+    """
+    omega = 2.0 * np.pi * weights.bandwidth
+    pole = weights.steady_error * omega
+    weight = transfer_function(
+        [1.0 / weights.peak, omega], [0.5 * dt, 1.0 + 0.5 * dt * pole, pole]
+    )
+    n, m = len(plant.a), len(weight.a)
+    a = np.block([[plant.a, np.zeros((n, m))], [-weight.b @ plant.c, weight.a]])
+    return GeneralizedPlant(
+        a=a,
+        b1=np.vstack([np.zeros((n, 1)), weight.b]),
+        b2=np.vstack([plant.b, -weight.b @ plant.d]),
+        c1=np.vstack([np.hstack([np.zeros((1, n)), weight.c]), np.zeros((1, n + m))]),
+        c2=np.hstack([-plant.c, np.zeros((1, m))]),
+        d12=np.array([[0.0], [weights.control]]),
+        d21=np.eye(1),
+    )
+
+
+def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinityDesign:
+    """Design a discrete controller from the error [m] to the voltage [V].
+
+    Parameters
+    ----------
+    plant : StateSpace
+        Strictly proper and stable, from [V] to [m].
+    weights : HInfinityWeights
+        What is wanted.
+    dt : float
+        Sampling interval at which the controller will run [s].
+
+    Returns
+    -------
+    HInfinityDesign
+        Discrete by the bilinear rule; whether it is of use says `HInfinityDesign.require_usable`.
+
+    Raises
+    ------
+    CompensationError
+        If the plant is not stable or not strictly proper, the bandwidth lies beyond half the
+        sampling rate, or there is no controller.
+    """
+    if weights.bandwidth >= 0.5 / dt:
+        raise CompensationError(
+            f'a bandwidth of {weights.bandwidth:g} Hz lies beyond half the sampling rate, '
+            f'{0.5 / dt:g} Hz; lower it'
+        )
+    with failing_as(ill_conditioned()):
+        return _design(plant, weights, dt)
+
+
+def _design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinityDesign:
+    if np.abs(plant.d).max() > 0:
+        raise CompensationError('the H-infinity design needs a strictly proper plant')
+    if np.linalg.eigvals(plant.a).real.max() >= 0:
+        raise CompensationError('the H-infinity design needs a stable plant')
+    steady = float(plant.gain(0.0).real[0, 0])
+    if steady == 0.0:
+        raise CompensationError('the plant has no gain at rest, so it cannot be controlled there')
+    sampled = _sampled(StateSpace(plant.a, plant.b, plant.c / steady, plant.d), dt, weights)
+    frequency_plane = _balanced(_to_w_plane(sampled, dt))
+    inner, gamma = hinf_synthesis(mixed_sensitivity(frequency_plane, weights, dt))
+    # The design left the direct path of the plant out; it is closed around the controller here.
+    path = frequency_plane.d
+    controller = StateSpace(inner.a + inner.b @ path @ inner.c, inner.b / steady, inner.c, inner.d)
+    a, b, c, d, _ = signal.cont2discrete(
+        (controller.a, controller.b, controller.c, controller.d), dt, method='bilinear'
+    )
+    return HInfinityDesign(StateSpace(a, b, c, d), gamma, weights)
+
+
+class HInfinity(FeedbackLink):
+    """A discrete linear controller on the error as a link of the chain, 003 figure 13.
+
+    Parameters
+    ----------
+    controller : StateSpace
+        Discrete, from the error d - y [m] to the voltage [V]; see `design`.
+    dt : float
+        Sampling interval [s].
+    limits : Limits, optional
+        As in `FeedbackLink`; while the voltage is cut off the state follows the limit.
+    words : str
+        What is told of it when it comes into force.
+    """
+
+    def __init__(
+        self,
+        controller: StateSpace,
+        dt: float,
+        *,
+        limits: Limits | None = None,
+        words: str = '',
+    ) -> None:
+        super().__init__(dt, limits)
+        self.words = words
+        self._controller = controller
+        self._observer = _observer_gain(controller)
+        self._state: FloatArray = np.zeros(len(controller.a))
+
+    def reset(self) -> None:
+        """Forget everything but the controller."""
+        super().reset()
+        self._state = np.zeros_like(self._state)
+
+    def _law(self, error: float) -> float:
+        k = self._controller
+        share = float(k.c[0] @ self._state + k.d[0, 0] * error)
+        self._state = k.a @ self._state + k.b[:, 0] * error
+        return share
+
+    def _hold(self) -> float:
+        return float(self._controller.c[0] @ self._state)
+
+    def _cut(self, excess: float) -> None:
+        if excess != 0.0:
+            self._state = self._state + self._observer * excess
+
+
+def _observer_gain(controller: StateSpace) -> FloatArray:
+    """Return the gain with which the state follows the voltage that was really applied.
+
+    The stationary Kalman gain for noise that enters like the error: the state then moves as if
+    the error had been one that the limits allow.
+    """
+    k = controller
+    noise = 1e-3 * (k.c @ k.b @ k.b.T @ k.c.T + k.d @ k.d.T)
+    with failing_as(ill_conditioned()):
+        covariance = linalg.solve_discrete_are(k.a.T, k.c.T, k.b @ k.b.T, noise)
+    gain = k.a @ covariance @ k.c.T / (k.c @ covariance @ k.c.T + noise)
+    return np.asarray(gain[:, 0], dtype=np.float64)
+
+
+def _sampled(plant: StateSpace, dt: float, weights: HInfinityWeights) -> StateSpace:
+    """Return the plant behind the hold, read `delay_ticks` samples late."""
+    a, b, c, _, _ = signal.cont2discrete((plant.a, plant.b, plant.c, plant.d), dt)
+    n, late = len(a), weights.delay_ticks
+    whole = np.zeros((n + late, n + late))
+    whole[:n, :n] = a
+    outputs = np.vstack([c @ np.eye(n, n + late), np.eye(n + late)[n:]])
+    whole[n:] = outputs[:late]
+    entry = np.vstack([b, np.zeros((late, 1))])
+    return StateSpace(whole, entry, outputs[late:], np.zeros((1, 1)))
+
+
+def _to_w_plane(system: StateSpace, dt: float) -> StateSpace:
+    """Return the continuous system that the bilinear rule makes into `system`.
+
+    Stability and the largest gain are the same in both, so a controller that is designed there
+    and taken back by the same rule keeps what it promises at any sampling rate.
+    """
+    inverse = np.linalg.inv(system.a + np.eye(len(system.a)))
+    scale = 2.0 / np.sqrt(dt)
+    return StateSpace(
+        2.0 / dt * (system.a - np.eye(len(system.a))) @ inverse,
+        scale * inverse @ system.b,
+        scale * system.c @ inverse,
+        system.d - system.c @ inverse @ system.b,
+    )
+
+
+def _balanced(system: StateSpace) -> StateSpace:
+    """Scale the states so that the Riccati solvers see numbers of one size."""
+    n = len(system.a)
+    joint = np.zeros((n + 1, n + 1))
+    joint[:n, :n] = system.a
+    joint[:n, n:] = system.b
+    joint[n:, :n] = system.c
+    _, (scale, _) = linalg.matrix_balance(joint, permute=False, separate=True)
+    t = scale[:n] / scale[n]
+    return StateSpace(
+        system.a * t[None, :] / t[:, None], system.b / t[:, None], system.c * t[None, :], system.d
+    )

@@ -1,0 +1,1 @@
+"""Attenuation of harmonics of the tracking error, by adaptation and by repetition."""

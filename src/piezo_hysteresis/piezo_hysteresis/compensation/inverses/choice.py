@@ -1,0 +1,242 @@
+"""Which inverse and which plant gain belong to a model; the laws of the papers by name."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import TypedDict
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.blocks.base import Between, Slot
+from piezo_hysteresis.compensation.base import INVERSES, Limits
+from piezo_hysteresis.compensation.inverses.base import InverseLink
+from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
+from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
+from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
+from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.chain import Model
+
+_LAWS: dict[str, Law] = {
+    'bouc_wen_exact': 'exact',
+    'bouc_wen': 'euler',
+    'prandtl_ishlinskii': 'plays',
+    'gain': 'gain',
+}
+_EASY = ('transport_delay', 'offset')
+_STRUCTURES = ('mode', 'mass_spring')
+
+
+def inverse_for(
+    model: Model,
+    values: Mapping[str, float],
+    dt: float,
+    *,
+    limits: Limits | None = None,
+    start: float = 0.5,
+    transition: float = 0.2,
+    scale: float = 1.0,
+    law: str = 'auto',
+) -> InverseLink:
+    """Return the inverse of `model` by a law, by default the best that there is for it.
+
+    The extended model gets 000 (16), (17); one hysteresis with or without a mode the physical
+    inverse; an oscillator and 003's law their own; every other chain the numeric one. Added tones
+    are ignored.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units; missing ones take their default.
+    dt : float
+        Sampling interval [s].
+    limits, start, transition
+        As in `InverseLink`.
+    scale : float
+        Typical voltage [V], for the numeric inverse.
+    law : str
+        One of `INVERSES`. ``fujii2018`` is 000 (16), (17), ``tatebatake2017`` 001 (12) as printed,
+        both for the extended model; ``zhou2021`` 002 (8), h of the sample before, for one
+        Bouc-Wen block with or without a structure; ``xiao2014`` 003's selector.
+
+    Raises
+    ------
+    CompensationError
+        If the model has no inverse, or none by that law.
+    """
+    if law not in INVERSES:
+        raise CompensationError(
+            f'there is no inverse {law!r}; choose one of {", ".join(INVERSES)}'
+        )
+    options: _Options = {'limits': limits, 'start': start, 'transition': transition}
+    if law != 'auto':
+        return _by_law(model, values, dt, law, scale, options)
+    named = model.unpack(model.pack(values))
+    blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
+    core = [name for name in blocks if name not in _EASY]
+    delayed = 'transport_delay' in blocks
+    simple = blocks.count('offset') <= 1 and (not blocks.count('offset') or blocks[-1] == 'offset')
+    if simple and core == ['bouc_wen', 'autoregressive'] and not delayed:
+        return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
+    if simple and core == ['bouc_wen_oscillator'] and not delayed:
+        return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
+    if simple and core in (['inverse_selector'], ['inverse_bouc_wen']) and not delayed:
+        return SlopeSelectedInverse(named, dt, limits=limits, start=start, transition=transition)
+    structured = len(core) == 1 or (len(core) == 2 and core[1] in _STRUCTURES)
+    if simple and structured and core[0] in _LAWS:
+        law = _LAWS[core[0]]
+        return PhysicalInverse(
+            named, dt, law=law, limits=limits, start=start, transition=transition
+        )
+    if 'bouc_wen_oscillator' in blocks:
+        raise CompensationError(
+            f'model {model.name} has an oscillator with further blocks, which has no inverse '
+            'here; use a model whose hysteresis stands before the structure'
+        )
+    return ChainInverse(
+        model, named, dt, scale=scale, limits=limits, start=start, transition=transition
+    )
+
+
+class _Options(TypedDict):
+    """What every inverse takes."""
+
+    limits: Limits | None
+    start: float
+    transition: float
+
+
+# Blocks of the chain, without delay, offset and structure, that a law is for.
+_FOR: dict[str, tuple[tuple[str, ...], ...]] = {
+    'fujii2018': (('bouc_wen', 'autoregressive'),),
+    'tatebatake2017': (('bouc_wen', 'autoregressive'),),
+    'zhou2021': (('bouc_wen_exact',), ('bouc_wen',)),
+    'exact': (('bouc_wen_exact',), ('bouc_wen',)),
+    'xiao2014': (('inverse_selector',), ('inverse_bouc_wen',)),
+}
+
+
+def _by_law(
+    model: Model,
+    values: Mapping[str, float],
+    dt: float,
+    law: str,
+    scale: float,
+    options: _Options,
+) -> InverseLink:
+    """Return the inverse by a law that was asked for by name."""
+    named = model.unpack(model.pack(values))
+    blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
+    core = tuple(name for name in blocks if name not in (*_EASY, *_STRUCTURES))
+    if law in _FOR and core not in _FOR[law]:
+        wanted = ' or '.join(' and '.join(each) for each in _FOR[law])
+        raise CompensationError(
+            f'the law {law} inverts {wanted}, but model {model.name} is {" -> ".join(blocks)}; '
+            'take another law or identify that model'
+        )
+    if law in ('fujii2018', 'tatebatake2017'):
+        printed = 'printed' if law == 'tatebatake2017' else 'solved'
+        return ExtendedInverse(named, dt, law=printed, **options)
+    if law in ('zhou2021', 'exact'):
+        return PhysicalInverse(
+            named, dt, law='delayed' if law == 'zhou2021' else 'exact', **options
+        )
+    if law == 'xiao2014':
+        return SlopeSelectedInverse(named, dt, **options)
+    if law == 'numeric':
+        return ChainInverse(model, named, dt, scale=scale, **options)
+    slope = abs(model_gain(model, values, dt, scale)(0.0))
+    straight = {'A1': slope, 'offset': float(named.get('offset', 0.0))}
+    return PhysicalInverse(straight, dt, law='gain', **options)
+
+
+class ModelGain:
+    """Complex gain [m/V] of a model for a small tone on top of a large drive.
+
+    The hysteresis counts by its mean local slope along a full loop; the rest of the chain by the
+    response to a small pulse. Added tones, friction, drift and offset have no part in it.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units.
+    dt : float
+        Sampling interval [s].
+    amplitude : float
+        Amplitude of the drive [V].
+    seconds : float
+        Length of the pulse response [s]; several time constants of the mode.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        values: Mapping[str, float],
+        dt: float,
+        *,
+        amplitude: float = 1.0,
+        seconds: float = 3.0,
+    ) -> None:
+        pulse = np.zeros(round(seconds / dt))
+        pulse[0] = 1e-3 * amplitude
+        small, packed = _for_small_tones(model, model.pack(values), amplitude, dt)
+        response = small.respond(pulse, packed, dt)
+        rest = small.respond(np.zeros_like(pulse), packed, dt)
+        self._dt = dt
+        self._pulse: FloatArray = (response - rest) / pulse[0]
+        self._at = functools.lru_cache(maxsize=512)(self._transform)
+
+    def __call__(self, frequency: float) -> complex:
+        """Answer the gain [m/V] at `frequency` [Hz]."""
+        return self._at(float(frequency))
+
+    def _transform(self, frequency: float) -> complex:
+        turns = np.exp(-2j * np.pi * frequency * self._dt * np.arange(self._pulse.size))
+        return complex(self._pulse @ turns)
+
+
+def _for_small_tones(
+    model: Model, packed: FloatArray, amplitude: float, dt: float
+) -> tuple[Model, FloatArray]:
+    """Return the chain with its hysteresis as a gain and without friction and tones."""
+    blocks, values = [], []
+    first = 0
+    for block in model.blocks:
+        own = packed[first : first + len(block.parameters)]
+        first += len(block.parameters)
+        if block.slot is Slot.HYSTERESIS:
+            slope = _mean_slope(Model(block.name, (block,)), own, amplitude, dt)
+            block, own = named_block('gain'), np.array([slope])
+        elif block.slot is Slot.ADDED or block.between is Between.PATH:
+            continue
+        blocks.append(block)
+        values.append(own)
+    return Model(model.name, tuple(blocks)), np.concatenate(values)
+
+
+def _mean_slope(model: Model, packed: FloatArray, amplitude: float, dt: float) -> float:
+    """Return the response of a hysteresis to a small third harmonic on a large drive."""
+    phase = 2.0 * np.pi * np.arange(4000) / 1000.0
+    drive, probe = amplitude * np.sin(phase), 0.01 * amplitude * np.sin(3.0 * phase + 0.7)
+    frequency = 1.0 / (1000.0 * dt)
+    with_probe = model.respond(drive + probe, packed, dt, frequency=frequency)
+    against_probe = model.respond(drive - probe, packed, dt, frequency=frequency)
+    difference = 0.5 * (with_probe - against_probe)[2000:]
+    small = probe[2000:]
+    return float(difference @ small / (small @ small))
+
+
+def model_gain(
+    model: Model, values: Mapping[str, float], dt: float, amplitude: float = 1.0
+) -> LinearGain:
+    """Return the plant gain that a model predicts; see `ModelGain`."""
+    return ModelGain(model, values, dt, amplitude=amplitude)

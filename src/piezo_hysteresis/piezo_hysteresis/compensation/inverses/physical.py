@@ -1,0 +1,222 @@
+"""Feedforward for models made of a hysteresis and a structure: 002 (8) and better."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._plays import COUNT
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis
+from piezo_hysteresis.compensation.inverses.base import InverseLink, take
+from piezo_hysteresis.compensation.inverses.structure_inverse import (
+    CORNERS,
+    STATE_SIZE,
+    invert_structure,
+    mode_coefficients,
+)
+from piezo_hysteresis.errors import CompensationError
+
+Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
+_Kernel = Callable[
+    [FloatArray, FloatArray, FloatArray, FloatArray, float, float, float],
+    None,
+]
+
+_KERNELS: dict[str, _Kernel] = {
+    'exact': hysteresis.invert_exact,
+    'euler': hysteresis.invert_euler,
+    'delayed': hysteresis.invert_delayed,
+    'plays': hysteresis.invert_plays,
+    'gain': hysteresis.invert_gain,
+}
+BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
+PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
+
+# Places of the numbers before those of the hysteresis.
+_MINIMUM, _K1, _K2, _LEAD, _FIRST = range(5)
+
+
+class PhysicalInverse(InverseLink):
+    """Feedforward by inverting a hysteresis behind a structure, 002 (8).
+
+    The structure (one mode, or none) is inverted on the reference's analytic derivatives in the
+    middle of the interval of the hold; the hysteresis sample by sample.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Of the hysteresis: ``A1, A`` [m/V], ``beta, gamma`` [1/V] and, where it is not 0, ``A0``
+        [m/V]; for the law ``plays`` ``pi_range`` [V], ``w0`` .. ``w9`` [m/V]; for ``gain`` only
+        ``A1``. Of the structure: ``natural_frequency`` [Hz] and ``damping_ratio``, or ``mass``,
+        ``damping``, ``stiffness``, or nothing. And where they apply ``delay`` [s], ``offset`` [m].
+    dt : float
+        Sampling interval [s].
+    law : {'exact', 'euler', 'delayed', 'plays', 'gain'}
+        ``exact``: Bouc-Wen by its exact step; ``euler``: by the papers' step and branch rule;
+        ``delayed``: with h of the sample before, Rakotondrabe's multiplicative form and 002 (8)
+        as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
+    minimum_slope : float, optional
+        Smallest slope that is used [m/V]; a tenth of A1 (w0) where it is not given.
+    lead : float, optional
+        Seconds from the tick to the middle of the effect of the voltage [s]; half a sample for a
+        model with a mode and 0 for one without where it is not given. The delay comes on top.
+    limits, start, transition
+        As in `InverseLink`.
+
+    Raises
+    ------
+    CompensationError
+        If a parameter is missing or not finite, or the model falls where the voltage rises.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, float],
+        dt: float,
+        *,
+        law: Law = 'exact',
+        minimum_slope: float | None = None,
+        lead: float | None = None,
+        limits: Limits | None = None,
+        start: float = 0.5,
+        transition: float = 0.2,
+    ) -> None:
+        if law not in _KERNELS:
+            raise CompensationError(
+                f'there is no inverse {law!r} of a hysteresis; choose one of {", ".join(_KERNELS)}'
+            )
+        self._law = law
+        self._kernel = _KERNELS[law]
+        self._minimum_slope = minimum_slope
+        self._lead_given = lead
+        self.memory_size = hysteresis.H + (COUNT if law == 'plays' else 1)
+        super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        packed = self._pack_hysteresis(parameters)
+        steepest = packed[1] if self._law == 'plays' else packed[0]
+        minimum = 0.1 * steepest if self._minimum_slope is None else self._minimum_slope
+        if not minimum > 0:
+            raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
+        k1, k2 = structure_coefficients(parameters)
+        lead = 0.5 * self.dt if k2 > 0.0 else 0.0
+        if self._lead_given is not None:
+            lead = self._lead_given
+        lead += parameters.get('delay', 0.0)
+        return np.array([minimum, k1, k2, lead, *packed])
+
+    def _pack_hysteresis(self, parameters: Mapping[str, float]) -> list[float]:
+        what = f'the inverse {self._law!r}'
+        if self._law == 'plays':
+            packed = take(parameters, PLAYS, what)
+            if not (packed[0] > 0 and packed[1] > 0):
+                raise CompensationError(
+                    'pi_range and w0 must be positive, or the Prandtl-Ishlinskii model has no '
+                    'inverse; identify again with that bound'
+                )
+            return packed
+        if self._law == 'gain':
+            packed = take(parameters, ('A1',), what)
+            packed += [0.0] * 4
+        else:
+            packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
+        # The delayed law solves no slope; it only divides by A1.
+        check_rising(packed if self._law != 'delayed' else [packed[0], 0.0, 0.0])
+        return packed
+
+    def _initial_memory(self) -> FloatArray:
+        return np.zeros(self.memory_size + STATE_SIZE)
+
+    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
+        p, own = self._packed, self.memory_size
+        target = np.empty(voltage.size)
+        invert_structure(reference, target, memory[own:], p[_K1], p[_K2], p[_LEAD], self.dt)
+        self._kernel(target, voltage, memory[:own], p[_FIRST:], p[_MINIMUM], self._low, self._high)
+
+    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        # The plays remember voltages, which stay what they were.
+        if self._law != 'plays':
+            ratio = saturation(new[_FIRST:]) / max(saturation(old[_FIRST:]), 1e-300)
+            self._memory[hysteresis.H] *= ratio
+
+    def counters(self) -> dict[str, int]:
+        """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
+        return {**super().counters(), 'corners': int(self._memory[self.memory_size + CORNERS])}
+
+
+def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
+    """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for the structure of a model.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        ``natural_frequency`` with ``damping_ratio``, or ``mass, damping, stiffness``; without
+        either there is no structure.
+
+    Raises
+    ------
+    CompensationError
+        If they are not positive and finite.
+    """
+    if 'mass' in parameters:
+        mass, damping, stiffness = take(
+            parameters, ('mass', 'damping', 'stiffness'), 'the structure'
+        )
+        if not (mass > 0 and stiffness > 0):
+            raise CompensationError('mass and stiffness must be positive')
+        return damping / stiffness, mass / stiffness
+    if parameters.get('natural_frequency', 0.0) == 0.0:
+        return 0.0, 0.0
+    frequency, ratio = take(parameters, ('natural_frequency', 'damping_ratio'), 'the mode')
+    if not frequency > 0:
+        raise CompensationError(f'natural_frequency must be positive, got {frequency:g} Hz')
+    return mode_coefficients(frequency, ratio)
+
+
+def saturation(bouc_wen: FloatArray) -> float:
+    """Return the level at which h saturates [m], with which h is scaled on a change."""
+    a, a0, beta, gamma = (float(value) for value in bouc_wen[1:5])
+    return max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3)
+
+
+def check_rising(bouc_wen: list[float]) -> None:
+    """Refuse A1, A, A0, ... of a model that falls where the voltage rises from rest.
+
+    Raises
+    ------
+    CompensationError
+        If A1 or the slope from rest is not positive.
+    """
+    a1, a, a0 = bouc_wen[:3]
+    if not a1 > 0:
+        raise CompensationError(
+            f'A1 = {a1:g} m/V is not positive, so the model has no inverse; check the polarity '
+            'of sensor and amplifier and identify again'
+        )
+    if not a1 - a - abs(a0) > 0:
+        raise CompensationError(
+            f'A1 - A - |A0| = {a1 - a - abs(a0):g} m/V is not positive: the model falls where '
+            'the voltage rises, so it has no inverse; identify with that bound'
+        )
+
+
+def least_slope(parameters: Mapping[str, float]) -> float:
+    """Return the smallest slope dw/du that a Bouc-Wen model can take [m/V].
+
+    It is that just behind a reversal of a saturated h: A1 - A - |A0| - (beta - gamma) h_max. A
+    model where it is not positive has no inverse near the tips of its largest loops.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        ``A1, A, beta, gamma`` and, where it is not 0, ``A0``.
+    """
+    a1, a, a0, beta, gamma = take({'A0': 0.0, **parameters}, BOUC_WEN, 'the slope')
+    highest = (a + abs(a0)) / (beta + gamma) if beta + gamma > 0 else math.inf
+    steepest = max(beta - gamma, 0.0)
+    return a1 - a - abs(a0) - (steepest * highest if steepest > 0 else 0.0)

@@ -1,0 +1,218 @@
+"""Hears every topic of the page, many messages at a time, and writes down what they say.
+
+A callback per message would cost the processor as much as a link of the loop. The subscriptions
+are therefore in no executor: they are emptied some 30 times a second.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from piezo_common import topics
+from piezo_common.stamps import nanoseconds_of
+from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Live, Word
+from piezo_hysteresis.dashboard.signals import State
+from piezo_hysteresis.runtime.confirmation import PLACES
+from piezo_interfaces.msg import (
+    ActuatorState,
+    LoopStatus,
+    ModelEstimate,
+    RecordMarker,
+    Reference,
+)
+from piezo_interfaces.msg import Gap as GapMessage
+from piezo_ros_common.diagnostics import state_of
+from piezo_ros_common.herald import WORKS
+from piezo_ros_common.qos import LATCHED, LOOP
+
+Sink = Callable[[bytes, int], object]
+
+# Nodes whose ~/status is shown.
+COUNTING = ('feedforward', 'attenuation', 'feedback', 'identification', 'recorder')
+EVENTS = QoSProfile(depth=1000)
+MOST = 20000  # messages of one topic at a time
+
+
+class Channel:
+    """One topic: takes what has come, hands it on raw and decoded."""
+
+    def __init__(
+        self,
+        node: Node,
+        kind: type,
+        topic: str,
+        qos: QoSProfile,
+        take: Callable[[list[Any]], None],
+    ) -> None:
+        self._kind, self._take = kind, take
+        self._subscription = node.create_subscription(kind, topic, lambda _: None, qos)
+        self.sinks: list[Sink] = []
+
+    def poll(self) -> None:
+        """Empty the queue."""
+        handle = self._subscription.handle
+        messages: list[Any] = []
+        with handle:
+            while len(messages) < MOST and (taken := handle.take_message(self._kind, True)):
+                payload = taken[0]
+                for sink in self.sinks:
+                    sink(payload, time.time_ns())
+                messages.append(deserialize_message(payload, self._kind))
+        if messages:
+            self._take(messages)
+
+
+class Ear:
+    """All topics of one actuator.
+
+    Parameters
+    ----------
+    node : Node
+        In no executor.
+    live : Live
+        Where it is written down.
+    """
+
+    def __init__(self, node: Node, live: Live) -> None:
+        self._live = live
+        self._prefix = f'/{live.actuator}/' if live.actuator else '/'
+        self.counting = 'actuator'  # node that publishes the counters of the loop
+        kinds: tuple[tuple[type, str, QoSProfile, Callable[[list[Any]], None]], ...] = (
+            (RecordMarker, topics.MARKER, LOOP, self._markers),
+            (ActuatorState, topics.STATE, LOOP, self._states),
+            (Reference, topics.REFERENCE, LOOP, self._references),
+            (GapMessage, topics.GAP, LATCHED, self._gaps),
+            (ModelEstimate, topics.ESTIMATE, LATCHED, self._estimates),
+            (LoopStatus, topics.LOOP_STATUS, LATCHED, lambda m: self._count(self.counting, m)),
+        )
+        self.channels = {
+            topic: Channel(node, kind, self._prefix + topic, qos, take)
+            for kind, topic, qos, take in kinds
+        }
+        for name in COUNTING:
+            self.channels[f'{name}/status'] = Channel(
+                node, LoopStatus, f'{self._prefix}{name}/status', LATCHED, self._counter(name)
+            )
+
+    def topic(self, short: str) -> str:
+        """Return the whole name of a topic of this actuator."""
+        return self._prefix + short
+
+    def poll(self) -> None:
+        """Take in what has come."""
+        for channel in self.channels.values():
+            channel.poll()
+
+    def _counter(self, name: str) -> Callable[[list[LoopStatus]], None]:
+        return lambda messages: self._count(name, messages)
+
+    def _states(self, messages: list[ActuatorState]) -> None:
+        self._live.note('state')
+        self._live.signals.add_states(
+            [
+                State(m.sample, nanoseconds_of(m.header.stamp), m.voltage, m.displacement)
+                for m in messages
+            ]
+        )
+
+    def _references(self, messages: list[Reference]) -> None:
+        self._live.note('reference')
+        self._live.frequency = messages[-1].frequency
+        self._live.signals.add_references(
+            [m.sample for m in messages], [m.displacement for m in messages]
+        )
+
+    def _markers(self, messages: list[RecordMarker]) -> None:
+        self._live.record = messages[-1].record
+        self._live.record_frequency = messages[-1].frequency
+
+    def _gaps(self, messages: list[GapMessage]) -> None:
+        now = self._live.clock()
+        for m in messages:
+            self._live.gaps.append(
+                Gap(
+                    now, m.rms, m.noise_floor, m.floors, m.frequency, tuple(m.orders),
+                    tuple(m.harmonics), m.beyond_floor, m.family,
+                )
+            )  # fmt: skip
+
+    def _estimates(self, messages: list[ModelEstimate]) -> None:
+        now = self._live.clock()
+        for m in messages:
+            self._live.estimates.append(
+                Estimate(
+                    now, m.model, m.method, m.message, tuple(m.names), tuple(m.units),
+                    tuple(m.values), tuple(m.standard_deviations), m.one_step_rms,
+                    m.free_run_rms, m.converged,
+                )
+            )  # fmt: skip
+
+    def _count(self, name: str, messages: list[LoopStatus]) -> None:
+        m = messages[-1]
+        counts = {
+            key: getattr(m, key) for key in ('late', 'missed', 'refused', 'limited', 'doubled')
+        }
+        named = zip(m.names.split(','), m.counts, strict=False)
+        counts |= {key: count for key, count in named if key and key not in PLACES}
+        self._live.counters[name] = Counters(self._live.clock(), m.sample, m.rate, counts)
+
+
+class CommonEar:
+    """The topics that all actuators share: log, diagnostics, parameter events.
+
+    Parameters
+    ----------
+    node : Node
+        In no executor.
+    live_of : callable
+        Returns what is known of the actuator of a node's whole name, and the short name.
+    on_event : callable
+        Gets every change of parameters.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        live_of: Callable[[str], tuple[Live | None, str]],
+        on_event: Callable[[ParameterEvent], None],
+    ) -> None:
+        self._live_of, self._on_event = live_of, on_event
+        self._channels = (
+            Channel(node, ParameterEvent, '/parameter_events', EVENTS, self._events),
+            Channel(node, Log, '/rosout', EVENTS, self._logs),
+            Channel(node, DiagnosticArray, '/diagnostics', EVENTS, self._diagnostics),
+        )
+
+    def poll(self) -> None:
+        """Take in what has come."""
+        for channel in self._channels:
+            channel.poll()
+
+    def _events(self, messages: list[ParameterEvent]) -> None:
+        for message in messages:
+            self._on_event(message)
+
+    def _logs(self, messages: list[Log]) -> None:
+        for message in messages:
+            live, name = self._live_of('/' + message.name.replace('.', '/'))
+            if live is not None and message.level >= 30:  # warnings and worse
+                level = 'warning' if message.level < 40 else 'error'
+                live.words.append(Word(live.clock(), name, level, message.msg))
+
+    def _diagnostics(self, messages: list[DiagnosticArray]) -> None:
+        for message in messages:
+            for status in message.status:
+                live, name = self._live_of(status.name)
+                if live is not None:
+                    level = {b'\x00': 'ok', b'\x01': 'warning'}.get(status.level, 'error')
+                    live.diagnostics[name] = Word(live.clock(), name, level, status.message)
+                    if state_of(status) in WORKS:
+                        live.working[name] = live.clock()

@@ -1,0 +1,1 @@
+"""The node that excites the actuator: references, voltages, sweeps."""

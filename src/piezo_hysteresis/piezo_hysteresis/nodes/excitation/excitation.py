@@ -1,0 +1,338 @@
+"""Drives the loop: publishes the reference, or an open-loop voltage, tick by tick."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.task import Future
+
+from piezo_common import topics
+from piezo_common.health import Health
+from piezo_common.order import Intake
+from piezo_common.stamps import NANOSECONDS
+from piezo_common.table import Value
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
+from piezo_hysteresis.nodes.excitation.sweep_audience import missing_subscribers
+from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
+from piezo_hysteresis.parameters.tables import EXCITATION
+from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
+from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, ExcitationHealth
+from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
+from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
+from piezo_hysteresis.runtime.sweep_run import Pause
+from piezo_hysteresis.waveforms import Waveform
+from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.flat import head_of, nanoseconds_of_head
+from piezo_ros_common.neighbours import Neighbours
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.running import run_node
+from piezo_ros_common.timers import wall_timer
+
+# The last message is repeated after so much silence [s].
+REPEAT_AFTER = 0.2
+
+# Parameters that shape the waveform.
+_SHAPE = (
+    'waveform',
+    'waveform_options',
+    'frequency',
+    'reference.amplitude',
+    'reference.offset',
+    'voltage.amplitude',
+    'voltage.offset',
+    'ramp',
+)
+
+# The process ends with this code where the actuator or the chain was silent.
+NO_ANSWER = 3
+
+
+class Excitation(Node):
+    """Answers the state of tick k with the reference (or voltage) of tick k + 1.
+
+    It so follows the clock of the actuator, whatever that is: lock-step or real time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('excitation')
+        self.stop = Future()
+        self.exit_code = 0
+        self._experiment: Experiment | None = None
+        self._emitted = -1
+        self._newest_state = -1
+        self._restarts = 0
+        self._given_up = ''
+        self._ready = False
+        self._last: tuple[Publisher, bytes] | None = None
+        self._heard = time.monotonic()
+        self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
+        self._rate = self._params.number('rate')
+        # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
+        self._intake = Intake(anew=False)
+        self._times = ActuatorClock(self._rate)
+        self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
+        self._voltage_publisher = self.create_publisher(
+            VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
+        )
+        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
+        self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
+        self._neighbours = Neighbours(self)
+        self._sweeps = SweepServer(
+            self, self._params, self._neighbours, self._begin, self._answer, self._times.edge_at
+        )
+        reason = self._refuse({})
+        if reason:
+            self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
+            raise SystemExit(2)
+        self._health = ExcitationHealth()
+        Diagnostics(self, self._judge)
+        wall_timer(self, 0.5, self._watch)
+        wall_timer(self, REPEAT_AFTER, self._repeat)
+
+    # --- ticks ---------------------------------------------------------------------------------
+
+    def _on_status(self, message: LoopStatus) -> None:
+        # Tells where an actuator waits that has no state to answer yet, or had it before.
+        # It may be older than the states that have come, so only a fresh start tells of a restart.
+        if message.sample == 0 < self._newest_state:
+            self._intake.newest = -1
+            self._follow_restart(-1)
+        self._sweeps.note_range(message.low, message.high)
+        self._sweeps.note_refused(message.refused, message.sample)
+        if message.sample > self._newest_state + 1 or self._newest_state < 0:
+            self._newest_state = message.sample - 1
+            self._ready = True
+            self._emit(message.sample)
+
+    def _on_state(self, payload: bytes) -> None:
+        head, (sample, _, _) = STATE.decode(payload)
+        before = self._intake.newest
+        if not self._intake.take(sample):
+            return
+        if sample < before:
+            self._follow_restart(sample - 1)
+        self._times.hear(sample, nanoseconds_of_head(head))
+        if sample <= self._newest_state:
+            return
+        self._newest_state = sample
+        self._sweeps.note_pace(unasked=sample > self._emitted)
+        if not self._sweeps.waits:
+            self._heard = time.monotonic()
+        self._emit(sample + 1)
+
+    def _follow_restart(self, sample: int) -> None:
+        """Begin again: the actuator was started anew and has reached tick `sample`."""
+        self.get_logger().warning('the actuator was started anew', throttle_duration_sec=5.0)
+        self._restarts += 1
+        self._newest_state = self._emitted = sample
+        self._experiment = None
+        self._last = None
+        self._sweeps.follow_restart()
+
+    def _begin(self) -> None:
+        """Answer the newest state, in case the loop waits for it."""
+        self._heard = time.monotonic()
+        self._given_up = ''
+        self._answer()
+
+    def _answer(self) -> None:
+        """Answer the newest state where that has not been done."""
+        if self._newest_state >= 0 or self._ready:
+            self._emit(self._newest_state + 1)
+
+    def _emit(self, sample: int) -> None:
+        if sample <= self._emitted:
+            return
+        if self._sweeps.active:
+            if self._sweeps.begins(sample):
+                self._emit_sweep(sample)
+        elif self._params.text('mode') != 'idle' and self._listened_to():
+            self._emit_experiment(sample)
+
+    def _listened_to(self) -> bool:
+        """Tell whether everybody is there who must not miss the first tick."""
+        return self._emitted >= 0 or not self._missing_listeners()
+
+    def _missing_listeners(self) -> str:
+        """Return who else must be there before the first tick; empty where all are."""
+        voltage = self._params.text('mode') == 'voltage'
+        publisher = self._voltage_publisher if voltage else self._reference_publisher
+        wanted = self._params.integer('wait_for')
+        return missing_subscribers(publisher, publisher.topic_name, wanted)
+
+    def _repeat(self) -> None:
+        """Say the last word again where the loop stands still: somebody may have missed it."""
+        if time.monotonic() - self._heard < REPEAT_AFTER:
+            return
+        if self._last is None:
+            self._answer()
+            return
+        publisher, payload = self._last
+        publisher.publish(payload)
+
+    def _emit_sweep(self, sample: int) -> None:
+        voltage = self._sweeps.voltage(sample)
+        if isinstance(voltage, Pause):
+            self._last = None
+            return
+        if self._last is None:
+            self._heard = time.monotonic()  # not the actuator was waited for until now
+        self._emitted = sample
+        self._publish_voltage(sample, voltage)
+
+    def _emit_experiment(self, sample: int) -> None:
+        experiment = self._experiment
+        if experiment is None:
+            if reason := self._beyond_range({}):
+                self._give_up(reason)
+                return
+            self.exit_code = 0
+            experiment = self._experiment = self._new_experiment(sample)
+        if experiment.over(sample):
+            self._finish(sample)
+            return
+        self._emitted = sample
+        if self._params.text('mode') == 'reference':
+            self._emit_reference(experiment, sample)
+        else:
+            self._publish_voltage(sample, experiment.point(sample).displacement)
+
+    def _emit_reference(self, experiment: Experiment, sample: int) -> None:
+        payload = reference_bytes(self._head(sample), experiment.point(sample))
+        self._reference_publisher.publish(payload)
+        self._last = (self._reference_publisher, payload)
+
+    def _publish_voltage(self, sample: int, voltage: float) -> None:
+        payload = voltage_bytes(self._head(sample), sample, voltage)
+        self._voltage_publisher.publish(payload)
+        self._last = (self._voltage_publisher, payload)
+
+    def _head(self, sample: int) -> bytes:
+        return head_of(*divmod(self._times.time_of(sample), NANOSECONDS))
+
+    def _finish(self, sample: int) -> None:
+        self.get_logger().info(f'experiment over at tick {sample}')
+        self._end()
+
+    def _end(self) -> None:
+        self._last = None
+        self._params.overwrite({'mode': 'idle'})
+        if self._params.flag('exit_when_done') and not self.stop.done():
+            self.stop.set_result(True)
+
+    # --- parameters ----------------------------------------------------------------------------
+
+    def _new_experiment(self, sample: int) -> Experiment:
+        duration = self._params.number('duration')
+        return Experiment(self._waveform({}), sample, self._rate, round(duration * self._rate))
+
+    def _waveform(self, changes: dict[str, Value]) -> Waveform:
+        values: dict[str, Any] = {**self._params.values, **changes}
+        kind = 'voltage' if values['mode'] == 'voltage' else 'reference'
+        wanted = {
+            'frequency': values['frequency'],
+            'amplitude': values[f'{kind}.amplitude'],
+            'offset': values[f'{kind}.offset'],
+            'ramp': values['ramp'],
+        }
+        if values['duration'] > 0:
+            wanted['duration'] = values['duration']
+        options = parse_options(values['waveform_options'])
+        return waveform_of(values['waveform'], wanted, options, self._params.number('rate'))
+
+    def _refuse(self, changes: dict[str, Value]) -> str:
+        if not hasattr(self, '_sweeps'):
+            return ''
+        if changes.get('mode', 'idle') != 'idle' and self._sweeps.busy:
+            return 'mode: a sweep is running; cancel it first'
+        try:
+            return self._beyond_range(changes)
+        except PiezoError as error:
+            return f'waveform: {error}'
+
+    def _beyond_range(self, changes: dict[str, Value]) -> str:
+        """Return why the actuator would refuse the voltage; empty where it would not.
+
+        Raises
+        ------
+        PiezoError
+            If there is no such waveform.
+        """
+        waveform = self._waveform(changes)
+        if changes.get('mode', self._params.text('mode')) != 'voltage':
+            return ''
+        return self._sweeps.beyond_range(*extremes(waveform, self._rate))
+
+    def _apply(self, changes: dict[str, Value]) -> None:
+        if 'mode' in changes:
+            self._experiment = None
+            self._begin()
+        experiment = self._experiment
+        if experiment is None:
+            return
+        if not changes.keys().isdisjoint(_SHAPE):
+            ramp = self._params.number('ramp')
+            experiment.change(self._waveform({}), self._emitted + 1, ramp)
+        experiment.length = round(self._params.number('duration') * self._rate)
+
+    def _watch(self) -> None:
+        silent = max(time.monotonic() - self._heard, self._sweeps.waiting)
+        deadline = self._params.number('deadline')
+        idle = self._params.text('mode') == 'idle' and not self._sweeps.active
+        working = self._neighbours.working()
+        if working and not idle and silent > SILENCE:
+            self.get_logger().info(f'waits for {working}', throttle_duration_sec=10.0)
+        if idle or min(silent, self._neighbours.quiet()) < deadline:
+            return
+        if self._sweeps.waits:
+            reason = (
+                f'waited {silent:.0f} s for {self._sweeps.waits_for}: see that it runs and has '
+                'room to write, and run the sweep again'
+            )
+        else:
+            reason = (
+                f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the '
+                'actuator or a link of the chain is not running; start it and set mode again'
+            )
+        if self._sweeps.active:
+            self._sweeps.give_up(reason)
+        self._give_up(reason)
+
+    def _give_up(self, reason: str) -> None:
+        self.get_logger().error(reason)
+        self.exit_code = NO_ANSWER
+        self._end()
+        self._given_up = reason
+
+    def _judge(self) -> Health:
+        counts = {
+            **self._intake.counters(),
+            'stamp_jumps': self._times.jumps,
+            'restarts': self._restarts,
+            **self._sweeps.counters(),
+        }
+        return self._health.judge(self._doing(), counts, self._sweeps.last)
+
+    def _doing(self) -> Doing:
+        mode, sweeps = self._params.text('mode'), self._sweeps
+        what, waits = sweeps.doing, sweeps.waits_for
+        if not sweeps.active and mode != 'idle':
+            shape, frequency = self._params.text('waveform'), self._params.number('frequency')
+            what = f'{mode}: {shape}, {frequency:g} Hz'
+            waits = '' if self._listened_to() else self._missing_listeners()
+        silent = time.monotonic() - self._heard
+        if what and silent > SILENCE:
+            waits = self._neighbours.working() or waits
+        return Doing(what, waits, self._given_up, silent, self._newest_state)
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(Excitation))

@@ -1,0 +1,118 @@
+"""Whom the markers of a sweep are for: says them, and knows who has to be there to hear them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from piezo_common import topics
+from piezo_common.stamps import nanoseconds_of, stamp_into
+from piezo_hysteresis.nodes.recording.reports import QUIET, Reports
+from piezo_hysteresis.runtime.confirmation import Progress
+from piezo_hysteresis.runtime.sweep_plan import SweepRecord
+from piezo_interfaces.msg import RecordMarker
+from piezo_ros_common.diagnostics import TOPIC as DIAGNOSTICS
+from piezo_ros_common.neighbours import Neighbours
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LOOP
+
+# Nodes that come and go all the time hold a sweep up no longer than this [s].
+LONGEST_QUIET = 2.0
+
+
+def missing_subscribers(publisher: Publisher, topic: str, wanted: int) -> str:
+    """Return how many subscribers a topic wants and has; empty where they are all there."""
+    there = publisher.get_subscription_count()
+    return '' if there >= wanted else f'{wanted} subscribers of {topic}, {there} are there'
+
+
+class SweepAudience:
+    """The nodes that take the markers of a sweep in.
+
+    Parameters
+    ----------
+    node : Node
+        That runs the sweep.
+    parameters : NodeParameters
+        Of the node: ``rate``, ``actuator``, ``marker_listeners``.
+    neighbours : Neighbours
+        Who of them starts or compiles.
+    edge_at : callable
+        Returns the time at which a tick begins for whoever reads the states of the actuator [ns].
+    heard : callable
+        Called when one of them has told how far it is.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        neighbours: Neighbours,
+        edge_at: Callable[[int], int],
+        heard: Callable[[], None],
+    ) -> None:
+        self._parameters, self._neighbours = parameters, neighbours
+        self.edge_at = edge_at
+        self._publisher = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
+        self._reports = Reports(node, topics.MARKER, heard)
+
+    def look(self) -> None:
+        """Notice who has come and who has gone."""
+        self._reports.look()
+
+    def keepers(self) -> Mapping[str, Progress]:
+        """Return what the recorders have told, by name."""
+        return self._reports.keepers()
+
+    def missing(self, asked: float) -> str:
+        """Return who has to be there before the first tick; empty where all are.
+
+        Parameters
+        ----------
+        asked : float
+            When the sweep was asked for [s], on the monotonic clock.
+        """
+        reports = self._reports
+        wanted = max(self._parameters.integer('marker_listeners'), reports.subscribed)
+        if missing := missing_subscribers(self._publisher, topics.MARKER, wanted):
+            return missing
+        if silent := reports.silent():
+            return f'the first word of {", ".join(silent)} on its status'
+        if starting := self._starting():
+            return starting
+        now = time.monotonic()
+        calm = now - max(asked, reports.quiet_since()) >= QUIET
+        return '' if calm or now - asked > LONGEST_QUIET else 'nodes that are just starting'
+
+    def _starting(self) -> str:
+        """Return who of the others is not there as a whole yet; empty for nobody."""
+        self._neighbours.look()
+        if unheard := self._neighbours.unheard():
+            return f'the first word of {", ".join(unheard)} on {DIAGNOSTICS}'
+        return self._neighbours.working()
+
+    def mark(self, record: SweepRecord, sample: int) -> int:
+        """Say that a record begins at tick `sample`; return the stamp of the marker [ns]."""
+        info = record.info
+        marker = RecordMarker(record=record.name, excitation=info.excitation)
+        marker.actuator = self._parameters.text('actuator')
+        marker.frequency = info.frequency
+        marker.amplitude = info.amplitude
+        marker.warm_up = info.warm_up
+        marker.input_unit = info.input_unit
+        return self._say(marker, sample)
+
+    def end(self, judged: str, verdict: str, sample: int) -> int:
+        """Say that a record ends at tick `sample`, or that `judged` does not count and why."""
+        marker = RecordMarker(excitation=verdict)
+        marker.header.frame_id = judged
+        return self._say(marker, sample)
+
+    def _say(self, marker: RecordMarker, sample: int) -> int:
+        marker.rate = self._parameters.number('rate')
+        stamp_into(marker.header.stamp, self.edge_at(sample))
+        self._publisher.publish(marker)
+        return nanoseconds_of(marker.header.stamp)

@@ -1,0 +1,331 @@
+"""The ``run_sweep`` action: one goal at a time, feedback on the way, at rest after a cancel."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+from rclpy.task import Future
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.excitation.sweep_audience import SweepAudience
+from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
+from piezo_hysteresis.runtime.sweep_plan import Sweep, parse_options
+from piezo_hysteresis.runtime.sweep_run import Kept, Pause, SweepRun, told
+from piezo_interfaces.action import RunSweep
+from piezo_ros_common.neighbours import Neighbours
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.timers import wall_timer
+
+# Time between two feedback messages [s].
+FEEDBACK_EVERY = 0.2
+
+# How often it is looked who has come or gone, while that decides and while a record runs [s].
+LOOK_EVERY, LOOK_SELDOM = 0.05, 0.25
+
+
+class SweepServer:
+    """Runs sweeps for the excitation node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose action it is.
+    parameters : NodeParameters
+        Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``deadline``.
+    neighbours : Neighbours
+        Who of them starts or compiles.
+    begin : callable
+        Called when a sweep is accepted, so that the node starts to emit.
+    resume : callable
+        Called when a tick that waited may go on.
+    edge_at : callable
+        Returns the time at which a tick begins for whoever reads the states of the actuator [ns].
+
+    Attributes
+    ----------
+    last : str
+        What became of the last sweep that was asked for.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        neighbours: Neighbours,
+        begin: Callable[[], None],
+        resume: Callable[[], None],
+        edge_at: Callable[[int], int],
+    ) -> None:
+        self._node = node
+        self.last = ''
+        self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
+        self._parameters = parameters
+        self._rate = parameters.number('rate')
+        self._ticks_to_report = max(1, round(FEEDBACK_EVERY * self._rate))
+        self._begin, self._resume = begin, resume
+        self._busy = False
+        self._run: SweepRun | None = None
+        self._goal: Any = None
+        self._done: Future | None = None
+        self._newest = -1
+        self._first = -1
+        self._reason = ''
+        self._kept: list[Kept] = []
+        self._range = (0.0, 0.0)
+        self._refused = self._refused_before = self._known_until = 0
+        self._recount = False
+        self._asked = self._looked = 0.0
+        self._refuses = False
+        self._audience = SweepAudience(node, parameters, neighbours, edge_at, self._go_on)
+        self._server = ActionServer(
+            node,
+            RunSweep,
+            'run_sweep',
+            execute_callback=self._execute,
+            goal_callback=self._judge,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        wall_timer(node, LOOK_EVERY, self._look)
+
+    @property
+    def active(self) -> bool:
+        """Whether a sweep runs."""
+        return self._run is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether the actuator is at rest because somebody is waited for."""
+        return bool(self.waits_for)
+
+    @property
+    def waits_for(self) -> str:
+        """Whom it waits for; empty where it does not wait."""
+        if self._run is None:
+            return ''
+        return self._run.awaited if self._first >= 0 else self._missing()
+
+    @property
+    def waiting(self) -> float:
+        """How long a recorder has been waited for [s]."""
+        run = self._run
+        if run is None or self._first < 0 or not run.awaited:
+            return 0.0
+        return time.monotonic() - run.since
+
+    def _missing(self) -> str:
+        """Return who has to be there before the first tick; empty where all are.
+
+        The refusals that ended the sweep before must have been counted too: they would be taken
+        for refusals of this one.
+        """
+        if self._recount:
+            return 'loop/status: what was refused of the sweep before is not known yet'
+        return self._audience.missing(self._asked)
+
+    @property
+    def doing(self) -> str:
+        """The record that runs and how long the sweep still takes; empty without a sweep."""
+        if self._run is None:
+            return ''
+        if self._newest < 0:
+            return 'begins a sweep'
+        sweep = self._run.sweep
+        record, left = sweep.running(self._newest), sweep.seconds_left(self._newest)
+        return f'sweep: {record.name}, {left:.0f} s left'
+
+    def counters(self) -> dict[str, int]:
+        """Return how many sweeps were begun, refused, and did not come to their end."""
+        return dict(self._counts)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a sweep runs or is about to."""
+        return self._busy
+
+    def begins(self, sample: int) -> bool:
+        """Tell whether the sweep has begun or may begin with tick `sample`."""
+        if self._first >= 0:
+            return True
+        assert self._run is not None
+        if reason := self.beyond_range(*self._run.sweep.extremes):
+            self._node.get_logger().error(f'sweep refused: {reason}')
+            self._counts['sweeps_refused'] += 1
+            self._reason, self._refuses = reason, True
+            self._finish()
+            return False
+        if self._missing():
+            return False
+        self._first = sample
+        self._run.sweep.start(sample)
+        return True
+
+    def voltage(self, sample: int) -> float | Pause:
+        """Return the voltage of tick `sample`, or why it gets none."""
+        run = self._run
+        assert run is not None
+        if self._goal.is_cancel_requested or self._reason:
+            run.stop(sample, REFUSED if self._reason else CANCELLED)
+        voltage = run.step(sample)
+        if voltage is Pause.OVER:
+            self._finish()
+        elif voltage is not Pause.HOLD:
+            if sample % self._ticks_to_report == 0:
+                self._report(run.sweep, sample)
+            self._newest = sample
+        return voltage
+
+    def note_pace(self, unasked: bool) -> None:
+        """Note that a state has come; `unasked` where no command of ours was answered by it."""
+        if unasked and self._run is not None:
+            self._run.paced = True
+
+    def give_up(self, reason: str) -> None:
+        """End the sweep because the actuator or a recorder does not answer."""
+        self._reason = reason
+        if self._run is not None and self._first >= 0:
+            self._run.stop(self._newest + 1, FAILED)
+        self._finish()
+
+    def follow_restart(self) -> None:
+        """Begin again with an actuator that was started anew, unless some of it has been run."""
+        self._recount = False
+        self._known_until = 0
+        if self._run is not None and self._newest > self._first:
+            self.give_up('the actuator was started anew during the sweep; run it again')
+        else:
+            self._first = -1
+
+    def note_range(self, low: float, high: float) -> None:
+        """Note which commands the actuator takes [V]; twice 0 where it does not say."""
+        self._range = (low, high)
+
+    def beyond_range(self, low: float, high: float) -> str:
+        """Return why commands from `low` to `high` [V] would be refused; empty where not."""
+        least, most = self._range
+        if least >= most or (least <= low and high <= most):
+            return ''
+        return (
+            f'it asks for {low:.4g} .. {high:.4g} V, but the actuator takes '
+            f'{least:g} .. {most:g} V: ask for a smaller amplitude'
+        )
+
+    def note_refused(self, refused: int, sample: int) -> None:
+        """Note how many commands before tick `sample` the actuator has refused.
+
+        The sweep returns to rest if it was one of ours, and what was refused does not count.
+        """
+        run = self._run
+        if run is None or self._first < 0:
+            self._recount = False
+            self._refused_before = refused
+        elif refused > self._refused_before and not self._reason:
+            self._reason = (
+                f'the actuator refused {refused - self._refused_before} commands: the amplitude '
+                'is beyond its range'
+            )
+            run.take_back(self._known_until, self._newest + 1, REFUSED)
+        self._refused, self._known_until = refused, sample
+
+    def _judge(self, goal: RunSweep.Goal) -> GoalResponse:
+        reason = ''
+        if self._busy:
+            reason = 'another one is running; cancel it first'
+        elif self._parameters.text('mode') != 'idle':
+            reason = 'an experiment is running; set mode to idle first'
+        else:
+            try:
+                self._planned(goal)
+            except PiezoError as error:
+                reason = str(error)
+        if reason:
+            self._node.get_logger().error(f'sweep refused: {reason}')
+            self._counts['sweeps_refused'] += 1
+            self.last = f'refused: {reason}'
+            return GoalResponse.REJECT
+        self._busy = True
+        return GoalResponse.ACCEPT
+
+    def _planned(self, goal: RunSweep.Goal) -> Sweep:
+        return Sweep(
+            list(goal.frequencies),
+            list(goal.amplitudes),
+            goal.seconds,
+            self._rate,
+            warm_up=goal.warm_up,
+            pause=goal.pause,
+            waveform=goal.waveform or 'sine',
+            options=parse_options(goal.options),
+        )
+
+    async def _execute(self, goal: Any) -> RunSweep.Result:
+        self._goal = goal
+        self._first = self._newest = -1
+        self._reason, self._refuses = '', False
+        self._refused_before = self._refused
+        self._done = Future()
+        sweep = self._planned(goal.request)
+        self._run = SweepRun(sweep, self._audience)
+        self._counts['sweeps'] += 1
+        self._asked = time.monotonic()
+        self._audience.look()
+        self._begin()
+        await self._done
+        return self._result(goal)
+
+    def _result(self, goal: Any) -> RunSweep.Result:
+        result = RunSweep.Result()
+        result.samples = self._newest + 1 - self._first if self._newest >= 0 else 0
+        result.records = len(self._kept)
+        result.names = [record.name for record in self._kept]
+        result.recorded_by = [', '.join(record.by) for record in self._kept]
+        if self._reason:
+            goal.abort()
+            result.message = self._reason
+        elif goal.is_cancel_requested:
+            goal.canceled()
+            result.message = 'cancelled; the actuator is at rest'
+        else:
+            goal.succeed()
+            result.success = True
+            result.message = told(self._kept)
+        self._counts['sweeps_failed'] += bool(self._reason) and not self._refuses
+        self.last = result.message
+        return result
+
+    def _finish(self) -> None:
+        run, self._run = self._run, None
+        assert run is not None
+        assert self._done is not None
+        self._recount = self._refused > self._refused_before
+        self._kept = run.kept
+        self._busy = False
+        self._done.set_result(True)
+
+    # --- recorders -----------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Look who is there, often where that is waited for."""
+        now = time.monotonic()
+        if self._run is None or (not self.waits and now - self._looked < LOOK_SELDOM):
+            return
+        self._looked = now
+        self._audience.look()
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self.active:
+            self._resume()
+
+    def _report(self, sweep: Sweep, sample: int) -> None:
+        record = sweep.running(sample)
+        feedback = RunSweep.Feedback()
+        feedback.record = record.name
+        feedback.frequency = record.info.frequency
+        feedback.amplitude = record.info.amplitude
+        feedback.seconds_left = sweep.seconds_left(sample)
+        feedback.fraction = 1.0 - feedback.seconds_left * self._rate / sweep.length
+        self._goal.publish_feedback(feedback)

@@ -1,0 +1,57 @@
+"""Feedforward, attenuation and feedback as nodes of one process, from hand to hand."""
+
+from __future__ import annotations
+
+import sys
+
+from rclpy.node import Node
+
+from piezo_common import topics
+from piezo_hysteresis.nodes.codecs import measured_of, point_of
+from piezo_hysteresis.nodes.links.attenuation import Attenuation
+from piezo_hysteresis.nodes.links.feedback import Feedback
+from piezo_hysteresis.nodes.links.feedforward import Feedforward
+from piezo_interfaces.msg import ActuatorState, Reference
+from piezo_ros_common.qos import LOOP
+from piezo_ros_common.running import run_nodes
+
+
+class ControlLoop:
+    """The whole voltage chain: the same nodes, parameters and topics as separate processes have.
+
+    The voltage is handed from link to link by a call, before it is published; reference and state
+    are received once for all three. Feedback passes the voltage on until its `method` is set.
+    """
+
+    def __init__(self) -> None:
+        self.feedback = Feedback(wired=False)
+        self.attenuation = Attenuation(output=topics.VOLTAGE_ATTENUATED, wired=False)
+        self.feedforward = Feedforward(wired=False)
+        self.attenuation.hand_to(self.feedback.take_voltage)
+        self.feedforward.hand_to(self.attenuation.take_voltage)
+        for kind, topic, take in (
+            (ActuatorState, topics.STATE, self._on_state),
+            (Reference, topics.REFERENCE, self._on_reference),
+        ):
+            self.feedforward.create_subscription(kind, topic, take, LOOP, raw=True)
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The links, first to last."""
+        return self.feedforward, self.attenuation, self.feedback
+
+    def _on_reference(self, payload: bytes) -> None:
+        head, point = point_of(payload)
+        # The first link answers at once, so that the others must know the reference before.
+        for link in (self.feedback, self.attenuation, self.feedforward):
+            link.take_reference(head, point)
+
+    def _on_state(self, payload: bytes) -> None:
+        head, measured = measured_of(payload)
+        for link in (self.feedback, self.attenuation, self.feedforward):
+            link.take_state(head, measured)
+
+
+def main() -> None:
+    """Run the nodes as one process."""
+    sys.exit(run_nodes(lambda: ControlLoop().nodes))

@@ -1,0 +1,295 @@
+"""What every link of the chain does: limits, watchdog, life cycle, counting, publishing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NoReturn, Protocol
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+from piezo_common.health import Health
+from piezo_common.order import Intake, Stamps
+from piezo_common.table import ParameterTable, Value
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.energy import EnergyLimits
+from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.nodes.codecs import voltage_bytes
+from piezo_hysteresis.runtime.link_health import ALARMS, LinkHealth
+from piezo_hysteresis.runtime.watchdog import Watchdog
+from piezo_interfaces.msg import LoopStatus, VoltageCommand
+from piezo_ros_common.diagnostics import Diagnostics
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LATCHED, LOOP
+from piezo_ros_common.timers import wall_timer
+
+_ENERGY = ('energy_limit', 'energy_window', 'capacitance')
+
+
+class Fade(Protocol):
+    """What carries the share of a link over a change."""
+
+    def start(self) -> None:
+        """Make the next share begin where the last one was."""
+
+    def apply(self, raw: float) -> float:
+        """Answer the share for this tick [V]."""
+
+    def retune(self, duration: float, slew: float) -> None:
+        """Change how long [s] and how fast [V/s] changes may be."""
+
+
+class LinkNode(LifecycleNode):
+    """A managed node that receives a voltage, adds its share and passes it on.
+
+    While it is not active its share is zero and the voltage passes through, limited. Whatever
+    changes while it runs, the share goes over smoothly, no faster than the slew limit. While its
+    input stays away and the actuator goes on, the voltage ramps to safety.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    table : ParameterTable
+        Its parameters.
+    topic : str
+        Of what it passes on.
+    source : str
+        Topic of its input; who publishes it tells a pause from a node that has gone.
+    """
+
+    def __init__(self, name: str, table: ParameterTable, topic: str, source: str) -> None:
+        super().__init__(name)
+        self._source = source
+        Diagnostics(self, self.health)
+        self.active = False
+        self.exit_code = 0
+        self.intake = Intake()
+        self._refused = 0
+        self._late = 0
+        self._sample = -1
+        self._said: tuple[bytes, int, float] | None = None
+        self._next: Callable[[bytes, int, float], None] | None = None
+        self._alarms: set[str] = set()
+        self.parameters = NodeParameters(self, table, self.apply, self.refuse)
+        value = self.parameters.number
+        self.dt = 1.0 / value('rate')
+        self.stamps = Stamps(self.dt)
+        self._limiter = Limiter(self.limits(), self.dt, energy=self.energy())
+        self._watchdog = Watchdog(
+            self._limiter, self._patience(), value('safe_voltage'), value('safe_ramp')
+        )
+        self._fade = self.new_fade()
+        self._voltage_publisher = self.plain_publisher(VoltageCommand, topic, LOOP)
+        self._status_publisher = self.plain_publisher(LoopStatus, '~/status', LATCHED)
+        self._health = LinkHealth()
+        wall_timer(self, 1.0, self._publish_status)
+
+    def plain_publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
+        """Return a publisher that publishes while the node is inactive too."""
+        return Node.create_publisher(self, kind, topic, qos)
+
+    def autostart(self) -> None:
+        """Configure and activate, where the parameter says so; call at the end of __init__."""
+        if self.parameters.flag('autostart'):
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def give_up(self, reason: str) -> NoReturn:
+        """End the process at start because it cannot work as it was told."""
+        self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
+        raise SystemExit(2)
+
+    # --- parameters ----------------------------------------------------------------------------
+
+    def limits(self) -> Limits:
+        """Return the limits in force."""
+        value = self.parameters.number
+        return Limits(value('limits.low'), value('limits.high'), value('limits.slew'))
+
+    def energy(self) -> EnergyLimits:
+        """Return the energy limits in force."""
+        value = self.parameters.number
+        supply = value('limits.high') - value('limits.low')
+        return EnergyLimits(
+            value('energy_limit'), value('capacitance'), value('energy_window'), supply
+        )
+
+    def _patience(self) -> int:
+        seconds = self.parameters.number('watchdog')
+        return max(2, round(seconds / self.dt)) if seconds > 0.0 else 0
+
+    def apply(self, changes: dict[str, Value]) -> None:
+        """Take accepted parameter changes over."""
+        limits = any(name.startswith('limits.') for name in changes)
+        if limits or not changes.keys().isdisjoint(_ENERGY):
+            self._limiter.retune(self.limits(), self.energy())
+        if limits or 'transition' in changes:
+            self._fade.retune(self.parameters.number('transition'), self.limits().slew)
+        self._watchdog.patience = self._patience()
+        self._watchdog.safe_voltage = self.parameters.number('safe_voltage')
+        self._watchdog.ramp = self.parameters.number('safe_ramp')
+
+    def refuse(self, changes: dict[str, Value]) -> str:
+        """Return '' or why `changes` cannot be made."""
+        return ''
+
+    # --- life cycle ----------------------------------------------------------------------------
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the node's share act."""
+        self._become(True)
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Set the node's share to zero; the voltage still passes."""
+        self._become(False)
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Set the node's share to zero, as `on_deactivate` does."""
+        self._become(False)
+        return super().on_shutdown(state)
+
+    def _become(self, active: bool) -> None:
+        self.active = active
+        self.go_over()
+
+    # --- the voltage ---------------------------------------------------------------------------
+
+    def new_fade(self) -> Fade:
+        """Return what carries the share over a change."""
+        return Transition(self.dt, self.parameters.number('transition'), self.limits().slew)
+
+    def go_over(self) -> None:
+        """Let the share go over smoothly from the last one to what comes next."""
+        self._fade.start()
+
+    def begin_anew(self) -> None:
+        """Take note that the loop was started anew: ticks count from 0 again."""
+        self._watchdog.forget()
+        self.go_over()
+
+    def start_at(self, voltage: float) -> None:
+        """Say what the voltage is, before the first one is passed on."""
+        self._limiter.follow(voltage)
+
+    def pass_on(self, head: bytes, sample: int, received: float, wanted: float) -> None:
+        """Limit `wanted` and publish it for tick `sample`; `received` is what came in.
+
+        What is not a number is refused and the last voltage held.
+        """
+        share = wanted - received
+        if math.isfinite(share):
+            faded = self._fade.apply(share)
+            wanted = wanted if faded == share else received + faded
+        else:
+            self._refused += 1
+            wanted = self._limiter.voltage
+        if self._watchdog.stale:
+            if sample <= self._sample:  # the ramp to safety was faster
+                self._late += 1
+                return
+            self.get_logger().info(f'input is back at tick {sample}', throttle_duration_sec=5.0)
+        self._watchdog.fed(sample)
+        self._send(head, sample, self._limiter.apply(wanted))
+
+    def _send(self, head: bytes, sample: int, voltage: float) -> None:
+        self._sample = sample
+        self._said = (head, sample, voltage)
+        self._say(*self._said)
+
+    def _say(self, head: bytes, sample: int, voltage: float) -> None:
+        if self._next is not None:
+            self._next(head, sample, voltage)
+        self._voltage_publisher.publish(voltage_bytes(head, sample, voltage))
+
+    def hand_to(self, take: Callable[[bytes, int, float], None]) -> None:
+        """Give head, tick and voltage [V] of every command to `take` before it is published."""
+        self._next = take
+
+    def pass_on_again(self, sample: int) -> None:
+        """Repeat the last voltage, if it was for tick `sample`, to a link that missed it."""
+        if sample == self._sample and self._said is not None:
+            self._say(*self._said)
+
+    def watch(self, head: bytes, sample: int) -> None:
+        """Take note that the actuator has reached tick `sample`; ramp to safety where due."""
+        watchdog = self._watchdog
+        if not watchdog.overdue(sample + 1):
+            return
+        before = watchdog.stale
+        voltage = watchdog.voltage(sample + 1)
+        if voltage is not None:
+            self._send(head, sample + 1, voltage)
+        if watchdog.stale and not before:
+            self._tell_stale()
+
+    def _tell_stale(self) -> None:
+        watchdog = self._watchdog
+        words = f'no input since tick {watchdog.newest}: the voltage goes to '
+        words += f'{watchdog.safe_voltage:g} V'
+        if self.fed_by_somebody():
+            self.get_logger().info(
+                f'{words}; whoever publishes {self._source} pauses', throttle_duration_sec=5.0
+            )
+        else:
+            self.get_logger().warning(
+                f'{words}; nobody publishes {self._source} any more: start that node again',
+                throttle_duration_sec=5.0,
+            )
+
+    def fed_by_somebody(self) -> bool:
+        """Tell whether whoever publishes the input is still there."""
+        return bool(self.count_publishers(self.resolve_topic_name(self._source)))
+
+    # --- counting ------------------------------------------------------------------------------
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of the node's own law."""
+        return {}
+
+    def all_counters(self) -> dict[str, int]:
+        """Return every counter of the node."""
+        own = {
+            'refused': self._refused,
+            'late': self._late,
+            'stale': self._watchdog.episodes,
+            'stamp_jumps': self.stamps.jumps,
+        }
+        limited = self._limiter.counters()
+        law = {
+            f'measured_{name}' if name in limited else name: count
+            for name, count in self.counters().items()
+        }
+        return {**self.intake.counters(), **own, **limited, **law}
+
+    def health(self) -> Health:
+        """Return how the node is."""
+        numbers = {
+            'active': self.active,
+            'sample': self._sample,
+            'voltage_V': self._limiter.voltage,
+            'mean_power_W': self._limiter.mean_power,
+        }
+        paused = self._watchdog.stale and self.fed_by_somebody()
+        return self._health.judge(numbers, self.all_counters(), self._watchdog, paused)
+
+    def _publish_status(self) -> None:
+        counts = self.all_counters()
+        status = LoopStatus(sample=max(0, self._sample))
+        status.missed, status.late = counts['missed'], counts['late']
+        status.refused = counts['refused'] + counts['strays']
+        status.doubled = counts['doubled'] + counts['reordered']
+        status.limited = sum(self._limiter.counters().values())
+        status.names = ','.join(counts)
+        status.counts = list(counts.values())
+        self._status_publisher.publish(status)
+        alarms = {name for name in ALARMS if counts.get(name)}
+        for name in alarms - self._alarms:
+            self.get_logger().error(f'{ALARMS[name]}; then call ~/reset')
+        self._alarms = alarms

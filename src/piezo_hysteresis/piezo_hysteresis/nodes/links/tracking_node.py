@@ -1,0 +1,254 @@
+"""A link that compares the measurement with the reference: attenuation and feedback."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from std_srvs.srv import Trigger
+
+from piezo_common import topics
+from piezo_common.order import Intake
+from piezo_common.table import ParameterTable, Value
+from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
+from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
+from piezo_hysteresis.runtime.crossfade import CrossFade
+from piezo_hysteresis.runtime.synchronizer import Tick, TickBook
+from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
+from piezo_ros_common.flat import nanoseconds_of_head
+from piezo_ros_common.qos import LOOP
+
+
+class Law(Protocol):
+    """What such a link asks at every tick."""
+
+    def step(self, point: ReferencePoint, received: float, measured: Measured | None) -> float:
+        """Answer the voltage to pass on [V]."""
+
+    def reset(self) -> None:
+        """Forget everything but the settings."""
+
+    def counters(self) -> dict[str, int]:
+        """Return what happened so far, by name."""
+
+
+class TrackingNode(LinkNode):
+    """Brings reference, measurement and voltage of each tick together and asks a law.
+
+    Subclasses say with `build` which law their parameters describe, and with `adjust` what they
+    can change in the law that is there.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    table : ParameterTable
+        Its parameters.
+    output : str
+        Topic of what it passes on.
+    wired : bool
+        False where somebody in the same process calls the ``take_`` methods instead of topics.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        table: ParameterTable,
+        *,
+        output: str = topics.VOLTAGE_COMMAND,
+        wired: bool = True,
+    ) -> None:
+        super().__init__(name, table, output, topics.VOLTAGE_FEEDFORWARD)
+        try:
+            self._install(self.build({}))
+        except PiezoError as error:
+            self.give_up(str(error))
+        self._book: TickBook[bytes] = TickBook()
+        self._begun = False
+        self._law_resets = self._refused_references = self._dropped = 0
+        self._references, self._states = Intake(), Intake()
+        self._held = ReferencePoint(0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        if wired:
+            self._subscribe()
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.autostart()
+
+    def _subscribe(self) -> None:
+        for kind, topic, take in (
+            (Reference, topics.REFERENCE, self._on_reference),
+            (ActuatorState, topics.STATE, self._on_state),
+            (VoltageCommand, topics.VOLTAGE_FEEDFORWARD, self._on_voltage),
+        ):
+            self.create_subscription(kind, topic, take, LOOP, raw=True)
+
+    def new_fade(self) -> Fade:
+        """Return what carries the share over a change: a new law begins without weight."""
+        return CrossFade(self.dt, self.parameters.number('transition'))
+
+    def build(self, changes: dict[str, Value]) -> Law | None:
+        """Return the law that the parameters, with `changes`, describe; None for none.
+
+        Raises
+        ------
+        PiezoError
+            If they describe none that is possible.
+        """
+        raise NotImplementedError
+
+    def adjust(self, changes: dict[str, Value]) -> bool:
+        """Change the law that is there; return False where it takes a new one."""
+        return False
+
+    def shapes(self, name: str) -> bool:
+        """Tell whether the parameter `name` shapes the law at all."""
+        raise NotImplementedError
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of the law and of the reference."""
+        law = {} if self.law is None else self.law.counters()
+        own = {
+            'law_reset': self._law_resets,
+            'refused_references': self._refused_references,
+            'dropped': self._dropped + self._book.dropped,
+        }
+        return {**own, **law}
+
+    def refuse(self, changes: dict[str, Value]) -> str:
+        """Return '' or why there is no such law."""
+        try:
+            if hasattr(self, 'parameters'):
+                self.build(changes)
+        except PiezoError as error:
+            return str(error)
+        return ''
+
+    def apply(self, changes: dict[str, Value]) -> None:
+        """Take changed parameters over; a new law begins without a correction."""
+        super().apply(changes)
+        own = {name: value for name, value in changes.items() if self.shapes(name)}
+        if own and not self.adjust(own):
+            self._install(self.build({}))
+            self.go_over()
+
+    def _install(self, law: Law | None) -> None:
+        """Put a law into force, and say what is to be known of it."""
+        self.law = self._ready(law)
+        words = getattr(law, 'words', '')
+        if words:
+            self.get_logger().info(words)
+
+    @staticmethod
+    def _ready(law: Law | None) -> Law | None:
+        """Compile the kernels of `law` before it gets its first tick."""
+        if law is not None:
+            for k in range(3):
+                point = ReferencePoint(k, 0.0, 0.0, 0.0, 1.0, 0.0)
+                law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
+            law.reset()
+        return law
+
+    # --- ticks ---------------------------------------------------------------------------------
+
+    def take_reference(self, _: bytes, point: ReferencePoint) -> None:
+        """Take the reference of one tick."""
+        newest = self._references.newest
+        if point.sample != newest and not self._references.take(point.sample):
+            return
+        if point.sample < newest:
+            self._begin_book(point.sample)
+        if math.isfinite(sum(point)):
+            self._held = point
+        else:
+            self._refused_references += 1
+            point = self._held._replace(sample=point.sample)
+        self._book.add_reference(point)
+        self._advance()
+
+    def take_state(self, head: bytes, measured: Measured) -> None:
+        """Take the measurement of one tick."""
+        if self._states.take(measured.sample):
+            self.stamps.true_time(measured.sample, nanoseconds_of_head(head))
+            self._book.add_measured(measured)
+            self._advance()
+            self.watch(head, measured.sample)
+
+    def take_voltage(self, head: bytes, sample: int, voltage: float) -> None:
+        """Take the voltage of the link before, for one tick [V]."""
+        newest = self.intake.newest
+        if not self.intake.take(sample) and sample != newest:
+            return
+        if sample < newest:
+            self._begin_book(sample)
+        if sample <= self._book.done:
+            self.pass_on_again(sample)
+            return
+        self._book.add_voltage(sample, voltage, head)
+        self._advance()
+
+    def _on_reference(self, payload: bytes) -> None:
+        self.take_reference(*point_of(payload))
+
+    def _on_state(self, payload: bytes) -> None:
+        self.take_state(*measured_of(payload))
+
+    def _on_voltage(self, payload: bytes) -> None:
+        head, (sample, voltage) = VOLTAGE.decode(payload)
+        self.take_voltage(head, sample, voltage)
+
+    def _begin_book(self, sample: int) -> None:
+        """Begin anew, unless another message of the new run has told so already."""
+        if sample <= self._book.done:
+            self._dropped += self._book.dropped
+            self._book = TickBook()
+            self._begun = False
+            self.begin_anew()
+            if self.law is not None:
+                self.law.reset()
+
+    def _advance(self) -> None:
+        while (tick := self._book.take()) is not None:
+            if not self._begun:
+                self._begun = True
+                self._join(tick)
+            self.pass_on(tick.tag, tick.point.sample, tick.received, self._wanted(tick))
+            self.passed(tick)
+
+    def _wanted(self, tick: Tick[bytes]) -> float:
+        """Ask the law; what is not a number neither reaches it nor comes out of it [V]."""
+        if not self.active or self.law is None or not math.isfinite(tick.received):
+            return tick.received
+        voltage = self.law.step(tick.point, tick.received, tick.measured)
+        if math.isfinite(voltage):
+            return voltage
+        self._law_resets += 1
+        self._forget()
+        return tick.received
+
+    def passed(self, tick: Tick[bytes]) -> None:
+        """Do what is to be done once a tick has been passed on."""
+
+    def _join(self, tick: Tick[bytes]) -> None:
+        """Start from the voltage that is there where the loop is under way already."""
+        if tick.measured is not None:
+            self.start_at(tick.measured.voltage)
+        elif tick.point.sample > 0:
+            self.start_at(tick.received)
+
+    # --- forgetting ----------------------------------------------------------------------------
+
+    def _become(self, active: bool) -> None:
+        if active and not self.active and hasattr(self, 'law') and self.law is not None:
+            self.law.reset()
+        super()._become(active)
+
+    def _forget(self) -> None:
+        if self.law is not None:
+            self.law.reset()
+        self.go_over()
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._forget()
+        response.success, response.message = True, 'the correction starts anew'
+        return response

@@ -1,0 +1,1 @@
+"""Bags from topics, topics from bags."""

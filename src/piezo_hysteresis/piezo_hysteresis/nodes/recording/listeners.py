@@ -1,0 +1,170 @@
+"""Who takes in what a player plays, and how far each of them is."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.recording.reports import QUIET, Reports, subscribers
+from piezo_hysteresis.runtime.confirmation import Progress
+from piezo_ros_common.neighbours import Neighbours
+
+
+class Listeners:
+    """The nodes that report on ``~/status`` how many samples they have taken in.
+
+    Parameters
+    ----------
+    node : Node
+        That plays; its executor must be served by another thread than the one that waits here.
+    topic : str
+        Topic of the samples.
+    patience : callable
+        Returns the longest wait [s].
+    neighbours : Neighbours
+        Of the node; who of them has just come is waited for.
+    recorders : bool
+        Wait for recorders only, for nobody where there is none.
+
+    Attributes
+    ----------
+    awaited : str
+        Whose word is waited for at this moment; empty for nobody's.
+    since : float
+        Since when [s], on the monotonic clock.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        patience: Callable[[], float],
+        neighbours: Neighbours,
+        *,
+        recorders: bool = False,
+    ) -> None:
+        self._node = node
+        self._neighbours = neighbours
+        self._patience = patience
+        self._recorders = recorders
+        self.awaited = ''
+        self.since = 0.0
+        self._condition = threading.Condition()
+        self._reports = Reports(node, topic, self._notify)
+        self._counted: frozenset[str] | None = None
+
+    def find(self) -> None:
+        """Wait until somebody reports and nobody else is about to.
+
+        Raises
+        ------
+        PiezoError
+            If nobody does, or somebody who could does not.
+        """
+        begun = time.monotonic()
+        while not self._complete(begun):
+            if time.monotonic() - begun > self._patience() or not self._node.context.ok():
+                raise PiezoError(self._missing())
+            time.sleep(0.02)
+
+    @property
+    def anybody(self) -> bool:
+        """Whether there is anybody to wait for."""
+        return bool(self._known())
+
+    def _complete(self, begun: float) -> bool:
+        self._reports.look()
+        self._neighbours.look()
+        if self._neighbours.unheard() or self._reports.silent():
+            return False
+        quiet = time.monotonic() - max(begun, self._reports.quiet_since()) >= QUIET
+        return quiet and (self._recorders or bool(self._known()))
+
+    def _missing(self) -> str:
+        if silent := self._reports.silent():
+            return f'{", ".join(silent)} says nothing on its status; restart it and play again'
+        if self._known():
+            return 'nodes come and go all the time; play again when all are there'
+        return (
+            'lock-step needs a listener that reports how far it is: start the identification '
+            'node or a recorder first, or play without --lock-step'
+        )
+
+    def wait_matched(self, publishers: Sequence[Publisher]) -> None:
+        """Wait until everybody is connected to every publisher.
+
+        Raises
+        ------
+        PiezoError
+            If somebody is not.
+        """
+        begun = time.monotonic()
+        while any(self._unmatched(each) for each in publishers):
+            if time.monotonic() - begun > self._patience() or not self._node.context.ok():
+                raise PiezoError('the listeners could not be connected; start them and play again')
+            time.sleep(0.02)
+
+    def _unmatched(self, publisher: Publisher) -> bool:
+        there = subscribers(self._node, publisher.topic_name)
+        return bool(publisher.get_subscription_count() < there)
+
+    def wait_marked(self, publish: Callable[[], None]) -> float:
+        """Publish a marker, wait until everybody has received it; return how long it took [s]."""
+        with self._condition:
+            wanted = {name: known.marked + 1 for name, known in self._known().items()}
+        publish()
+        return self._wait(lambda name, known: known.marked >= wanted.get(name, 0), 'a marker')
+
+    def begin(self) -> None:
+        """Count samples from here on; whoever comes later is waited for no more."""
+        with self._condition:
+            for known in self._known().values():
+                known.first = known.taken
+            self._counted = frozenset(self._known())
+
+    def wait_taken(self, sent: int, window: int = 0) -> float:
+        """Wait until everybody has all but `window` of the `sent` samples; return how long [s]."""
+        return self._wait(
+            lambda _, known: sent - (known.taken - known.first) <= window, f'sample {sent}'
+        )
+
+    def _known(self) -> dict[str, Progress]:
+        found = self._reports.keepers() if self._recorders else self._reports.takers()
+        if self._counted is None:
+            return found
+        return {name: known for name, known in found.items() if name in self._counted}
+
+    def _wait(self, reached: Callable[[str, Progress], bool], what: str) -> float:
+        def behind() -> list[str]:
+            return [name for name, known in self._known().items() if not reached(name, known)]
+
+        if not behind():
+            return 0.0
+        begun = time.monotonic()
+
+        def patient() -> bool:
+            return time.monotonic() - begun < self._patience() and self._node.context.ok()
+
+        # In short steps, so that a node that is shut down meanwhile ends too.
+        while (late := behind()) and patient():
+            self.awaited, self.since = ', '.join(late), begun
+            with self._condition:
+                self._condition.wait_for(lambda: not behind(), 0.1)
+            if behind():
+                self._reports.look()  # who has gone takes nothing any more
+        self.awaited = ''
+        if late and self._node.context.ok():
+            raise PiezoError(
+                f'{", ".join(late)} did not take {what} within {self._patience():g} s: it died or '
+                'is overloaded; restart it and play again'
+            )
+        return time.monotonic() - begun
+
+    def _notify(self) -> None:
+        with self._condition:
+            self._condition.notify_all()

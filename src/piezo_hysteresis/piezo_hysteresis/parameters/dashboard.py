@@ -1,0 +1,54 @@
+"""The parameters of the live page, as a table and as words of the command line."""
+
+from __future__ import annotations
+
+import argparse
+
+from piezo_common.table import ParameterSpec, ParameterTable
+
+# Of the page and of the discovery node, wherever they are started: no folder of sources fills up.
+RESULTS = '~/piezo_hysteresis'
+
+DASHBOARD = ParameterTable(
+    (
+        ParameterSpec(
+            'actuators',
+            [''],
+            'Namespaces of the actuators; where none is given, its own, or all that are found.',
+            read_only=True,
+        ),
+        ParameterSpec(
+            'folder', RESULTS, 'Folder for recorded sweeps and discoveries; reports in it are '
+            'served.', read_only=True,
+        ),
+        ParameterSpec(
+            'port', 5006, 'Where the page is served; 0 takes a free port.', low=0, high=65535,
+            read_only=True,
+        ),
+        ParameterSpec(
+            'address', '127.0.0.1', 'Address it listens at; others than this machine see it only '
+            'at another one, and can then move the actuator.', read_only=True,
+        ),
+        ParameterSpec(
+            'origins', [''], 'Further HOST:PORT that browsers may open the page as.',
+            read_only=True,
+        ),
+        ParameterSpec(
+            'token', '', 'What a reader has to show once, as ?token=... behind the address; '
+            'empty: nothing. At least 16 characters.', read_only=True,
+        ),
+        ParameterSpec('refresh', 10.0, 'How often it is drawn.', 'Hz', 1.0, 30.0, read_only=True),
+    )
+)  # fmt: skip
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of the verb and of the executable ``dashboard``."""
+    parser.add_argument('--namespace', help='of the actuator; all that are found where not given')
+    parser.add_argument(
+        '--folder', help='for sweeps and discoveries, whose reports are served; ~/piezo_hysteresis'
+    )
+    parser.add_argument('--port', type=int, help='5006; 0 takes a free one')
+    parser.add_argument(
+        '--address', help='where to listen; others than 127.0.0.1 let other machines in'
+    )

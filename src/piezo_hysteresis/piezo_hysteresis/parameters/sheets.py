@@ -1,0 +1,145 @@
+"""What each node is for and what it speaks: its page, its ``--help`` and the policy come from it.
+
+This file knows no ROS, so that a node answers ``--help`` without starting.
+"""
+
+from __future__ import annotations
+
+from piezo_common import topics
+from piezo_common.sheet import NodeSheet
+from piezo_common.table import ParameterTable
+from piezo_hysteresis.parameters import dashboard, tables
+
+
+def _links() -> dict[str, ParameterTable]:
+    links = {
+        'feedforward': tables.FEEDFORWARD,
+        'attenuation': tables.ATTENUATION,
+        'feedback': tables.FEEDBACK,
+    }
+    return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in links.items()}
+
+
+_ALL = (
+    NodeSheet(
+        'piezo_hysteresis',
+        'excitation',
+        'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
+        'runs sweeps, one record per frequency and amplitude. It finds the recorders by itself: a '
+        'record begins once each has confirmed its marker, counts once each has all its samples, '
+        'and is run again where one missed some. Voltages beyond what the actuator says in '
+        '`loop/status` that it takes are refused before the first sample.',
+        tables.EXCITATION,
+        subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
+        publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER, '/diagnostics'),
+        actions=('run_sweep',),
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'feedforward',
+        'First link of the voltage chain: the voltage that the loaded model says the reference '
+        'takes. Without a model it divides by `gain`, which is no compensation.',
+        tables.FEEDFORWARD,
+        subscribes=(topics.REFERENCE, topics.ESTIMATE),
+        publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status', '/diagnostics'),
+        services=('~/load_model', '~/use_estimate'),
+        managed=True,
+        model=True,
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'attenuation',
+        'Second link of the voltage chain: takes harmonics of the tracking error off.',
+        tables.ATTENUATION,
+        subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
+        publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status', '/diagnostics'),
+        services=('~/reset',),
+        managed=True,
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'feedback',
+        'Optional link of the voltage chain: PID, fuzzy PID or H-infinity on the tracking error. '
+        'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
+        tables.FEEDBACK,
+        subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
+        publishes=(topics.VOLTAGE_COMMAND, '~/status', '/diagnostics'),
+        services=('~/reset',),
+        managed=True,
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'control_loop',
+        'Holds `feedforward`, `attenuation` and `feedback` in one process, each with its own '
+        'name, parameters and life cycle: `-p attenuation:orders:=[3]` sets one of them. The '
+        'voltage goes from hand to hand before it is published.',
+        ParameterTable(()),
+        subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
+        publishes=(
+            topics.VOLTAGE_FEEDFORWARD,
+            topics.VOLTAGE_ATTENUATED,
+            topics.VOLTAGE_COMMAND,
+            topics.HARMONICS,
+            '/diagnostics',
+        ),
+        more=_links,
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'identification',
+        'Estimates the parameters of the extended model online by recursive least squares.',
+        tables.IDENTIFICATION,
+        subscribes=(topics.STATE, topics.MARKER),
+        publishes=(topics.ESTIMATE, '~/status', '/diagnostics'),
+        services=('~/reset', '~/save'),
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'gap_monitor',
+        'Runs the loaded model beside the actuator and says how far apart they are, in multiples '
+        'of the noise floor and by harmonic.',
+        tables.GAP_MONITOR,
+        subscribes=(topics.STATE,),
+        publishes=(topics.GAP, '/diagnostics'),
+        services=('~/load_model', '~/reset'),
+        model=True,
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'discovery',
+        'Finds what a model misses in recorded data, as the verb `discover` does, with feedback.',
+        tables.DISCOVERY,
+        publishes=('/diagnostics',),
+        actions=('discover',),
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'dashboard',
+        'Serves the live page: see [dashboard.md](dashboard.md). It hears the topics of every '
+        'actuator that somebody looks at, through nodes `dashboard_recorder` beside it, and is a '
+        'client of the parameters and actions of the others.',
+        tables.DASHBOARD,
+        publishes=('/diagnostics',),
+        words=dashboard.configure,
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'recorder',
+        'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill. '
+        'Its status tells what it has taken, so that an excitation or a player can wait for it.',
+        tables.RECORDER,
+        subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
+        publishes=('~/status', '/diagnostics'),
+    ),
+    NodeSheet(
+        'piezo_hysteresis',
+        'player',
+        'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
+        'bag, too. Recorders that are there get every sample: it waits for them.',
+        tables.PLAYER,
+        subscribes=('/diagnostics',),
+        publishes=('/diagnostics',),
+    ),
+)
+
+SHEETS = {sheet.executable: sheet for sheet in _ALL}

@@ -1,0 +1,74 @@
+"""How the excitation is, from what it does and whom it waits for; knows no ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+
+_SENTENCES: dict[str, Finding] = {
+    'missed': (Level.WARN, 'ticks of the actuator were not heard: they had no reference'),
+    'strays': (Level.WARN, 'states are numbered far from the others: is there a second actuator?'),
+    'reordered': (Level.WARN, 'states come out of order: is there a second actuator?'),
+    'stamp_jumps': (Level.WARN, 'time stamps of states jump: the numbers of the samples hold'),
+    'restarts': (Level.WARN, 'the actuator was started anew'),
+    'sweeps_refused': (Level.WARN, 'a sweep was refused'),
+    'sweeps_failed': (Level.ERROR, 'a sweep did not come to its end'),
+}
+
+# Silence that is said while an experiment runs [s].
+SILENCE = 2.0
+
+
+@dataclass(frozen=True)
+class Doing:
+    """What the node is at.
+
+    Attributes
+    ----------
+    what : str
+        The experiment or the record of a sweep; empty for none.
+    waits : str
+        Whom it waits for; empty for nobody.
+    given_up : str
+        Why the last experiment was given up; empty where it was not.
+    silent : float
+        Time since the actuator was heard [s].
+    sample : int
+        Newest tick of the actuator, -1 for none.
+    """
+
+    what: str
+    waits: str
+    given_up: str
+    silent: float
+    sample: int
+
+
+class ExcitationHealth:
+    """Judges an excitation; remembers which counters have grown lately.
+
+    Parameters
+    ----------
+    now : callable, optional
+        Clock [s].
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._watch = CounterWatch(_SENTENCES, now)
+
+    def judge(self, doing: Doing, counts: Mapping[str, int], last: str) -> Health:
+        """Return the health of a node that is `doing`; `last` is what became of the last sweep."""
+        findings = self._watch.findings(counts)
+        if doing.given_up:
+            findings.append((Level.ERROR, doing.given_up))
+        if doing.waits:
+            findings.append((Level.WARN, f'waits for {doing.waits}'))
+        elif doing.what and doing.silent > SILENCE:
+            words = f'no actuator/state for {doing.silent:.0f} s after tick {doing.sample}'
+            findings.append((Level.WARN, words))
+        rest = 'idle' if doing.sample >= 0 else 'idle, no actuator is heard yet'
+        values = {'sample': doing.sample, 'last_sweep': last, **counts}
+        return judge(findings, doing.what or rest, values)

@@ -1,0 +1,316 @@
+"""What the identification node does with each sample and marker; knows no ROS."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from piezo_common.order import AHEAD, Intake, Stamps
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.estimate import Estimate
+from piezo_hysteresis.identification.online import OnlineMethod, online, settled
+from piezo_hysteresis.identification.rls import RlsSettings
+from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.settings import pairs
+from piezo_hysteresis.models import Model, ModelFile, Provenance, named
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE
+from piezo_hysteresis.runtime.rollback import Hindsight, Sample
+
+# Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
+LONGEST_RUN = 60.0
+
+# Edges that are remembered; more never lie within the samples that are.
+MOST_EDGES = 4096
+
+# Where the forgetting factor is left to the method.
+FORGETTING = {'rls': 1.0, 'rls_ud': 0.9999, 'pi_bank': 0.9999}
+
+_RLS = ('variant', 'offset', 'harmonic', 'frequency', 'unit', 'p0')
+_UD = ('voltage_range', 'displacement_range', 'natural_frequency', 'damping_ratio', 'quiet')
+SETTINGS = ('method', *_RLS, 'start', *_UD)
+
+
+def forgetting_of(values: Mapping[str, Any]) -> float:
+    """Return the forgetting factor in force; 0 leaves it to the method."""
+    return float(values['forgetting']) or FORGETTING[values['method']]
+
+
+def new_method(values: Mapping[str, Any]) -> OnlineMethod:
+    """Return the method that the parameters of the node describe.
+
+    Raises
+    ------
+    IdentificationError
+        If they do not go together.
+    """
+    method = values['method']
+    common: dict[str, Any] = {
+        'forgetting': forgetting_of(values),
+        'dt': 1.0 / float(values['rate']),
+    }
+    settings: RlsSettings | UdSettings
+    if method == 'rls':
+        start = pairs([word for word in values['start'] if word])
+        settings = RlsSettings(**{name: values[name] for name in _RLS}, start=start, **common)
+    else:
+        kind = 'play_bank' if method == 'pi_bank' else 'bouc_wen'
+        settings = UdSettings(kind=kind, **{name: values[name] for name in _UD}, **common)
+    recursion = online(method, settings)
+    if not 0.5 < settings.forgetting <= 1.0:
+        raise IdentificationError(
+            f'forgetting = {settings.forgetting:g} remembers nothing; stay above 0.5, or give 0 '
+            "for the method's own"
+        )
+    return recursion
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The start of a record and the frequency of its drive, or its end where it has no name."""
+
+    nanoseconds: int
+    record: str
+    frequency: float = 0.0
+
+
+class Run(NamedTuple):
+    """What came since the actuator was at rest."""
+
+    voltage: list[float]
+    displacement: list[float]
+
+    def cut(self, length: int) -> Run:
+        """Return its beginning."""
+        return Run(self.voltage[:length], self.displacement[:length])
+
+
+class State(NamedTuple):
+    """What samples act on; the run is shared, and only its beginning belongs to the state."""
+
+    method: OnlineMethod
+    refused: int
+    taken: int
+    open: bool
+    run: Run
+    length: int
+
+
+@dataclass
+class Course:
+    """Feeds a method with the samples that lie in records, each from rest.
+
+    Without any marker everything is one record. Samples between the end of a record and the
+    start of the next are left out, as they are when the bag is read. Markers travel on a topic
+    of their own and may come after the samples that they mark: what was made of those is then
+    taken back and made anew. They cut by time, and the time of a sample is what its number says
+    where its stamp does not follow from those before.
+
+    Attributes
+    ----------
+    method : OnlineMethod
+        What is fed.
+    rate : float
+        Sampling rate [Hz].
+    only_records : bool
+        False takes the samples between records in too.
+    refused : int
+        Samples left out because a number is none.
+    taken : int
+        Samples that the method was fed with.
+    late : int
+        Markers that came too late to take back what was made of their samples.
+    unseen : int
+        Records whose harmonic lies beyond half the sampling rate.
+    intake : Intake
+        Judges the numbers of the samples.
+    stamps : Stamps
+        Judges their times.
+    """
+
+    method: OnlineMethod
+    rate: float
+    only_records: bool = True
+    refused: int = 0
+    taken: int = 0
+    late: int = 0
+    unseen: int = 0
+    intake: Intake = field(default_factory=Intake)
+    _edges: deque[Edge] = field(default_factory=deque)
+    _passed: deque[Edge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
+    _open: bool = True
+    _run: Run = field(default_factory=lambda: Run([], []))
+    _before: Estimate | None = None
+
+    def __post_init__(self) -> None:
+        self.stamps = Stamps(1.0 / self.rate)
+        self._hindsight: Hindsight[State] = Hindsight(self._remember)
+
+    def mark(self, edge: Edge) -> None:
+        """Note an edge; it acts on the samples from its time on, had they come already or not."""
+        known = self._edges or self._passed
+        # Edges come in order; one that lies further back belongs to an actuator that starts anew.
+        follows = not known or (edge.nanoseconds >= known[-1].nanoseconds and edge != known[-1])
+        self._edges.append(edge)
+        if follows and edge.nanoseconds <= self._hindsight.newest:
+            self._take_back(edge)
+
+    def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
+        """Take one sample in; return False where it is left out."""
+        known = self.intake.newest
+        if not known < sample <= known + AHEAD and self._edge_due(nanoseconds):
+            self.intake.newest = known = -1  # a record may begin at any number
+            self.stamps.begin()
+        if not self.intake.take(sample):
+            return False
+        came = Sample(sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement)
+        if sample < known or came.nanoseconds < self._hindsight.newest:
+            self._forget_samples()
+        self._hindsight.note(came)
+        return self._feed(came, anew=sample < known)
+
+    def _edge_due(self, nanoseconds: int) -> bool:
+        return bool(self._edges) and self._edges[0].nanoseconds <= nanoseconds
+
+    def _feed(self, sample: Sample, anew: bool = False) -> bool:
+        _, nanoseconds, voltage, displacement = sample
+        if anew and not self._edge_due(nanoseconds):
+            self._rest()
+        while self._edges and self._edges[0].nanoseconds <= nanoseconds:
+            edge = self._edges.popleft()
+            self._passed.append(edge)
+            self._open = bool(edge.record)
+            self._rest()
+            self._follow(edge)
+        if self.only_records and not self._open:
+            return False
+        if not (math.isfinite(voltage) and math.isfinite(displacement)):
+            self.refused += 1
+            return False
+        self.method.update(voltage, displacement)
+        self.taken += 1
+        if len(self._run.voltage) < LONGEST_RUN * self.rate:
+            self._run.voltage.append(voltage)
+            self._run.displacement.append(displacement)
+        return True
+
+    def _follow(self, edge: Edge) -> None:
+        """Take the harmonic of the drive of a record, where its marker tells one."""
+        if edge.record and edge.frequency > 0.0:
+            try:
+                self.method.drive_at(edge.frequency)
+            except IdentificationError:
+                self.unseen += 1
+
+    def _take_back(self, edge: Edge) -> None:
+        """Make anew what was made of the samples since an edge."""
+        found = self._hindsight.back_to(edge.nanoseconds)
+        if found is None:
+            self.late += 1
+            self._passed.clear()
+            return
+        memory, samples = found
+        state = memory.state
+        self.method = state.method
+        self.refused, self.taken, self._open = state.refused, state.taken, state.open
+        self._run = state.run.cut(state.length)
+        again = [each for each in self._passed if each.nanoseconds > memory.nanoseconds]
+        for each in again:
+            self._passed.remove(each)
+        self._edges.extendleft(reversed(again))
+        for sample in samples:
+            self._hindsight.note(sample)
+            self._feed(sample)
+
+    def _remember(self) -> State:
+        run = self._run
+        return State(
+            copy.deepcopy(self.method),
+            self.refused,
+            self.taken,
+            self._open,
+            run,
+            len(run.voltage),
+        )
+
+    def _forget_samples(self) -> None:
+        self._hindsight.clear()
+        self._passed.clear()
+
+    def forget_at(self, forgetting: float) -> None:
+        """Go on with another forgetting factor."""
+        self.method.forgetting = forgetting
+        self._forget_samples()
+
+    def change(self, method: OnlineMethod) -> None:
+        """Go on with another method, which knows nothing yet."""
+        self.method = method
+        self._before = None
+        self._forget_samples()
+
+    def reset(self) -> None:
+        """Forget what was learnt, and that there were records."""
+        self.method.reset()
+        self._open = True
+        self._before = None
+        self._forget_samples()
+
+    def settled(self, estimate: Estimate) -> bool:
+        """Tell whether the estimate stood still since this was asked last."""
+        before, self._before = self._before, estimate
+        if before is None or before.names != estimate.names:
+            return False
+        return settled(before, estimate)
+
+    def free_run_rms(self, estimate: Estimate) -> float:
+        """Return the rms free-run error over the last second [m], NaN where it is not known."""
+        if isinstance(self.method, OnlineUd):
+            return estimate.one_step_rms  # its predictions are those of the free run
+        count = len(self._run.voltage)
+        if count < 2 or count >= LONGEST_RUN * self.rate:
+            return math.nan
+        with np.errstate(all='ignore'):
+            free = self.method.free_run(np.array(self._run.voltage))
+            last = slice(-round(self.rate), None)
+            error = free[last] - np.array(self._run.displacement[last])
+            rms = float(np.sqrt(np.nanmean(error**2)))
+        return rms if math.isfinite(rms) else math.inf
+
+    def model(self, estimate: Estimate) -> Model | None:
+        """Return the chain whose parameters the method estimates, None where there is none."""
+        if isinstance(self.method, OnlineUd):
+            return self.method.model()
+        return named(estimate.model) if estimate.model else None
+
+    def model_file(self, fit: str) -> ModelFile:
+        """Return the present estimate as it is saved.
+
+        Raises
+        ------
+        PiezoError
+            If it is no model that can be used.
+        """
+        estimate = self.method.estimate()
+        model = self.model(estimate)
+        if model is None:
+            raise IdentificationError('no named model has the form of V0; use V1 or V2')
+        deviations = {
+            name: float(value)
+            for name, value in zip(estimate.names, estimate.standard_deviations, strict=True)
+            if math.isfinite(value)
+        }
+        values = {**model.defaults(), **estimate.parameters()}
+        notes: dict[str, Any] = {'samples': estimate.samples}
+        if not isinstance(self.method, OnlineUd):
+            notes[OFFSET_NOTE] = 1.0 / self.rate  # it takes both signals of a tick together
+        provenance = Provenance(fit=fit, rate=self.rate, notes=notes)
+        return ModelFile(model, values, deviations, provenance)
+
+    def _rest(self) -> None:
+        self.method.rest()
+        self._run = Run([], [])

@@ -1,0 +1,88 @@
+"""How a link of the voltage chain is, from its counters; knows no ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.runtime.watchdog import Watchdog
+
+# Counters that mean that a law has switched itself off.
+ALARMS = {
+    'inverted_plant': 'the actuator answers with the opposite sign: check the sensor or amplifier',
+    'diverged': 'the loop swings between its limits: lower the gains',
+}
+
+_SENTENCES: dict[str, Finding] = {
+    'refused': (Level.ERROR, 'what came in is not a number: the voltage is held'),
+    'refused_references': (Level.ERROR, 'the reference is not a number: the last one is held'),
+    'measured_not_finite': (Level.WARN, 'the sensor answers what is not a number'),
+    'law_reset': (Level.ERROR, 'the law answered what is not a number and was started anew'),
+    'late': (Level.WARN, 'input comes after its tick: the machine is too slow'),
+    'missed': (Level.WARN, 'ticks are missing in the input'),
+    'dropped': (Level.WARN, 'ticks are dropped: their reference never came'),
+    'strays': (Level.WARN, 'input is numbered far from the rest: is there a second source?'),
+    'reordered': (Level.WARN, 'input came out of order: is there a second source?'),
+    'stamp_jumps': (Level.WARN, 'time stamps of the input jump: the numbers of the samples hold'),
+    'out_of_range': (Level.ERROR, 'the voltage is cut at limits.low or limits.high'),
+    'slew_limited': (Level.WARN, 'the voltage is slowed down to limits.slew'),
+    'energy_limited': (Level.WARN, 'the voltage is slowed down to keep energy_limit'),
+    'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),
+    'clamped_slopes': (Level.WARN, 'the model has no inverse here: its slope is clamped'),
+    'frozen': (Level.WARN, 'the sensor repeats the same reading'),
+}
+
+INACTIVE = 'inactive: passes the voltage on'
+
+# Silence that is said while nothing else is wrong [s].
+SILENCE = 2.0
+
+
+class LinkHealth:
+    """Judges a link; remembers which counters have grown lately.
+
+    Parameters
+    ----------
+    now : callable, optional
+        Clock [s].
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._watch = CounterWatch(_SENTENCES, now)
+        self._sample: object = -1
+        self._since = now()
+
+    def judge(
+        self,
+        numbers: Mapping[str, object],
+        counts: Mapping[str, int],
+        watchdog: Watchdog,
+        paused: bool = False,
+    ) -> Health:
+        """Return the health that `numbers` (with ``sample`` and ``active``) and `counts` make.
+
+        Input that stays away is an error, or, where its sender is `paused`, to be looked at.
+        """
+        findings = self._watch.findings(counts)
+        findings += [(Level.ERROR, words) for name, words in ALARMS.items() if counts.get(name)]
+        if watchdog.stale:
+            words = f'no input since tick {watchdog.newest}: the voltage is ramped to safety'
+            if paused:
+                findings.append((Level.WARN, f'{words}; its sender is there and says nothing'))
+            else:
+                findings.append((Level.ERROR, f'{words}; its sender has gone'))
+        if numbers['sample'] != self._sample:
+            self._sample, self._since = numbers['sample'], self._now()
+        silent = self._now() - self._since
+        if numbers['sample'] == -1:
+            fine = 'waits for the first tick'
+        elif silent > SILENCE and not watchdog.stale:
+            findings.append((Level.WARN, f'no tick for {silent:.0f} s: the loop stands still'))
+            fine = ''
+        else:
+            fine = (
+                'corrects the voltage' if numbers['active'] else 'inactive: passes the voltage on'
+            )
+        return judge(findings, fine, {**numbers, **counts})
