@@ -22,8 +22,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.discovery.dataset import HELD_OUT
-from piezo_hysteresis.discovery.trial import on_views
+from piezo_hysteresis.discovery.data.dataset import HELD_OUT
+from piezo_hysteresis.discovery.selection.candidate_fit import judged_on
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
@@ -185,7 +185,7 @@ def ours(found: Discovery, tests: Sequence[tuple[Record, bool]]) -> list[Row]:
         errors = {'last quarter': held}
         for record, _ in tests:
             views = views_of(trial.model, trial.values, [record], trial.sampling_offset)
-            errors[record.name] = on_views(trial, views).rms
+            errors[record.name] = judged_on(trial, views).rms
         rows.append(Row(tool, said, trial.parameters, errors))
     return rows
 

@@ -47,12 +47,46 @@ def reference_pages() -> dict[Path, str]:
     """Return the text of every page by path."""
     pages = {FOLDER / f'{name}.md': _page(name, *about) for name, about in PAGES.items()}
     pages[FOLDER / 'cli.md'] = _commands()
+    pages[FOLDER / 'policy.md'] = _policy()
     links = '\n'.join(f'- [{name}]({name}.md): {about[0]}' for name, about in PAGES.items())
     pages[FOLDER / 'README.md'] = (
         f'# Reference\n\n{NOTE}\n\n- [cli](cli.md): every verb with its words.\n{links}\n'
         '- [nodes](../nodes.md): every node with its topics and parameters.\n'
+        '- [policy](policy.md): every number by which discovery decides.\n'
     )
     return pages
+
+
+def _policy() -> str:
+    from piezo_hysteresis.discovery.selection import policy
+
+    example = (
+        'python -m piezo_hysteresis discover sweep --baseline classical --out found '
+        '--policy min_share=0.5'
+    )
+    told = [
+        '| ' + ' | '.join((f'`{name}`', value, unit, f'{means} *{source}*')) + ' |'
+        for name, value, unit, means, source in policy.rows()
+    ]
+    return '\n'.join(
+        (
+            '# What decides',
+            '',
+            _prose(inspect.getdoc(policy) or '').strip(),
+            '',
+            'Others are given to `discover` with `--policy NAME=VALUE`. Where a number differs',
+            'for a baseline that is held, its value there follows.',
+            '',
+            f'    {example}',
+            '',
+            '| name | value | unit | what it means, and where it is from |',
+            '|---|---|---|---|',
+            *told,
+            '',
+            NOTE,
+            '',
+        )
+    )
 
 
 def _page(title: str, sentence: str, modules: tuple[str, ...]) -> str:

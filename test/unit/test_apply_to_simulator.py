@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.discovery.apply import TABLE, simulator_parameters
+from piezo_hysteresis.discovery.live.apply import TABLE, simulator_parameters
 from piezo_hysteresis.models import Model, ModelFile, answers_at_once
 from piezo_sim.plant import Plant
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.discovery_hidden import CASES, HIDDEN, Row, hide, page
-from piezo_hysteresis.discovery.verdict import (
+from piezo_hysteresis.discovery.verdict.verdict import (
     Alternative,
     HeldOut,
     NamedEffect,

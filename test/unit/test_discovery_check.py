@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.check import check
+from piezo_hysteresis.discovery.data.check import check
 from piezo_hysteresis.records import Record, RecordInfo
 
 TIME = np.arange(3000) * 1e-3

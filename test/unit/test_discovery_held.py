@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.expectation import expectation
-from piezo_hysteresis.discovery.reference import as_on
+from piezo_hysteresis.discovery.selection.expectation import expectation
+from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named

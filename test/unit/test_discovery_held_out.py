@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from piezo_hysteresis.discovery.dataset import split
+from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.workflow import discover
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo

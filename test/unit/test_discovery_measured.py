@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.trial import on_views
+from piezo_hysteresis.discovery.selection.candidate_fit import judged_on
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import load
@@ -36,7 +36,7 @@ def test_a_linear_mode_lacks_hysteresis_of_the_restoring_force() -> None:
     # a sweep from rest that nothing was fitted to, noise-free, its resonance 0.6 mm
     (record,) = load([SWEEP])
     before, after = (
-        on_views(trial, [whole(record)]).rms for trial in (found.baselines.joint, found.final)
+        judged_on(trial, [whole(record)]).rms for trial in (found.baselines.joint, found.final)
     )
     assert after < 0.05 * before
 

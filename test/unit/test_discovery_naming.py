@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
-
 import numpy as np
 
-from piezo_hysteresis.discovery.arena import added_of
-from piezo_hysteresis.discovery.compete import Contest
-from piezo_hysteresis.discovery.naming import named_effects
-from piezo_hysteresis.discovery.settle import Step
-from piezo_hysteresis.discovery.significance import Improvement
-from piezo_hysteresis.discovery.trial import Trial
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.elimination import Step
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound
+from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.verdict.naming import named_effects
 from piezo_hysteresis.models import add_effect, described, named
 
-ARENA = cast(Any, SimpleNamespace(floor=1e-8, data=SimpleNamespace(records=())))
 
-
-def start() -> Trial:
+def start() -> CandidateFit:
     model = named('classical')
-    return Trial(model, model.defaults(), (np.full(8, 1e-7),), 4)
+    return CandidateFit(model, model.defaults(), errors=(np.full(8, 1e-7),), parameters=4)
 
 
-def with_effect(trial: Trial, name: str, variant: str) -> Trial:
+def with_effect(before: CandidateFit, name: str, variant: str) -> CandidateFit:
     effect = next(e for e in described(name) if e.variant == variant)
-    found = add_effect(trial.model, effect)
-    values = found.values(trial.values, found.starts[0])
-    return Trial(found.model, values, (np.full(8, 1e-8),), 4, (*trial.added, added_of(found)))
+    found = add_effect(before.model, effect)
+    values = found.values(before.values, found.starts[0])
+    spec = before.with_candidate(found, values)
+    return CandidateFit(
+        spec.model, spec.values, spec.added, errors=(np.full(8, 1e-8),), parameters=4
+    )
 
 
-def step(before: Trial, after: Trial) -> Step:
-    return Step(Contest(before, (after,), (1.0,), Improvement(1.0, 9.0, 1e-6), 20), after)
+def step(before: CandidateFit, after: CandidateFit) -> Step:
+    return Step(SelectionRound(before, (after,), (1.0,), Improvement(1.0, 9.0, 1e-6), 20), after)
 
 
 def test_a_contest_won_by_another_way_of_the_effect_does_not_lose_its_numbers() -> None:
@@ -41,7 +38,7 @@ def test_a_contest_won_by_another_way_of_the_effect_does_not_lose_its_numbers() 
     # judged again, the other law of the rate won by a hair, and the model was left as it was
     other = with_effect(base, 'rate_dependence', 'bouc_wen_rate')
     steps = [step(base, other), step(other, final)]
-    rate, asymmetry = named_effects(steps, base, final, ARENA)
+    rate, asymmetry = named_effects(steps, base, final, (), 1e-8)
     assert (rate.name, rate.variant) == ('rate_dependence', 'bouc_wen_widening')
     assert list(rate.parameters) == ['widening', 'widening_corner', 'widening_memory']
     assert rate.parameters['widening'].value == final.values['widening']
@@ -53,7 +50,7 @@ def test_two_elements_of_one_effect_keep_their_own_numbers() -> None:
     base = start()
     once = with_effect(base, 'resonance', 'resonance')
     twice = with_effect(once, 'resonance', 'resonance')
-    (effect,) = named_effects([step(base, once), step(once, twice)], base, twice, ARENA)
+    (effect,) = named_effects([step(base, once), step(once, twice)], base, twice, (), 1e-8)
     assert effect.variant == 'resonance'
     assert {'resonance_share', 'resonance_share_2'} < set(effect.parameters)
     assert len(effect.parameters) == 6

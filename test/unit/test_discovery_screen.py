@@ -7,9 +7,9 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.discovery.dataset import split, thinned
-from piezo_hysteresis.discovery.screen import Promise, Screen
-from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.discovery.data.dataset import split, thinned
+from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
@@ -23,7 +23,7 @@ def answer(model: Model, values: dict[str, float], u: FloatArray) -> FloatArray:
     return model.respond(u, model.pack(values), DT, state=model.initial_state(DT))
 
 
-def promised(name: str, variant: str, hidden: dict[str, float]) -> Promise:
+def promised(name: str, variant: str, hidden: dict[str, float]) -> ScreeningScore:
     """Screen one effect on drives of an actuator that has it."""
     base = named('bouc_wen_mode')
     own = base.defaults() | MODE
@@ -36,8 +36,8 @@ def promised(name: str, variant: str, hidden: dict[str, float]) -> Promise:
         info = RecordInfo(excitation='sine', frequency=frequency)
         y = answer(candidate.model, truth, u)
         views.append(whole(Record(f'{frequency}', DT, u, y, info=info)))
-    before = on_views(Trial(base, own, (), 0), views)
-    return Screen(before, views).promise(candidate)
+    before = judged_on(ModelSpec(base, own), views)
+    return Screen(before, views).score(candidate)
 
 
 def test_a_second_mode_is_found_whatever_the_drives_are() -> None:

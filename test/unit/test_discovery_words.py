@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from piezo_hysteresis.discovery.describe import _growth
+from piezo_hysteresis.discovery.verdict.describe import _growth
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.dataset import split
+from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import floor_of, noise_of, noises_of
 from piezo_hysteresis.identification.targets import whole

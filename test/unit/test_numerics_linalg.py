@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.compensation.harmonics.lines import solve_lines
-from piezo_hysteresis.discovery.annotate import sine_frequency
+from piezo_hysteresis.discovery.data.annotate import sine_frequency
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.estimate import scaled_condition
 from piezo_hysteresis.identification.solver import bounded_step, solve

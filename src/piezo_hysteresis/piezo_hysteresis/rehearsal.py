@@ -156,8 +156,8 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive."""
-    from piezo_hysteresis.discovery.expectation import orthonormal, taken_out
-    from piezo_hysteresis.discovery.screen import without
+    from piezo_hysteresis.discovery.selection.expectation import orthonormal, taken_out
+    from piezo_hysteresis.discovery.selection.screen import without
 
     without(np.ones(8), np.zeros((1, 8)))
     taken_out(np.ones(8), orthonormal(np.eye(3, 8))[1:])

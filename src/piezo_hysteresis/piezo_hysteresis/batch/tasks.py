@@ -171,6 +171,8 @@ class Discover:
         Data of the actuator as it was: what the baseline misses there is no news.
     begins, zero : str
         How records begin and where their zeros lie, see `identification.circumstances.Choices`.
+    policy : mapping of str to float
+        Numbers that decide, where they are not those of `discovery.selection.policy`.
     """
 
     baseline: str
@@ -182,6 +184,7 @@ class Discover:
     reference: tuple[str, ...] = ()
     begins: str = 'auto'
     zero: str = 'auto'
+    policy: Mapping[str, float] = field(default_factory=dict)
 
     verb: ClassVar[str] = 'discover'
 
@@ -208,7 +211,8 @@ class Discover:
             If data, settings or folder cannot be used.
         """
         from piezo_hysteresis.discovery import discover
-        from piezo_hysteresis.discovery.reference import as_on
+        from piezo_hysteresis.discovery.selection.policy import POLICY
+        from piezo_hysteresis.discovery.selection.reference import as_on
         from piezo_hysteresis.identification.circumstances import Choices
         from piezo_hysteresis.identification.settings import require_settings, warmed
         from piezo_hysteresis.models import ModelFile, named
@@ -218,6 +222,7 @@ class Discover:
 
         check_folder(out, self.verb)
         require_settings(seed=self.seed, workers=self.workers)
+        POLICY.but(**self.policy)
         word = self.baseline
         baseline = ModelFile.load(word) if _is_file(word) else named(word)
         records = load(data, actuator=self.actuator, salvage=self.salvage)
@@ -233,6 +238,7 @@ class Discover:
             seed=self.seed,
             workers=self.workers,
             choices=choices,
+            policy=self.policy,
             progress=progress,
         )
         write_discovery(out, found, data)

@@ -84,6 +84,7 @@ EFFECTS = (
         variant='input',
         block=BLOCK,
         replaces=('gain',),
+        inexactness=0.07,  # one loop stands for those of many domains
         holds={'A0': 0.0},
         neutral={'A': 0.0},
         start={'A': 4e-5, 'beta': 2.0, 'gamma': 0.2},

@@ -276,6 +276,7 @@ EFFECTS = tuple(
         block=BLOCK,
         replaces=('mode',),
         absorbs=('gain',),
+        inexactness=0.07,  # one loop stands for those of many domains
         convert=from_linear,
         holds={'z_exponent': 1.0, 'interpolation': interpolation},
         neutral={'z_alpha': 0.0},

@@ -155,6 +155,7 @@ EFFECTS = tuple(
         variant=block.name,
         block=block,
         replaces=(replaced,),
+        inexactness=0.07,  # one law of the rate stands for those of many relaxations
         neutral={'rate_exponent': 0.0},
         start={'rate_corner': 10.0, 'rate_exponent': 0.3, 'rate_memory': 2e-3},
         alternatives=(

@@ -81,6 +81,9 @@ class Effect:
     held : bool
         Whether it is for baselines whose values stay: where they are fitted besides, offset and
         gain take up where it has its zero, and another way of the effect does the same with less.
+    inexactness : float
+        Share of the effect that its law is known not to describe [1]. What is left of an actuator
+        after it is that large at least, so nothing smaller is given a name.
     repeatable : bool
         Whether a model may have it several times (modes, tones, creep elements).
     start : mapping of str to float
@@ -111,6 +114,7 @@ class Effect:
     holds: Mapping[str, float] = field(default_factory=dict)
     zeros: tuple[str, ...] = ()
     held: bool = False
+    inexactness: float = 0.02
     repeatable: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[Mapping[str, float], ...] = ()

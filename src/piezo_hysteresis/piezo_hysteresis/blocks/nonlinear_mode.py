@@ -273,6 +273,7 @@ _IN_MODE = {
         variant='in_mode',
         block=BLOCK,
         replaces=('mode',),
+        inexactness=0.07,  # Dahl's loop and a cubic spring stand for contacts of many kinds
         holds=_HOLDS[name],
         neutral=_NEUTRAL[name],
         start=_OWN[name],
@@ -289,6 +290,7 @@ EFFECTS = (
     replace(
         _IN_MODE['friction'],
         variant='breaking_away',
+        inexactness=0.02,
         holds={'mode_cubic': 0.0},
         start={**_OWN['friction'], 'breakaway': 1.2, 'stribeck_speed': 1e-3},
     ),

@@ -68,6 +68,7 @@ EFFECTS = tuple(
         name='nonlocal_memory',
         variant=block.name,
         block=block,
+        inexactness=0.07,  # few plays stand for a continuous memory
         requires=(
             'bouc_wen',
             'bouc_wen_exact',

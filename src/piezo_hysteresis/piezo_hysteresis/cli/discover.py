@@ -39,6 +39,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
+    add(
+        '--policy',
+        nargs='+',
+        default=(),
+        metavar='NAME=VALUE',
+        help='numbers that decide, see docs/reference/policy.md',
+    )
     add('--actuator', help='which actuator, where a bag holds several')
     add('--salvage', action='store_true', help='use what is readable of damaged data')
 
@@ -57,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 def task_of(arguments: argparse.Namespace) -> Discover:
     """Return what the words ask for."""
     from piezo_hysteresis.batch.tasks import Discover
+    from piezo_hysteresis.identification.settings import pairs
 
     if arguments.workers < 0:
         raise IdentificationError('--workers must be 0 (one per core) or more')
@@ -70,6 +78,7 @@ def task_of(arguments: argparse.Namespace) -> Discover:
         reference=tuple(arguments.reference),
         begins=arguments.start,
         zero=arguments.zero,
+        policy=pairs(arguments.policy),
     )
 
 

@@ -1,4 +1,8 @@
-"""Finds what a model misses: check, locate, compete, verdict, advise."""
+"""Finds what a model misses: check, locate, select, name, prove, advise.
+
+``data`` splits the records, ``selection`` finds what explains them, ``verdict`` says it, and
+``live`` compares and applies beside a running actuator.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.discovery.verdict import Verdict
+    from piezo_hysteresis.discovery.verdict.verdict import Verdict
     from piezo_hysteresis.discovery.workflow import Discovery, discover
 
 __all__ = ['Discovery', 'Verdict', 'discover']
 
-_HOMES = {'Verdict': 'verdict', 'Discovery': 'workflow', 'discover': 'workflow'}
+_HOMES = {'Verdict': 'verdict.verdict', 'Discovery': 'workflow', 'discover': 'workflow'}
 
 
 def __getattr__(name: str) -> Any:

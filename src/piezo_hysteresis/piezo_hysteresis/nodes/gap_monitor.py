@@ -13,7 +13,7 @@ from piezo_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_common.order import Intake, Stamps
 from piezo_common.stamps import nanoseconds_of
 from piezo_common.table import Value
-from piezo_hysteresis.discovery.monitor import GapMonitor, GapReport
+from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.model_parameters import ModelParameters

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from piezo_hysteresis.discovery import Discovery
-from piezo_hysteresis.discovery.apply import simulator_parameters
+from piezo_hysteresis.discovery.live.apply import simulator_parameters
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.reporting.discovery_report import discovery_page

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezo_hysteresis.discovery import Discovery, Verdict
-from piezo_hysteresis.discovery.prove import over_frequency
-from piezo_hysteresis.discovery.significance import SMALLEST_P
-from piezo_hysteresis.discovery.trial import Trial, on_views
-from piezo_hysteresis.discovery.verdict import NamedEffect
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
+from piezo_hysteresis.discovery.verdict.prove import over_frequency
+from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
 from piezo_hysteresis.reporting.page import Plot, Section, render, table
@@ -122,7 +121,7 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
     measured, before, after = (np.full_like(view.voltage, np.nan) for _ in range(3))
     measured[view.first :] = view.measured
     for row, trial in ((before, found.baselines.joint), (after, found.final)):
-        (error,) = on_views(trial, [view]).errors
+        (error,) = judged_on(trial, [view]).errors
         row[view.first :] = view.measured - error
     time = np.arange(view.voltage.size, dtype=np.float64) * view.dt
     unit = found.data.records[0].info.input_unit
@@ -231,9 +230,12 @@ def effect_values(effect: NamedEffect) -> list[Value]:
     ]
 
 
+_SMALLEST_P = 1e-9
+
+
 def chance_words(p_value: float) -> str:
-    """Return a p-value; one at the end of what resampling can tell is said to be below it."""
-    return f'{p_value:.1e}' if p_value > SMALLEST_P else f'below {2 * SMALLEST_P:.0e}'
+    """Return a p-value; a smaller one than any assumption is good for is said to be below it."""
+    return f'{p_value:.1e}' if p_value > _SMALLEST_P else f'below {_SMALLEST_P:.0e}'
 
 
 def _how_sure(verdict: Verdict) -> Section | None:
@@ -244,9 +246,8 @@ def _how_sure(verdict: Verdict) -> Section | None:
         rows.append((effect.name, f'{effect.probability:.3f}', chance_words(effect.p_value)))
         rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
     text = (
-        'The probability is the share of resamples of the training records, block by block, in '
-        'which this effect explains them best. The p-value is that of the improvement, for all '
-        'candidates that were tried.'
+        'The probability is that of this effect among all that were tried and none of them. The '
+        'p-value is that of such an improvement by chance, for all candidates that were tried.'
     )
     return Section('How sure', text, (), (table(('effect', 'probability', 'p-value'), rows),))
 
@@ -259,7 +260,7 @@ def _next(verdict: Verdict) -> Section:
 
 
 def _model(found: Discovery) -> Section:
-    final: Trial = found.final
+    final: CandidateFit = found.final
     std = final.fitted.std if final.fitted is not None else {}
     units = {q.name: q.unit for q in final.model.parameters}
     held = set(final.model.held)

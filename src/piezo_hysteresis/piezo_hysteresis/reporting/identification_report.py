@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
-from piezo_hysteresis.discovery.annotate import annotated
+from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.identification.automatic import Step
 from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.identify import Identification

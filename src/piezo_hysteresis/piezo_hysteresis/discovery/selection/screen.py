@@ -15,26 +15,26 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Residual
-from piezo_hysteresis.discovery.trial import Trial, errors_of
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, errors_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.reading import differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.models import Candidate
+from piezo_hysteresis.models import Candidate, Model
 
 # Records, those with the largest residual, from which starts are guessed.
-GUESSES = 3
+_GUESSES = 3
 # Effects with so many parameters are judged by small changes of all of them, too.
-MANY = 5
+_MANY = 5
 # Shares of a start at which a candidate is looked at: effects are not linear in their size.
-STEPS = (1.0, 0.2)
+_STEPS = (1.0, 0.2)
 # Starts whose values all differ by less than this share lead to the same place.
-ALIKE = 0.15
+_ALIKE = 0.15
 
 
 @dataclass(frozen=True)
-class Promise:
+class ScreeningScore:
     """What one candidate promises.
 
     Attributes
@@ -54,7 +54,7 @@ class Promise:
 
 def _differ(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     """Tell whether two starts are more than steps of one fit apart."""
-    return any(abs(one[k] - other[k]) > ALIKE * max(abs(one[k]), abs(other[k])) for k in one)
+    return any(abs(one[k] - other[k]) > _ALIKE * max(abs(one[k]), abs(other[k])) for k in one)
 
 
 @jit
@@ -84,8 +84,8 @@ class Screen:
 
     Parameters
     ----------
-    trial : Trial
-        The model, fitted to `views`.
+    fit : CandidateFit
+        The model.
     views : sequence of Target
         Short training views.
     free : sequence of str, optional
@@ -93,14 +93,14 @@ class Screen:
     """
 
     def __init__(
-        self, trial: Trial, views: Sequence[Target], free: Sequence[str] | None = None
+        self, fit: CandidateFit, views: Sequence[Target], free: Sequence[str] | None = None
     ) -> None:
-        self._trial = trial
-        self._free = trial.model.free_names if free is None else tuple(free)
+        self._fit = fit
+        self._free = fit.model.free_names if free is None else tuple(free)
         self._views = views
-        packed, late = trial.model.pack(trial.values), trial.sampling_offset
-        self._simulated = [simulated(trial.model, packed, v, late) for v in views]
-        self._errors = errors_of(trial.model, trial.values, views, late)
+        packed, late = fit.model.pack(fit.values), fit.sampling_offset
+        self._simulated = [simulated(fit.model, packed, v, late) for v in views]
+        self._errors = errors_of(fit, views)
         self._residual = np.concatenate(self._errors)
         self._basis = self._own_basis()
         self._left = self._project(self._residual)
@@ -116,27 +116,30 @@ class Screen:
         return orthonormal(np.array(columns))
 
     def _difference(self, name: str) -> FloatArray | None:
-        values = dict(self._trial.values)
-        row = next(q for q in self._trial.model.parameters if q.name == name)
+        values = dict(self._fit.values)
+        row = next(q for q in self._fit.model.parameters if q.name == name)
         step = 1e-4 * max(abs(values[name]), 1e-2 * row.scale)
         values[name] += step if values[name] + step <= row.high else -step
         try:
-            moved = self._flat(self._trial, values)
+            moved = self._flat(values)
         except PiezoError:
             return None
         size = float(np.linalg.norm(moved))
         return moved / size if np.isfinite(size) and size > 0 else None
 
-    def _flat(self, trial: Trial, values: dict[str, float]) -> FloatArray:
-        errors = errors_of(trial.model, values, self._views, trial.sampling_offset)
+    def _flat(self, values: dict[str, float]) -> FloatArray:
+        errors = errors_of(self._with(self._fit.model, values), self._views)
         return np.asarray(self._residual - np.concatenate(errors))
+
+    def _with(self, model: Model, values: dict[str, float]) -> ModelSpec:
+        return ModelSpec(model, values, sampling_offset=self._fit.sampling_offset)
 
     def _project(self, vector: FloatArray) -> FloatArray:
         return without(vector, self._basis)
 
-    def promise(self, candidate: Candidate) -> Promise:
+    def score(self, candidate: Candidate) -> ScreeningScore:
         """Return what `candidate` promises, with its starts ordered by it."""
-        before = self._trial.values
+        before = self._fit.values
         found: list[tuple[float, dict[str, float]]] = []
         for start in (*self._guesses(candidate), *candidate.starts):
             values = candidate.values(before, start)
@@ -147,7 +150,7 @@ class Screen:
         for _, start in found:
             if all(_differ(start, other) for other in apart):
                 apart.append(start)
-        return Promise(candidate, tuple(apart), found[0][0])
+        return ScreeningScore(candidate, tuple(apart), found[0][0])
 
     def _guesses(self, candidate: Candidate) -> list[dict[str, float]]:
         """Return starts that the residual itself suggests, where it is largest."""
@@ -156,7 +159,7 @@ class Screen:
         sizes = [float(np.std(error)) for error in self._errors]
         block = candidate.effect.block
         # what depends on the clock shows best where the drive does little
-        count = len(sizes) if block is not None and block.clocked else GUESSES
+        count = len(sizes) if block is not None and block.clocked else _GUESSES
         guesses: list[dict[str, float]] = []
         for place in np.argsort(sizes)[::-1][:count]:
             view, y = self._views[place], self._simulated[place]
@@ -167,7 +170,7 @@ class Screen:
                 view.dt,
                 view.frequency,
                 view.start + view.first * view.dt,
-                self._trial.values,
+                self._fit.values,
             )
             guesses += [each for each in candidate.guessed(seen) if each not in guesses]
         return guesses
@@ -177,7 +180,7 @@ class Screen:
     ) -> tuple[float, dict[str, float]]:
         best, chosen = 0.0, values
         neutral = candidate.neutral
-        for step in STEPS:
+        for step in _STEPS:
             tried = {
                 name: neutral[name] + step * (value - neutral[name])
                 if name in neutral and abs(neutral[name]) < 1e3
@@ -195,7 +198,7 @@ class Screen:
         A step towards a start says little of effects with many parameters, such as a bank of
         plays, whose start is as good as any.
         """
-        if len(candidate.added) < MANY:
+        if len(candidate.added) < _MANY:
             return 0.0
         rows = []
         try:
@@ -203,7 +206,7 @@ class Screen:
         except PiezoError:
             return 0.0
         for view in self._views:
-            late = self._trial.sampling_offset
+            late = self._fit.sampling_offset
             _, change, _ = differentiated(candidate.model, packed, candidate.added, view, late)
             rows.append(change[:, view.first :: view.stride])
         columns = np.hstack(rows)
@@ -215,8 +218,7 @@ class Screen:
 
     def _explained(self, candidate: Candidate, values: dict[str, float]) -> float:
         try:
-            late = self._trial.sampling_offset
-            errors = errors_of(candidate.model, values, self._views, late)
+            errors = errors_of(self._with(candidate.model, values), self._views)
         except PiezoError:
             return 0.0
         moved = self._residual - np.concatenate(errors)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-# Length of the blocks by which improvements are judged [s], and how many there should be.
-BLOCK = 0.3
-FEWEST_BLOCKS = 40
-
 
 def block_edges(
-    sizes: Sequence[int], periods: Sequence[int], dts: Sequence[float]
+    sizes: Sequence[int],
+    periods: Sequence[int],
+    dts: Sequence[float],
+    seconds: float,
+    fewest: int,
 ) -> list[list[int]]:
-    """Return the edges of blocks of whole periods, some 0.3 s or more, per view.
+    """Return the edges of blocks of whole periods, of some seconds or more, per view.
 
     Few slow periods make too few blocks to judge anything by; then parts of periods are taken.
     """
     lengths = []
     for period, dt in zip(periods, dts, strict=True):
-        block = max(round(BLOCK / dt), 1)
+        block = max(round(seconds / dt), 1)
         lengths.append(period * max(1, round(block / period)) if period else block)
     blocks = sum(size / length for size, length in zip(sizes, lengths, strict=True))
-    shrink = min(1.0, blocks / FEWEST_BLOCKS)
+    shrink = min(1.0, blocks / fewest)
     edges = []
     for size, length in zip(sizes, lengths, strict=True):
         count = max(1, int(size // max(shrink * length, 1.0)))

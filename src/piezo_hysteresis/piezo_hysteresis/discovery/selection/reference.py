@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from piezo_hysteresis.discovery.annotate import annotated
+from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of

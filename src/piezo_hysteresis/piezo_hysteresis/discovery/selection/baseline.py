@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from piezo_hysteresis.discovery.dataset import Dataset, beginning_like, thinned
-from piezo_hysteresis.discovery.trial import (
-    Trial,
-    fit_trial,
-    on_views,
+from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, thinned
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    fitted_to,
+    judged_on,
 )
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices, revised
@@ -33,17 +34,17 @@ class Baselines:
 
     Attributes
     ----------
-    joint : Trial
+    joint : CandidateFit
         Fitted to all training views.
-    slow : Trial or None
+    slow : CandidateFit or None
         Fitted to the slowest ones, judged on all.
-    nominal : Trial or None
+    nominal : CandidateFit or None
         As it was given, judged on all.
     """
 
-    joint: Trial
-    slow: Trial | None
-    nominal: Trial | None
+    joint: CandidateFit
+    slow: CandidateFit | None
+    nominal: CandidateFit | None
 
 
 def baselines(data: Dataset, given: Model | ModelFile) -> Baselines:
@@ -58,24 +59,24 @@ def baselines(data: Dataset, given: Model | ModelFile) -> Baselines:
     nominal, slow = None, None
     if isinstance(given, ModelFile):
         model, values = given.model, dict(given.values)
-        nominal = _judged(model, values, views)
+        nominal = judged_on(ModelSpec(model, values), views)
         starts = [values, *_from_data(data, suited(model, list(data.records)))]
     else:
         model = suited(given, list(data.records))
         starts = _from_data(data, model)
     short = thinned(views, START_SAMPLES, data.periods)
     tried = [_fitted(model, start, short) for start in starts]
-    found = [trial for trial in tried if trial is not None]
+    found = [fit for fit in tried if fit is not None]
     if not found:
         raise IdentificationError(
             f'the baseline {model.name} cannot be fitted to these records: choose another one'
         )
-    best = min(found, key=lambda t: t.square)
+    best = min(found, key=lambda fit: fit.square)
     joint = _fitted(model, best.values, views) or best
     slowest = _slowest(views)
     if len(slowest) < len(views):
-        trial = _fitted(model, best.values, slowest)
-        slow = _judged(model, trial.values, views) if trial is not None else None
+        fit = _fitted(model, best.values, slowest)
+        slow = judged_on(ModelSpec(model, fit.values), views) if fit is not None else None
     return Baselines(joint, slow, nominal)
 
 
@@ -107,14 +108,14 @@ def _pairs(one: Dataset, other: Dataset) -> Iterator[tuple[Target, Target]]:
     return zip((*one.training, *one.held_out), (*other.training, *other.held_out), strict=True)
 
 
-def told_by(trial: Trial, data: Dataset, choices: Choices, *, alone: bool = False) -> Dataset:
+def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = False) -> Dataset:
     """Return the data with starts, zeros and weights as a model tells them, see `revised`."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
     told = revised(
-        trial.model,
-        trial.values,
-        trial.sampling_offset,
+        spec.model,
+        spec.values,
+        spec.sampling_offset,
         views,
         data.records,
         choices,
@@ -147,9 +148,7 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
     return tuple(sorted(driven, key=lambda v: v.frequency)[:SLOWEST]) or tuple(views)
 
 
-def _fitted(model: Model, start: Mapping[str, float], views: Sequence[Target]) -> Trial | None:
-    return fit_trial(model, start, views, evaluations=EVALUATIONS)
-
-
-def _judged(model: Model, values: Mapping[str, float], views: Sequence[Target]) -> Trial:
-    return on_views(Trial(model, dict(values), (), 0), views)
+def _fitted(
+    model: Model, start: Mapping[str, float], views: Sequence[Target]
+) -> CandidateFit | None:
+    return fitted_to(ModelSpec(model, dict(start)), views, evaluations=EVALUATIONS)

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.discovery.compete import Arena, Contest
-from piezo_hysteresis.discovery.trial import Added, Trial
-from piezo_hysteresis.discovery.verdict import Alternative, NamedEffect, Number, Verdict
+from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound
+from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.models import described
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, harmonics
+from piezo_hysteresis.records import Record
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.discovery.settle import Step
+    from piezo_hysteresis.discovery.selection.elimination import Step
 
 # Alternatives with less probability than this are not mentioned.
 WORTH_SAYING = 0.005
@@ -27,15 +28,34 @@ _WHERE = {
 
 
 def named_effects(
-    steps: Sequence[Step], start: Trial, final: Trial, arena: Arena
+    steps: Sequence[Step],
+    start: CandidateFit,
+    final: CandidateFit,
+    records: Sequence[Record],
+    floor: float,
+    certainty: float = 1.0,
 ) -> tuple[NamedEffect, ...]:
-    """Return the effects that `final` has beyond `start`, with everything known about them."""
+    """Return the effects that `final` has beyond `start`, with everything known about them.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        In which they were found.
+    start, final : CandidateFit
+        The baseline, and the model with all of them.
+    records : sequence of Record
+        What was measured.
+    floor : float
+        Noise rms [m].
+    certainty : float
+        Probability that what is missing is among the effects that competed [1].
+    """
     found: dict[str, NamedEffect] = {}
     for step in steps:
-        one = _named(step, start, final, arena)
+        one = _named(step, start, final, floor, certainty)
         before = found.get(one.name)
         found[one.name] = one if before is None else _joined(before, one)
-    return tuple(_with_drives(each, arena) for each in found.values())
+    return tuple(_with_drives(each, records) for each in found.values())
 
 
 def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
@@ -47,41 +67,45 @@ def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
     )
 
 
-def _named(step: Step, start: Trial, final: Trial, arena: Arena) -> NamedEffect:
-    contest = step.contest
-    chances = contest.probabilities()
-    winner = step.trial.effect
+def _named(
+    step: Step, start: CandidateFit, final: CandidateFit, floor: float, certainty: float
+) -> NamedEffect:
+    found_in = step.round
+    chances = found_in.probabilities()
+    winner = step.fit.effect
     others = tuple(
-        Alternative(name, chance)
+        Alternative(name, certainty * chance)
         for name, chance in chances.items()
         if name != winner and chance > WORTH_SAYING
     )
-    # The contest may have been won by another way of the effect than the model has it in.
+    # The round may have been won by another variant of the effect than the model has.
     elements = [added for added in final.added if added.effect == winner]
     variants = tuple(dict.fromkeys(added.variant for added in elements))
     return NamedEffect(
         name=winner,
         variant=', '.join(variants),
-        probability=chances[winner],
-        p_value=contest.gain.p_value,
-        gap_before_rms_m=contest.before.rms,
-        gap_after_rms_m=step.trial.rms,
+        probability=certainty * chances[winner],
+        p_value=found_in.gain.p_value,
+        gap_before_rms_m=found_in.before.rms,
+        gap_after_rms_m=step.fit.rms,
         parameters=_numbers(elements, start, final),
         alternatives=others,
-        evidence=tuple(_evidence(step, variants[0], arena)),
+        evidence=tuple(_evidence(step, variants[0], floor)),
     )
 
 
-def _with_drives(named: NamedEffect, arena: Arena) -> NamedEffect:
+def _with_drives(named: NamedEffect, records: Sequence[Record]) -> NamedEffect:
     """Add which drives have a harmonic on a mode, where the effect is one."""
     for frequency in _modes(named):
-        drives = _drives_on(frequency, arena)
+        drives = _drives_on(frequency, records)
         more = (*named.evidence, *_mode_evidence(drives, frequency))
         named = replace(named, evidence=more, drives=(*named.drives, *drives))
     return named
 
 
-def _numbers(elements: Sequence[Added], start: Trial, final: Trial) -> dict[str, Number]:
+def _numbers(
+    elements: Sequence[Added], start: CandidateFit, final: CandidateFit
+) -> dict[str, Number]:
     """Return what `elements` have that is free in `final` and was not in `start`."""
     free = set(final.model.free_names) - set(start.model.free_names)
     units = {q.name: q.unit for q in final.model.parameters}
@@ -94,7 +118,7 @@ def _numbers(elements: Sequence[Added], start: Trial, final: Trial) -> dict[str,
     }
 
 
-def _owner(name: str, final: Trial) -> Added:
+def _owner(name: str, final: CandidateFit) -> Added:
     """Return which element a parameter belongs to.
 
     A block that came for one effect may hold parameters that another, smaller one set free.
@@ -103,15 +127,14 @@ def _owner(name: str, final: Trial) -> Added:
     return min(holders, key=lambda added: len(added.names))
 
 
-def _evidence(step: Step, variant: str, arena: Arena) -> list[str]:
-    contest = step.contest
-    floor = arena.floor
-    effect = next(e for e in described(step.trial.effect) if e.variant == variant)
-    gap = f'{contest.before.rms / floor:.3g} to {step.trial.rms / floor:.3g} noise floors'
-    trust = f'{contest.gain.ratio:.3g} standard errors, {contest.tried} candidates tried'
+def _evidence(step: Step, variant: str, floor: float) -> list[str]:
+    found_in = step.round
+    effect = next(e for e in described(step.fit.effect) if e.variant == variant)
+    gap = f'{found_in.before.rms / floor:.3g} to {step.fit.rms / floor:.3g} noise floors'
+    trust = f'{found_in.gain.ratio:.3g} standard errors, {found_in.tried} candidates tried'
     said = [effect.physics, f'It lowers the gap on the training records from {gap} ({trust}).']
-    if len(contest.finalists) > 1:
-        second = next((t for t in contest.finalists if t.effect != step.trial.effect), None)
+    if len(found_in.finalists) > 1:
+        second = next((t for t in found_in.finalists if t.effect != step.fit.effect), None)
         if second is not None:
             said.append(
                 f'The next best effect, {second.effect}, leaves {second.rms / floor:.3g} floors.'
@@ -119,10 +142,10 @@ def _evidence(step: Step, variant: str, arena: Arena) -> list[str]:
     return said
 
 
-def _drives_on(frequency: float, arena: Arena) -> list[dict[str, float]]:
+def _drives_on(frequency: float, records: Sequence[Record]) -> list[dict[str, float]]:
     """Return which odd harmonics of which drives land on a mode, the largest measured first."""
     found: dict[float, dict[str, float]] = {}
-    for record in arena.data.records:
+    for record in records:
         drive = record.info.frequency
         order = round(frequency / drive) if drive > 0 else 0
         if not 1 < order <= HIGHEST_ORDER or order % 2 == 0:
@@ -156,13 +179,13 @@ def _modes(effect: NamedEffect) -> list[float]:
     return [n.value for k, n in effect.parameters.items() if k.startswith('resonance_frequency')]
 
 
-def suspects(steps: Sequence[Step], last: Contest | None) -> tuple[Alternative, ...]:
+def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Alternative, ...]:
     """Return what an unknown effect looks like most, without being it."""
-    contests = [step.contest for step in steps] or ([last] if last is not None else [])
+    rounds = [step.round for step in steps] or ([last] if last is not None else [])
     found: dict[str, float] = {}
-    for contest in contests:
-        assert contest is not None
-        for name, chance in contest.probabilities().items():
+    for found_in in rounds:
+        assert found_in is not None
+        for name, chance in found_in.probabilities().items():
             found[name] = max(found.get(name, 0.0), chance)
     ordered = sorted(found.items(), key=lambda each: -each[1])
     return tuple(Alternative(name, chance) for name, chance in ordered if chance > WORTH_SAYING)

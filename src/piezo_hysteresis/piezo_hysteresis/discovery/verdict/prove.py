@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.dataset import Dataset, errors_rms
-from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.discovery.data.dataset import Dataset, errors_rms
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
 from piezo_hysteresis.identification.targets import Target
 
 
@@ -60,10 +60,10 @@ class Proof:
     stable: bool
 
 
-def prove(data: Dataset, before: Trial, after: Trial) -> Proof:
+def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
     """Judge two models on the held-out views."""
     views = data.held_out
-    judged_before, judged_after = on_views(before, views), on_views(after, views)
+    judged_before, judged_after = judged_on(before, views), judged_on(after, views)
     old, new = judged_before.errors, judged_after.errors
     rows = [_row(v, a, b) for v, a, b in zip(views, old, new, strict=True)]
     limit = 10.0 * data.span
@@ -79,10 +79,12 @@ def prove(data: Dataset, before: Trial, after: Trial) -> Proof:
     )
 
 
-def over_frequency(data: Dataset, before: Trial, after: Trial, proof: Proof) -> list[ProofRow]:
+def over_frequency(
+    data: Dataset, before: CandidateFit, after: CandidateFit, proof: Proof
+) -> list[ProofRow]:
     """Return the gaps of all records with a frequency, held-out ones among them, in its order.
 
-    This is Figure 10 of 000 for any model and any effect.
+    This is Figure 10 of Fujii 2018 for any model and any effect.
     """
     trained = [
         replace(_row(view, old, new), held_out=False)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.discovery.check import Check
+from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.models import described
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.discovery.settle import Step
+    from piezo_hysteresis.discovery.selection.elimination import Step
 
 DOUBT = 0.02
 
@@ -18,14 +18,14 @@ def advise(check: Check, steps: Sequence[Step], left: bool, description: str) ->
     """Return experiments, the most telling first."""
     wanted: list[str] = []
     for step in steps:
-        chances = step.contest.probabilities()
+        chances = step.round.probabilities()
         rivals = [name for name, chance in chances.items() if chance > DOUBT]
         if len(rivals) < 2:
             continue
         for name in rivals:
             told = described(name)[0].experiment
             wanted.append(f'To tell {" from ".join(rivals)}: {told}')
-    named = {step.trial.effect for step in steps}
+    named = {step.fit.effect for step in steps}
     for names, advice in check.confounded:
         if named & set(names) or (left and not steps):
             wanted.append(f'To tell {", ".join(names)} apart: {advice}.')

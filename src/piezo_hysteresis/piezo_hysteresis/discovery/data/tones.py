@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.dataset import Dataset
-from piezo_hysteresis.discovery.trial import Trial, on_views
+from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares, straight_line
 
@@ -110,23 +109,31 @@ def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
     return kept
 
 
-def on_one_clock(data: Dataset, trial: Trial) -> Dataset:
+def on_one_clock(
+    data: Dataset,
+    errors: Sequence[FloatArray],
+    others: Sequence[Target],
+    others_errors: Sequence[FloatArray],
+) -> Dataset:
     """Return `data` with start times by which the strongest tone has one phase everywhere.
 
     Held-out records give their own phase, and nothing else: one number that no model can know.
+
+    Parameters
+    ----------
+    data : Dataset
+        The records.
+    errors : sequence of ndarray
+        Measured minus simulated of each training view [m].
+    others, others_errors : sequence
+        Held-out views of other records, and the same of them.
     """
-    tone = find_tone(data.training, trial.errors)
+    tone = find_tone(data.training, errors)
     if tone is None:
         return data
     known = {
         v.name: phasor(v, e, tone.frequency)
-        for v, e in zip(data.training, trial.errors, strict=True)
-    }
-    others = [v for v in data.held_out if v.name not in known]
-    errors = on_views(trial, others).errors
-    known |= {
-        v.name: phasor(v, e, tone.frequency)
-        for v, e in zip(others, errors, strict=True)
+        for v, e in zip((*data.training, *others), (*errors, *others_errors), strict=True)
         if np.all(np.isfinite(e))
     }
     sure = {name: z for name, z in known.items() if abs(z) > TRUSTED * tone.amplitude}

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal.windows import tukey
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.discovery.policy import POLICY, SelectionPolicy
+from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
@@ -77,7 +77,7 @@ class Expectation:
         power /= float(self.window @ self.window) * power.size
         return np.asarray(found + np.bincount(self.octave_of, power, found.size))
 
-    def cost(self, powers: FloatArray, policy: SelectionPolicy = POLICY) -> float:
+    def cost(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> float:
         """Return minus the log likelihood, up to a constant [nats].
 
         The size of what is expected is itself known from about as many numbers as there are: tails
@@ -92,7 +92,7 @@ class Expectation:
         whole = policy.whole * float(np.log1p(powers[1:].sum() / self.total))
         return float(self.independent @ np.log1p(ratio)) + whole
 
-    def news(self, powers: FloatArray, policy: SelectionPolicy = POLICY) -> bool:
+    def news(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> bool:
         """Tell whether parts show more than the model is known to miss."""
         if not powers[1:].sum() <= policy.news**2 * self.total:
             return True
@@ -106,7 +106,7 @@ class Expectation:
 
 
 def expectation(
-    view: Target, known: Discrepancy, stroke: float, policy: SelectionPolicy = POLICY
+    view: Target, known: Discrepancy, stroke: float, policy: SelectionPolicy = HELD
 ) -> Expectation:
     """Return what a model that is known to miss `known` may leave of a view.
 

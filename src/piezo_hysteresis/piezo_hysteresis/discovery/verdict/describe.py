@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.dataset import Dataset
-from piezo_hysteresis.discovery.locate import places
+from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.verdict.locate import places
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.dataset import Dataset
+from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import harmonics
 

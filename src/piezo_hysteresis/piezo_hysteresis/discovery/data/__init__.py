@@ -1,0 +1,1 @@
+"""Records as discovery sees them: checked, annotated, split, their tones on one clock."""

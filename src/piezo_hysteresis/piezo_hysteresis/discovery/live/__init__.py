@@ -1,0 +1,1 @@
+"""Beside a running actuator: the gap as it grows, and what was found as its parameters."""

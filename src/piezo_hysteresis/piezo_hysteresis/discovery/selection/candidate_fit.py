@@ -1,0 +1,239 @@
+"""A model that may be missing something, before it is fitted and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.opening import misfit
+from piezo_hysteresis.identification.result import FitResult
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Candidate, Model
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Added:
+    """One effect that a model has been given.
+
+    Attributes
+    ----------
+    effect, variant : str
+        Its name, and the variant in which it enters.
+    names : mapping of str to str
+        The block's own parameter names to those of the model.
+    inexactness : float
+        Share of the effect that its law is known not to describe [1].
+    """
+
+    effect: str
+    variant: str
+    names: Mapping[str, str]
+    inexactness: float = 0.0
+
+
+def added_of(candidate: Candidate) -> Added:
+    """Return what a candidate adds."""
+    effect = candidate.effect
+    return Added(effect.name, effect.variant, dict(candidate.renamed), effect.inexactness)
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """A model and where a fit of it starts.
+
+    Attributes
+    ----------
+    model : Model
+        The chain.
+    values : dict of str to float
+        Every parameter.
+    added : tuple of Added
+        Effects that the model has beyond the baseline, in the order in which they came.
+    sampling_offset : float
+        By how much later than our convention the displacement was sampled [s].
+    """
+
+    model: Model
+    values: dict[str, float]
+    added: tuple[Added, ...] = ()
+    sampling_offset: float = 0.0
+
+    @property
+    def effect(self) -> str:
+        """Effect that came last; empty for a baseline."""
+        return self.added[-1].effect if self.added else ''
+
+    @property
+    def variant(self) -> str:
+        """How it enters."""
+        return self.added[-1].variant if self.added else ''
+
+    def with_candidate(self, candidate: Candidate, values: Values) -> ModelSpec:
+        """Return the model of a candidate, which this one is without its effect."""
+        added = (*self.added, added_of(candidate))
+        return ModelSpec(candidate.model, dict(values), added, self.sampling_offset)
+
+
+@dataclass(frozen=True)
+class CandidateFit(ModelSpec):
+    """A model judged on views.
+
+    Attributes
+    ----------
+    errors : tuple of ndarray
+        Measured minus simulated of every view [m].
+    noises : tuple of float
+        Noise of every view [m].
+    precisions : tuple of float
+        Weight of every view.
+    parameters : int
+        Number of fitted parameters.
+    fitted : FitResult or None
+        The fit, where there was one.
+    """
+
+    errors: tuple[FloatArray, ...] = ()
+    noises: tuple[float, ...] = ()
+    precisions: tuple[float, ...] = ()
+    parameters: int = 0
+    fitted: FitResult | None = None
+
+    @property
+    def weighted(self) -> tuple[FloatArray, ...]:
+        """Errors, each view by its weight [m]."""
+        return tuple(e * p for e, p in zip(self.errors, self.precisions, strict=True))
+
+    @property
+    def square(self) -> float:
+        """Weighted sum of squared errors [m^2]."""
+        pairs = zip(self.errors, self.precisions, strict=True)
+        return sum(float(e @ e) * p**2 for e, p in pairs)
+
+    @property
+    def floors(self) -> float:
+        """Rms of the errors, each in multiples of the noise of its record."""
+        pairs = zip(self.errors, self.noises, strict=True)
+        total = sum(float(e @ e) / max(noise, 1e-300) ** 2 for e, noise in pairs)
+        return float(np.sqrt(total / max(self.samples, 1)))
+
+    @property
+    def samples(self) -> int:
+        """Number of errors."""
+        return sum(e.size for e in self.errors)
+
+    @property
+    def rms(self) -> float:
+        """Rms of the errors [m]."""
+        return float(np.sqrt(sum(float(e @ e) for e in self.errors) / max(self.samples, 1)))
+
+
+def errors_of(spec: ModelSpec, views: Sequence[Target]) -> tuple[FloatArray, ...]:
+    """Return measured minus simulated of every view [m]; infinite where a model diverges.
+
+    Raises
+    ------
+    PiezoError
+        If a value is impossible.
+    """
+    packed = spec.model.pack(spec.values)
+    with np.errstate(over='ignore', invalid='ignore'):
+        errors = [misfit(spec.model, packed, view, spec.sampling_offset) for view in views]
+    return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
+
+
+def judged_on(spec: ModelSpec, views: Sequence[Target]) -> CandidateFit:
+    """Return a model with these values judged on views, to which it was not fitted."""
+    parameters = spec.parameters if isinstance(spec, CandidateFit) else 0
+    return CandidateFit(
+        spec.model,
+        spec.values,
+        spec.added,
+        spec.sampling_offset,
+        errors_of(spec, views),
+        *_weights(views),
+        parameters,
+    )
+
+
+def fitted_to(
+    spec: ModelSpec,
+    views: Sequence[Target],
+    *,
+    evaluations: int,
+    free: Sequence[str] | None = None,
+    clock: tuple[float, float] | None = None,
+) -> CandidateFit | None:
+    """Fit a model from its own values; return None where it cannot be fitted at all.
+
+    Parameters
+    ----------
+    spec, views
+        What is fitted, and to what.
+    evaluations : int
+        Limit of the fit.
+    free : sequence of str, optional
+        What is fitted; everything that the model does not hold where not given.
+    clock : (float, float), optional
+        Between what the sampling offset may lie [s]. Where not given, a recording may have taken
+        the displacement before the voltage of a tick acted, which is our convention, or both
+        together, which is as much as a tick later.
+    """
+    low, high = clock or (0.0, views[0].dt)
+    bounds = {**_below_half_the_rate(spec.model, views[0].dt), SAMPLING_OFFSET: (low, high)}
+    start = {**spec.values, SAMPLING_OFFSET: float(np.clip(spec.sampling_offset, low, high))}
+    try:
+        result = fit(
+            spec.model,
+            (),
+            start,
+            free=free,
+            targets=views,
+            sampling_offset=True,
+            bounds=bounds,
+            max_evaluations=evaluations,
+            tolerance=1e-7,
+        )
+    except PiezoError:
+        return None
+    return _of_result(result, spec.added)
+
+
+# Frequencies are looked for below this share of the sampling rate, off their aliases above half.
+_HIGHEST = 0.49
+
+
+def _below_half_the_rate(model: Model, dt: float) -> dict[str, tuple[float, float]]:
+    free = (q for q in model.parameters if q.unit == 'Hz' and not q.held)
+    return {q.name: (q.low, min(q.high, _HIGHEST / dt)) for q in free}
+
+
+def _of_result(result: FitResult, added: tuple[Added, ...]) -> CandidateFit | None:
+    """Return a fit, or None where its errors are not finite."""
+    if len(result.residuals) < len(result.targets):  # the fit could not even begin
+        return None
+    errors = tuple(result.residuals[t.name] for t in result.targets)
+    if not all(np.all(np.isfinite(e)) for e in errors):
+        return None
+    count = len([name for name in result.free if name != SAMPLING_OFFSET])
+    return CandidateFit(
+        result.model,
+        result.values,
+        added,
+        result.sampling_offset,
+        errors,
+        *_weights(result.targets),
+        count,
+        result,
+    )
+
+
+def _weights(views: Sequence[Target]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    return tuple(view.noise for view in views), tuple(view.precision for view in views)

@@ -1,0 +1,151 @@
+"""Effects that were found one by one, judged again knowing the others.
+
+The first effect was chosen while the others were still in the residual. So each is taken out
+again and the place it leaves is selected for anew (backward elimination): what is needless goes,
+what only resembled the sum of others is replaced, and what stays is sure in the presence of the
+rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    Added,
+    CandidateFit,
+    ModelSpec,
+)
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound, select
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted effect.
+
+    Attributes
+    ----------
+    round : SelectionRound
+        In which it won, the effects besides it being known.
+    fit : CandidateFit
+        The model with it.
+    """
+
+    round: SelectionRound
+    fit: CandidateFit
+
+
+def judged_again(
+    evaluator: Evaluator, start: CandidateFit, steps: Sequence[Step]
+) -> tuple[list[Step], CandidateFit]:
+    """Judge every effect again until nothing changes.
+
+    Returns
+    -------
+    steps : list of Step
+        Of the effects that stay.
+    final : CandidateFit
+        The model with all of them, fitted jointly.
+    """
+    kept, final = list(steps), steps[-1].fit
+    done: set[str] = set()
+    for _ in range(evaluator.policy.elimination_rounds * len(steps)):
+        names = list(dict.fromkeys(added.effect for added in final.added))
+        # the last one was chosen with all others in their places
+        name = next((each for each in names[:-1] if each not in done), None)
+        if name is None:
+            break
+        done.add(name)
+        without = _without(evaluator, final, start, name)
+        if without is None:
+            continue
+        if evaluator.is_as_good(without, final):
+            kept, final, done = _less(kept, name), without, set()
+            continue
+        again = _selected_again(evaluator, without, final, start, name)
+        if again is None:
+            continue
+        if evaluator.score(again.best) < evaluator.score(final) - evaluator.policy.better:
+            final, done = again.best, {again.best.effect}
+            kept = [*_less(kept, name), Step(again, final)]
+        elif again.best.effect == name:
+            here = next(k for k, step in enumerate(kept) if step.fit.effect == name)
+            kept[here] = Step(again, again.best)
+    return kept, final
+
+
+def pruned(evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> CandidateFit:
+    """Return `final` without additions that change nothing, itself if there are none.
+
+    The fit of a new effect may bring the ones before it to where they had to be, and leave the new
+    one without a purpose. Only then every addition is put to the test.
+    """
+    idle = _with_only(evaluator, final, start, final.added[:-1])
+    limit = (1.0 + evaluator.policy.idle) * final.square
+    if idle is None or evaluator.judged(idle).square > limit:
+        return final
+    for place in reversed(range(len(final.added))):
+        kept = [*final.added[:place], *final.added[place + 1 :]]
+        bare = _with_only(evaluator, final, start, kept) if kept else None
+        fitted = None if bare is None else evaluator.fit(bare)
+        if fitted is not None and evaluator.is_as_good(fitted, final):
+            final = fitted
+    return final
+
+
+def _less(steps: Sequence[Step], name: str) -> list[Step]:
+    return [step for step in steps if step.fit.effect != name]
+
+
+def _selected_again(
+    evaluator: Evaluator,
+    without: CandidateFit,
+    final: CandidateFit,
+    start: CandidateFit,
+    name: str,
+) -> SelectionRound | None:
+    """Select for the place of an effect; one that took several elements keeps it."""
+    if sum(added.effect == name for added in final.added) > 1:
+        return None
+    return select(evaluator, without, start, lambda fraction, message: None)
+
+
+def _without(
+    evaluator: Evaluator, final: CandidateFit, start: CandidateFit, name: str
+) -> CandidateFit | None:
+    """Return the model without an effect, fitted from the values of `final`."""
+    kept = [added for added in final.added if added.effect != name]
+    bare = _with_only(evaluator, final, start, kept)
+    return None if bare is None else evaluator.fit(bare)
+
+
+def _with_only(
+    evaluator: Evaluator, final: CandidateFit, start: CandidateFit, kept: Sequence[Added]
+) -> ModelSpec | None:
+    """Return `start` with some of the additions of `final`, all with the values there."""
+    held = start.model.held  # an effect may have freed them
+    found = {k: v for k, v in final.values.items() if k in start.values and k not in held}
+    bare: ModelSpec | None = ModelSpec(
+        start.model, start.values | found, (), final.sampling_offset
+    )
+    for added in kept:
+        bare = None if bare is None else _again(evaluator, bare, added, final)
+    return bare
+
+
+def _again(
+    evaluator: Evaluator, bare: ModelSpec, added: Added, final: CandidateFit
+) -> ModelSpec | None:
+    """Give `bare` an effect that `final` has, with the values it has there."""
+    for each in evaluator.candidates(bare):
+        if (each.effect.name, each.effect.variant) != (added.effect, added.variant):
+            continue
+        held = each.model.held
+        known = {
+            name: final.values[added.names[own]]
+            for own, name in each.renamed.items()
+            if name not in held
+        }
+        return bare.with_candidate(each, each.values(bare.values, {**each.neutral, **known}))
+    return None

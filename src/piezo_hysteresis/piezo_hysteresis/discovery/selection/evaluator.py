@@ -1,0 +1,180 @@
+"""What a search looks at: the views, and how a model is fitted to them and scored on them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from piezo_hysteresis.discovery.data.dataset import Dataset, thinned
+from piezo_hysteresis.discovery.data.tones import on_one_clock
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    errors_of,
+    fitted_to,
+    judged_on,
+)
+from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
+from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Candidate, candidates
+
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a model leaves in the end.
+
+    Attributes
+    ----------
+    significant : bool
+        Whether it is more than noise, nuisances and what was known.
+    views : tuple of Target
+        Where it shows.
+    fit : CandidateFit
+        The model judged on these views.
+    note : str
+        What is to be said of it besides; may be empty.
+    """
+
+    significant: bool
+    views: tuple[Target, ...]
+    fit: CandidateFit
+    note: str = ''
+
+
+class Evaluator(ABC):
+    """Fits models to the training views and scores them there.
+
+    Parameters
+    ----------
+    data : Dataset
+        Only its training views are looked at; of held-out ones the drive, and errors as a veto.
+    seed : int
+        Of every random choice.
+    workers : int
+        Threads; the result does not depend on it.
+    policy : SelectionPolicy
+        What decides.
+    """
+
+    #: Other values of the baseline's parameters from which first fits may start.
+    hints: tuple[Mapping[str, float], ...] = ()
+
+    def __init__(self, data: Dataset, seed: int, workers: int, policy: SelectionPolicy) -> None:
+        self.data, self.seed, self.policy = data, seed, policy
+        self.floor = data.noise.rms
+        self._workers = max(1, workers)
+        self.views = data.training
+        self.screened = thinned(self.views, policy.screening_samples, data.periods)
+        self.short = thinned(self.views, policy.first_fit_samples, data.periods)
+
+    # --- what the two views of a baseline differ in ---------------------------------------
+
+    @abstractmethod
+    def with_data(self, data: Dataset) -> Evaluator:
+        """Return the same evaluator on other data."""
+
+    @abstractmethod
+    def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
+        """Return which parameters of a model are fitted."""
+
+    @abstractmethod
+    def score(self, fit: CandidateFit) -> float:
+        """Return what ranks models, parameters priced; the smaller the better."""
+
+    @abstractmethod
+    def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
+        """Return whether there is something left to look for, `start` being the baseline."""
+
+    @abstractmethod
+    def is_effect(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
+    ) -> bool:
+        """Return whether what came last in `after` is sure and worth it, of `tried`."""
+
+    @abstractmethod
+    def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
+        """Return how sure `after` is better, of `tried` candidates."""
+
+    @abstractmethod
+    def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
+        """Return the probability that each finalist is right, given that one of them is."""
+
+    @abstractmethod
+    def is_as_good(self, simpler: CandidateFit, richer: CandidateFit) -> bool:
+        """Return whether the richer model is no real improvement over the simpler one."""
+
+    @abstractmethod
+    def certainty(self, before: float, after: float) -> float:
+        """Return the probability that what is missing is among the effects that competed.
+
+        `before` and `after` are the gaps on held-out records, in noise rms.
+        """
+
+    @abstractmethod
+    def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
+        """Return what is left in the end."""
+
+    # --- what they share -------------------------------------------------------------------
+
+    #: Between what the sampling offset may lie [s]; None for what every recording may have.
+    clock: tuple[float, float] | None = None
+
+    def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
+        """Return a model with every effect that it can take up."""
+        return candidates(spec.model, self.data.amplitude, self.data.span)
+
+    def first_judged(self, fit: CandidateFit) -> CandidateFit:
+        """Return a first fit as it is ranked among the others."""
+        return fit
+
+    def fit(
+        self, spec: ModelSpec, views: Sequence[Target] | None = None, evaluations: int = 0
+    ) -> CandidateFit | None:
+        """Return a model fitted from its own values, to all training views or those given."""
+        return fitted_to(
+            spec,
+            self.views if views is None else views,
+            evaluations=evaluations or self.policy.final_evaluations,
+            free=self.free_of(spec),
+            clock=self.clock,
+        )
+
+    def refit(self, fit: CandidateFit, evaluations: int = 0) -> CandidateFit:
+        """Return a model fitted once more, itself where that is no better."""
+        again = self.fit(fit, evaluations=evaluations)
+        return fit if again is None or again.square > fit.square else again
+
+    def judged(self, spec: ModelSpec) -> CandidateFit:
+        """Return a model judged on all training views."""
+        return judged_on(spec, self.views)
+
+    def with_tones_aligned(self, fit: CandidateFit) -> Evaluator:
+        """Return the evaluator with phases of a fixed tone lined up, before one is modelled."""
+        if any(block.clocked for block in fit.model.blocks):
+            return self
+        names = {view.name for view in self.views}
+        others = [view for view in self.data.held_out if view.name not in names]
+        aligned = on_one_clock(self.data, fit.errors, others, errors_of(fit, others))
+        return self if aligned is self.data else self.with_data(aligned)
+
+    def stays_finite(self, spec: ModelSpec) -> bool:
+        """Return whether a model survives the held-out drives; what was measured is not used."""
+        limit = 100.0 * self.data.span
+        errors = errors_of(spec, self.data.held_out)
+        return all(bool(np.all(np.abs(e) < limit)) for e in errors)
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """Return the function of all items, computed in threads, in order."""
+        if self._workers == 1 or len(items) < 2:
+            return [function(each) for each in items]
+        with ThreadPoolExecutor(self._workers) as pool:
+            return list(pool.map(function, items))

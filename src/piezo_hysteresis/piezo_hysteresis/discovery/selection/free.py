@@ -1,0 +1,152 @@
+"""The free view: a baseline known by name alone is fitted together with every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.data.edges import block_edges
+from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.consistency import explained_together
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
+from piezo_hysteresis.discovery.selection.significance import (
+    Improvement,
+    improvement,
+    win_shares,
+)
+from piezo_hysteresis.models import Candidate
+
+
+class FreeEvaluator(Evaluator):
+    """Judges against the noise alone: nothing is known of what the baseline misses.
+
+    Parameters
+    ----------
+    data, seed, workers, policy
+        As in `Evaluator`.
+    hints : sequence of mapping of str to float
+        Other values of the baseline's parameters from which first fits may start.
+    """
+
+    def __init__(
+        self,
+        data: Dataset,
+        seed: int,
+        workers: int,
+        policy: SelectionPolicy = POLICY,
+        hints: Sequence[Mapping[str, float]] = (),
+    ) -> None:
+        super().__init__(data, seed, workers, policy)
+        self.hints = tuple(hints)
+        self.negligible = policy.negligible + policy.noise_doubts * data.noise.doubt
+        self.edges = block_edges(
+            [v.measured.size for v in self.views],
+            [data.periods[v.name] for v in self.views],
+            [v.dt for v in self.views],
+            policy.block_seconds,
+            policy.min_blocks,
+        )
+
+    def with_data(self, data: Dataset) -> FreeEvaluator:
+        """Return the same evaluator on other data."""
+        return FreeEvaluator(data, self.seed, self._workers, self.policy, self.hints)
+
+    def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
+        """Return a model with every effect that it can take up and that a fit besides leaves."""
+        return tuple(each for each in super().candidates(spec) if not each.effect.held)
+
+    def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
+        """Return which parameters of a model are fitted: all that it does not hold."""
+        return spec.model.free_names
+
+    def penalty(self, fit: CandidateFit) -> float:
+        """Return what the parameters of a model cost, in units of log sum of squares."""
+        independent = self.policy.records_information * len(self.views)
+        return fit.parameters * float(np.log(independent)) / independent
+
+    def score(self, fit: CandidateFit) -> float:
+        """Return the penalised log sum of squares, of the kind of Schwarz 1978."""
+        return float(np.log(max(fit.square, 1e-300))) + self.penalty(fit)
+
+    def excess(self, fit: CandidateFit) -> float:
+        """Return the mean square above the noise of each record, in units of it."""
+        return fit.floors**2 - 1.0
+
+    def shows_a_gap(self, fit: CandidateFit) -> bool:
+        """Return whether a model judged on any views leaves more than noise."""
+        pairs = list(zip(fit.errors, fit.noises, strict=True))
+        return rules.shows_a_gap(
+            self.excess(fit),
+            [float(e @ e) / e.size / noise**2 - 1.0 for e, noise in pairs],
+            [e.size for e in fit.errors],
+            self.data.noise.doubt,
+            self.policy,
+        )
+
+    def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
+        """Return the excess that the laws of a model are known to leave."""
+        inexact = [added.inexactness for added in fit.added]
+        return rules.model_discrepancy(inexact, self.excess(start))
+
+    def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
+        """Return whether more is left than noise; a trace in one record may be the laws' own."""
+        trace = self.excess(fit) < min(self.negligible, self.discrepancy(fit, start))
+        return self.shows_a_gap(fit) and not trace
+
+    def is_effect(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
+    ) -> bool:
+        """Return whether what came last in `after` is sure and worth its name."""
+        errors = self.improvement(before, after, 1).ratio
+        gain = self.score(before) - self.score(after)
+        old, new = self.excess(before), self.excess(after)
+        known = self.discrepancy(before, start)
+        if not rules.is_sure(errors, gain, self.policy):
+            return False
+        if not rules.is_worth_a_name(old, new, known, self.policy):
+            return False
+        return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
+
+    def _held_out(self, spec: ModelSpec) -> float:
+        """Return the mean square of the errors on held-out views, in units of the noise."""
+        return judged_on(spec, self.data.held_out).floors ** 2
+
+    def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
+        """Return how sure `after` is better, block by block."""
+        return improvement(before, after, self.edges, tried)
+
+    def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
+        """Return the share of resamples in which each finalist is the best."""
+        penalties = [self.penalty(each) for each in finalists]
+        found = win_shares(finalists, penalties, self.edges, self.seed, self.policy.resamples)
+        return tuple(map(float, found))
+
+    def is_as_good(self, simpler: CandidateFit, richer: CandidateFit) -> bool:
+        """Return whether the richer model is no real improvement over the simpler one."""
+        errors = self.improvement(simpler, richer, 1).ratio
+        old, new = self.excess(simpler), self.excess(richer)
+        return rules.is_as_good(old, new, errors, self.negligible, self.policy)
+
+    def certainty(self, before: float, after: float) -> float:
+        """Return the share of the held-out excess that was taken: the rest is none of these."""
+        return rules.explained(before, after)
+
+    def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
+        """Return what is left; what held-out records alone show is not passed over either."""
+        if self.shows_a_gap(final):
+            return Remainder(True, self.views, final)
+        held_out = self.data.held_out
+        seen, note = judged_on(final, held_out), ''
+        left = self.shows_a_gap(seen)
+        if left:
+            views = [replace(v, name=f'{v.name} (held out)') for v in held_out]
+            both = self.fit(final, [*self.views, *views])
+            judged = [] if both is None else [self.judged(both), judged_on(both, held_out)]
+            if both is not None and not any(map(self.shows_a_gap, judged)):
+                note = explained_together(final, both)
+        return Remainder(left and not note, held_out, seen, note)

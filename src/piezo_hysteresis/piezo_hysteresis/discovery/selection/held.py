@@ -1,0 +1,166 @@
+"""The held view: a baseline that knows its values and what it misses, and one effect more.
+
+A refit hides an effect in wrong parameters. So the values of a ``model.yaml`` stay as they are;
+only what an effect adds, the zeros and starts of the records and their clock are free, and what is
+left is judged against noise and discrepancy together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.expectation import Expectation, costs, expectation
+from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
+from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.identification.checks import main_frequency
+from piezo_hysteresis.identification.discrepancy import discrepancy_words
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Discrepancy, Model, described
+from piezo_hysteresis.models.stages import free_states
+
+
+class HeldEvaluator(Evaluator):
+    """Judges against noise and what the baseline is known to miss; its values stay.
+
+    Parameters
+    ----------
+    data, seed, workers, policy
+        As in `Evaluator`.
+    base : CandidateFit
+        The baseline as its file says.
+    known : Discrepancy
+        What it misses.
+    """
+
+    def __init__(
+        self,
+        data: Dataset,
+        seed: int,
+        workers: int,
+        base: CandidateFit,
+        known: Discrepancy,
+        policy: SelectionPolicy = HELD,
+    ) -> None:
+        super().__init__(data, seed, workers, policy)
+        self.base, self.known = base, known
+        self._fixed = frozenset(base.model.free_names)
+        late, dt = base.sampling_offset, self.views[0].dt
+        self.clock = (late - dt, late + dt)
+        strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
+        drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
+
+        def expected(view: Target) -> Expectation:
+            seen = replace(view, frequency=drives[view.name])
+            return expectation(seen, known, strokes[view.name], policy)
+
+        self.expected = tuple(map(expected, data.training))
+        self.expected_held_out = tuple(map(expected, data.held_out))
+
+    def with_data(self, data: Dataset) -> HeldEvaluator:
+        """Return the same evaluator on other data."""
+        return HeldEvaluator(data, self.seed, self._workers, self.base, self.known, self.policy)
+
+    def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
+        """Return what is fitted of a model: what it has beyond the baseline."""
+        return tuple(name for name in spec.model.free_names if name not in self._fixed)
+
+    def first_judged(self, fit: CandidateFit) -> CandidateFit:
+        """Return a first fit on all training samples: expectations are those of whole records."""
+        return self.judged(fit)
+
+    def score(self, fit: CandidateFit) -> float:
+        """Return minus the log likelihood on the training views, parameters priced [nats]."""
+        return costs(fit.errors, self.expected)[0] + self.policy.price * self.counted(fit)
+
+    def counted(self, fit: CandidateFit) -> int:
+        """Return how many fitted parameters cost: where something has its zero is a nuisance."""
+        zeros = sum(
+            len(effect.zeros)
+            for added in fit.added
+            for effect in described(added.effect)
+            if effect.variant == added.variant
+        )
+        return len(self.free_of(fit)) - zeros + self._states(fit)
+
+    def _states(self, fit: CandidateFit) -> int:
+        """Return how many unknown states at the start of records an effect brought along."""
+        dt = self.views[0].dt
+
+        def count(model: Model) -> int:
+            return sum(len(free_states(stage, dt, memory=False)) for stage in model.stages)
+
+        more = max(count(fit.model) - count(self.base.model), 0)
+        return more * sum(view.begins.kind == 'estimate' for view in self.views)
+
+    def excess(self, fit: CandidateFit) -> float:
+        """Return the mean square beyond what is expected, in units of it, over all records."""
+        return costs(fit.errors, self.expected)[1]
+
+    def shows_news(self, fit: CandidateFit) -> bool:
+        """Return whether a model judged on all training views misses more than it is known to."""
+        return costs(fit.errors, self.expected)[2]
+
+    def shows_news_held_out(self, spec: ModelSpec) -> bool:
+        """Return the same of held-out views: they open the search and name nothing."""
+        errors = judged_on(spec, self.data.held_out).errors
+        return costs(errors, self.expected_held_out)[2]
+
+    def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
+        """Return whether there is news anywhere."""
+        return self.shows_news(fit) or self.shows_news_held_out(fit)
+
+    def is_effect(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
+    ) -> bool:
+        """Return whether an effect is sure, worth its name, and no worse on held-out records."""
+        if self.score(before) - self.score(after) < self.policy.sure + float(np.log(tried)):
+            return False
+        if not rules.is_worth_a_name(self.excess(before), self.excess(after), 0.0, self.policy):
+            return False
+        return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
+
+    def _held_out(self, spec: ModelSpec) -> float:
+        """Return the mean square of the errors on held-out views, in units of the expected one."""
+        errors = judged_on(spec, self.data.held_out).errors
+        pairs = list(zip(errors, self.expected_held_out, strict=True))
+        if not all(np.all(np.isfinite(error)) for error, _ in pairs):
+            return float('inf')
+        return sum(float(e @ e) / e.size / x.total for e, x in pairs) / max(len(pairs), 1)
+
+    def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
+        """Return the likelihood ratio in nats, and its chance by Wilks 1938."""
+        gain = self.score(before) - self.score(after)
+        count = self.counted(after) - self.counted(before)
+        chance = float(chi2.sf(2.0 * max(gain, 0.0), max(count, 1)))
+        return Improvement(before.square - after.square, gain, min(1.0, chance * tried))
+
+    def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
+        """Return the posterior probability of each finalist; no effect has what is missing."""
+        cost = np.array([self.score(before), *(self.score(fit) for fit in finalists)])
+        weights = np.exp(-(cost - cost.min()))
+        return tuple(map(float, (weights / weights.sum())[1:]))
+
+    def is_as_good(self, simpler: CandidateFit, richer: CandidateFit) -> bool:
+        """Return whether the richer model is no real improvement over the simpler one."""
+        return self.score(simpler) - self.score(richer) < self.policy.sure
+
+    def certainty(self, before: float, after: float) -> float:
+        """Return 1: that none of the effects is right is among the outcomes of each round."""
+        return 1.0
+
+    def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
+        """Return what is left beyond what the baseline is known to miss."""
+        if self.shows_news(final):
+            return Remainder(True, self.views, final)
+        held_out = self.data.held_out
+        if self.shows_news_held_out(final):
+            return Remainder(True, held_out, judged_on(final, held_out))
+        return Remainder(False, self.views, final, discrepancy_words(self.known))

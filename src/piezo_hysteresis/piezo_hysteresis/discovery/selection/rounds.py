@@ -1,0 +1,180 @@
+"""One round of selection: every effect screened, the best fitted with the model and ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
+from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
+from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.models import described
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class SelectionRound:
+    """One round.
+
+    Attributes
+    ----------
+    before : CandidateFit
+        The model that lacks something.
+    finalists : tuple of CandidateFit
+        Fits to all training samples, the chosen one first.
+    shares : tuple of float
+        Probability of each finalist.
+    gain : Improvement
+        Of the first finalist over `before`.
+    tried : int
+        Candidates that were looked at.
+    accepted : bool
+        Whether the first finalist is an effect: sure, and worth its name.
+    """
+
+    before: CandidateFit
+    finalists: tuple[CandidateFit, ...]
+    shares: tuple[float, ...]
+    gain: Improvement
+    tried: int
+    accepted: bool = True
+
+    @property
+    def best(self) -> CandidateFit:
+        """The chosen one."""
+        return self.finalists[0]
+
+    def probabilities(self) -> dict[str, float]:
+        """Probability by effect, variants of one effect together."""
+        found: dict[str, float] = {}
+        for fit, share in zip(self.finalists, self.shares, strict=True):
+            found[fit.effect] = found.get(fit.effect, 0.0) + share
+        return dict(sorted(found.items(), key=lambda each: -each[1]))
+
+
+def select(
+    evaluator: Evaluator, before: CandidateFit, start: CandidateFit, progress: Progress
+) -> SelectionRound | None:
+    """Run one round over the effects that `before` may lack; None where none can be fitted.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Fits and scores.
+    before, start : CandidateFit
+        The model so far, and the baseline.
+    progress : callable
+        Told ``(fraction, message)``.
+    """
+    every = evaluator.candidates(before)
+    screen = Screen(before, evaluator.screened, evaluator.free_of(before))
+    scores = evaluator.map(screen.score, every)
+    progress(0.2, f'{len(every)} candidates screened')
+    chosen = _chosen(scores, evaluator.policy)
+    first = evaluator.map(lambda each: _first_fit(evaluator, before, each), chosen)
+    fitted = ranked(evaluator, [fit for fit in first if fit is not None])
+    progress(0.6, f'{len(fitted)} first fits')
+    leaders = _final_fits(evaluator, _of_different_places(fitted, evaluator.policy.final_fits))
+    if not leaders:
+        return None
+    others = _final_fits(evaluator, _other_variants(leaders, fitted))
+    finalists = ranked(evaluator, [*leaders, *others])
+    progress(1.0, f'{len(finalists)} finalists')
+    return round_of(evaluator, before, finalists, len(every), start)
+
+
+def round_of(
+    evaluator: Evaluator,
+    before: CandidateFit,
+    finalists: Sequence[CandidateFit],
+    tried: int,
+    start: CandidateFit,
+) -> SelectionRound:
+    """Return the round in which finalists, best first, met: the first that is an effect wins."""
+    worthy = (fit for fit in finalists if evaluator.is_effect(before, fit, start, tried))
+    winner = next(worthy, None)
+    first = finalists[0] if winner is None else winner
+    order = (first, *(fit for fit in finalists if fit is not first))
+    shares = evaluator.shares(before, order)
+    gain = evaluator.improvement(before, first, tried)
+    return SelectionRound(before, order, shares, gain, tried, winner is not None)
+
+
+def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+    """Return fits in the order of their scores."""
+    return sorted(fits, key=lambda fit: (evaluator.score(fit), fit.effect, fit.variant))
+
+
+def _chosen(scores: Sequence[ScreeningScore], policy: SelectionPolicy) -> list[ScreeningScore]:
+    """Return what is fitted: the most promising, of each effect its best variants first."""
+    ordered = sorted(
+        (each for each in scores if each.explained > policy.min_promise),
+        key=lambda s: (-s.explained, s.candidate.effect.name, s.candidate.effect.variant),
+    )
+    first: list[ScreeningScore] = []
+    later: list[ScreeningScore] = []
+    for score in ordered:
+        same = sum(c.candidate.effect.name == score.candidate.effect.name for c in first)
+        (first if same < policy.variants_first else later).append(score)
+    return [*first, *later][: policy.first_fits]
+
+
+def _first_fit(
+    evaluator: Evaluator, before: CandidateFit, score: ScreeningScore
+) -> CandidateFit | None:
+    """Fit from the best starts on short views and return the best.
+
+    The baseline may have hidden the effect in wrong parameters, so one fit starts from the hints.
+    """
+    candidate, policy = score.candidate, evaluator.policy
+    starts = list(score.starts[: policy.starts])
+    own = {name: starts[0][name] for name in candidate.added}
+    for hint in evaluator.hints:
+        known = {k: hint.get(k, v) for k, v in before.values.items()}
+        starts.append({**starts[0], **candidate.values(known, own)})
+    fits = [
+        evaluator.fit(
+            before.with_candidate(candidate, start), evaluator.short, policy.first_evaluations
+        )
+        for start in starts
+    ]
+    best = min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
+    return None if best is None else evaluator.first_judged(best)
+
+
+def _final_fits(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+    """Fit on all of the training records; return what survives, best first."""
+    final = evaluator.map(evaluator.fit, fits)
+    return ranked(evaluator, [f for f in final if f is not None and evaluator.stays_finite(f)])
+
+
+def _of_different_places(fitted: Sequence[CandidateFit], most: int) -> list[CandidateFit]:
+    """Return the best fits of different effects.
+
+    An effect that may take the place of different blocks is as different as two effects: what a
+    model has in that place already can hide it.
+    """
+    leading: list[CandidateFit] = []
+    for fit in fitted:
+        if all(_place(fit) != _place(other) for other in leading):
+            leading.append(fit)
+    return leading[:most]
+
+
+def _place(fit: CandidateFit) -> tuple[str, tuple[str, ...]]:
+    """Return the effect that came last and what it took the place of."""
+    effect = next(e for e in described(fit.effect) if e.variant == fit.variant)
+    return fit.effect, effect.replaces
+
+
+def _other_variants(
+    leaders: Sequence[CandidateFit], fitted: Sequence[CandidateFit]
+) -> list[CandidateFit]:
+    """Return first fits of the winning effect in the variants that had no final fit yet."""
+    had = {(fit.effect, fit.variant) for fit in leaders}
+    return [
+        f for f in fitted if f.effect == leaders[0].effect and (f.effect, f.variant) not in had
+    ]

@@ -1,0 +1,130 @@
+"""Effects added one by one, judged again, and begun again with another first one if that fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.elimination import Step, judged_again, pruned
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, select
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search ended with.
+
+    Attributes
+    ----------
+    evaluator : Evaluator
+        By which the end is judged.
+    start, final : CandidateFit
+        The baseline, and the model with all effects.
+    steps : tuple of Step
+        Accepted effects; empty where nothing is missing or nothing known helps.
+    last : SelectionRound or None
+        The round that named nothing more, where there was one.
+    """
+
+    evaluator: Evaluator
+    start: CandidateFit
+    final: CandidateFit
+    steps: tuple[Step, ...] = ()
+    last: SelectionRound | None = None
+
+    @property
+    def leaves_much(self) -> bool:
+        """Whether the end is far from the noise."""
+        far = self.final.floors > self.evaluator.policy.explained_gap
+        return far and self.evaluator.lacks_something(self.final, self.start)
+
+
+def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Found:
+    """Find the effects that `start` lacks.
+
+    What is missing besides can let a wrong effect win the first round, and the right one of the
+    same place in the model cannot take it back afterwards. So where much is left in the end, the
+    search begins again with what came next in that round, and the better end counts.
+    """
+    found = _forward(evaluator, start, [], progress)
+    if not found.steps:
+        return found
+    first = found.steps[0].round
+    progress(0.85, 'judging every effect knowing the others')
+    best = _judged_again(found)
+    for step in _others(evaluator, first, start):
+        if not best.leaves_much:
+            break
+        progress(0.9, f'beginning again with {step.fit.effect}')
+        again = replace(step, fit=_finished(evaluator, step.fit))
+        seen = evaluator.with_tones_aligned(first.before)
+        other = _judged_again(_forward(seen, start, [again], lambda fraction, message: None))
+        policy = evaluator.policy
+        if other.evaluator.score(other.final) < best.evaluator.score(best.final) - policy.better:
+            best = other
+    return best
+
+
+def _judged_again(found: Found) -> Found:
+    if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
+        return found
+    steps, final = judged_again(found.evaluator, found.start, found.steps)
+    return replace(found, steps=tuple(steps), final=final)
+
+
+def _others(evaluator: Evaluator, first: SelectionRound, start: CandidateFit) -> list[Step]:
+    """Return what else the search may begin with: what came close in the first round."""
+    found: list[Step] = []
+    taken = {first.best.effect}
+    for fit in first.finalists:
+        if fit.effect in taken or fit.square > evaluator.policy.restart_within * first.best.square:
+            continue
+        taken.add(fit.effect)
+        others = [each for each in first.finalists if each is not fit]
+        order = dict(zip(map(id, first.finalists), first.shares, strict=True))
+        contest = replace(
+            first,
+            finalists=(fit, *others),
+            shares=tuple(order[id(each)] for each in (fit, *others)),
+            gain=evaluator.improvement(first.before, fit, first.tried),
+        )
+        found.append(Step(contest, fit))
+    return found[: evaluator.policy.restarts]
+
+
+def _finished(evaluator: Evaluator, fit: CandidateFit) -> CandidateFit:
+    """Return a fit ended where nothing is left to gain."""
+    thorough = evaluator.policy.thorough_evaluations
+    return evaluator.refit(fit, thorough) if thorough else fit
+
+
+def _forward(
+    evaluator: Evaluator, start: CandidateFit, steps: list[Step], progress: Progress
+) -> Found:
+    """Add effects to those of `steps` one by one until nothing significant is left."""
+    current = steps[-1].fit if steps else start
+    most = evaluator.policy.max_effects
+    last: SelectionRound | None = None
+    for place in range(len(steps), most):
+        if not evaluator.lacks_something(current, start):
+            return Found(evaluator, start, current, tuple(steps))
+        evaluator = evaluator.with_tones_aligned(current)
+        current = replace(evaluator.judged(current), fitted=current.fitted)
+        begin, share = 0.12 + 0.7 * place / most, 0.7 / most
+
+        def told(
+            fraction: float, message: str, begin: float = begin, share: float = share
+        ) -> None:
+            progress(begin + share * fraction, message)
+
+        last = select(evaluator, current, start, told)
+        if last is None or not last.accepted:
+            return Found(evaluator, start, current, tuple(steps), last)
+        found = _finished(evaluator, last.best)
+        if evaluator.policy.elimination_rounds:
+            found = pruned(evaluator, found, start)
+        current = found
+        names = {added.effect for added in current.added}
+        steps = [s for s in (*steps, Step(last, found)) if s.fit.effect in names]
+        steps[-1] = replace(steps[-1], fit=current)
+    return Found(evaluator, start, current, tuple(steps), last)

@@ -1,0 +1,134 @@
+"""Where a search starts: a baseline that is fitted besides, or one that its file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.selection.baseline import Baselines, fitted_baselines, told_by
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    fitted_to,
+    judged_on,
+)
+from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator
+from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
+from piezo_hysteresis.discovery.selection.rounds import Progress
+from piezo_hysteresis.discovery.selection.search import Found, search
+from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.record_start import STEP
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model, ModelFile
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE
+
+
+@dataclass(frozen=True)
+class Searching:
+    """How a search goes.
+
+    Attributes
+    ----------
+    choices : Choices
+        What is known of how the records begin and where their zeros lie.
+    seed : int
+        Of every random choice.
+    workers : int
+        Threads.
+    changed : dict of str to float
+        Numbers of the policy that are not the usual ones.
+    """
+
+    choices: Choices
+    seed: int
+    workers: int
+    changed: dict[str, float]
+
+    def policy(self, usual: SelectionPolicy) -> SelectionPolicy:
+        """Return the usual policy with what was changed."""
+        return usual.but(**self.changed)
+
+
+def find(
+    data: Dataset, given: Model | ModelFile, how: Searching, progress: Progress
+) -> tuple[Baselines, Found]:
+    """Find what a baseline lacks, in the view that suits what is known of it.
+
+    What the user knows is a prior: a free refit would hide the effect in wrong values. So the
+    values of a file that says what it misses are held.
+
+    Raises
+    ------
+    IdentificationError
+        If the baseline cannot be fitted to the records at all, or the policy is impossible.
+    """
+    if isinstance(given, ModelFile) and given.discrepancy is not None:
+        found = _find_held(data, given, how, progress)
+        nominal = found.evaluator.judged(found.start)
+        return Baselines(nominal, None, nominal), found
+    policy = how.policy(POLICY)
+    base, seen = fitted_baselines(data, given, how.choices)
+    progress(0.12, 'baselines fitted')
+    hints = [base.slow.values] if base.slow is not None else []
+    evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints)
+    return base, search(evaluator, base.joint, progress)
+
+
+def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progress) -> Found:
+    """Find what the model of a file lacks.
+
+    What happened before a record can explain much: three levels of a strongly creeping model pass
+    for a drift. So where a record that begins at rest at 0 V is said to have begun otherwise, both
+    are followed to their end, and the levels cost what parameters cost.
+    """
+    assert given.discrepancy is not None
+    policy, found = how.policy(HELD), list[tuple[float, Found]]()
+    for searched in (True, False):
+        base, seen = held_data(data, given, how.choices, searched=searched)
+        if not searched and (
+            how.choices.start != 'auto' or not _invented(data, found[0][1].evaluator.data)
+        ):
+            break
+        evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given.discrepancy, policy)
+        each = search(evaluator, base, progress)
+        levels = _invented(data, each.evaluator.data)
+        found.append((each.evaluator.score(each.final) + policy.price * levels, each))
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def held_data(
+    data: Dataset, given: ModelFile, choices: Choices, *, searched: bool = True
+) -> tuple[CandidateFit, Dataset]:
+    """Return the baseline as its file says, and the data as it sees how they begin.
+
+    Where starts are not `searched`, records begin as they say themselves.
+    """
+    late = float(given.provenance.notes.get(OFFSET_NOTE, 0.0))
+    nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
+    told = told_by(nominal, data, choices, alone=True) if searched else data
+    own = choices.zero != 'common'
+
+    def zeroed(views: Sequence[Target]) -> tuple[Target, ...]:
+        return tuple(replace(v, own_zero=own, precision=1.0, influence=None) for v in views)
+
+    seen = replace(told, training=zeroed(told.training), held_out=zeroed(told.held_out))
+    dt = data.training[0].dt
+    clocked = fitted_to(
+        nominal,
+        seen.training,
+        evaluations=HELD.final_evaluations,
+        free=(),
+        clock=(late - dt, late + dt),
+    )
+    return judged_on(clocked or nominal, seen.training), seen
+
+
+def _invented(data: Dataset, seen: Dataset) -> int:
+    """Return how many numbers tell the starts of records that seem to begin at rest at 0 V."""
+    count = 0
+    for before, after in zip(data.training, seen.training, strict=True):
+        if before.begins.kind == STEP.kind and after.begins != before.begins:
+            count += 1 + len(after.begins.levels)
+    return count

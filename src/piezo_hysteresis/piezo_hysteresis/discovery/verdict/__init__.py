@@ -1,0 +1,1 @@
+"""What was found, in names, numbers and words."""

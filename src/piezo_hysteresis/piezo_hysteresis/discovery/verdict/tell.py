@@ -1,0 +1,120 @@
+"""The end of a search as a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from piezo_hysteresis.discovery.data.check import Check
+from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.baseline import Baselines
+from piezo_hysteresis.discovery.selection.search import Found
+from piezo_hysteresis.discovery.verdict.advise import advise
+from piezo_hysteresis.discovery.verdict.describe import describe
+from piezo_hysteresis.discovery.verdict.locate import places
+from piezo_hysteresis.discovery.verdict.naming import named_effects, summary_of, suspects
+from piezo_hysteresis.discovery.verdict.prove import Proof, ProofRow, over_frequency
+from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Unexplained, Verdict
+from piezo_hysteresis.identification.targets import Target
+
+_MOST_PLACES = 20
+
+
+def tell(
+    coverage: Check, base: Baselines, found: Found, proof: Proof, name: str, seed: int
+) -> Verdict:
+    """Return the verdict on a search.
+
+    Parameters
+    ----------
+    coverage : Check
+        What the records can tell.
+    base : Baselines
+        The versions of the model before.
+    found : Found
+        What the search ended with.
+    proof : Proof
+        Before and after on held-out records.
+    name : str
+        What the baseline is called.
+    seed : int
+        Of the search.
+    """
+    evaluator, final = found.evaluator, found.final
+    data, floor = evaluator.data, evaluator.floor
+    left = evaluator.remainder(final, found.start)
+    seen = left.fit.errors
+    description = describe(data, left.views, seen, floor) if left.significant else left.note
+    word = rules.verdict_word(len(found.steps), left.significant)
+    verdict = Verdict(
+        baseline=name,
+        seed=seed,
+        noise_floor_rms_m=floor,
+        held_out=HeldOut(proof.before, proof.after, proof.before_in_floors, proof.after_in_floors),
+        effects=named_effects(
+            found.steps,
+            base.joint,
+            final,
+            data.records,
+            floor,
+            evaluator.certainty(proof.before_in_floors, proof.after_in_floors),
+        ),
+        verdict=word,
+        unexplained=Unexplained(left.significant, description),
+        where=tuple(
+            {
+                'record': p.record,
+                'frequency_hz': p.frequency,
+                'harmonic': p.harmonic,
+                'rms_m': p.rms,
+            }
+            for p in places(data, data.training, base.joint.errors)[:_MOST_PLACES]
+        ),
+        next_experiments=tuple(advise(coverage, found.steps, left.significant, description)),
+        records={
+            'training': [v.name for v in data.training],
+            'held_out': [v.name for v in data.held_out],
+        },
+        seconds=0.0,
+        suspects=suspects(found.steps, found.last) if word == 'unknown' else (),
+        check=tuple(coverage.sentences()),
+        proof=tuple(_row(row, floor) for row in proof.rows),
+        over_frequency=tuple(
+            {**_row(row, floor), 'held_out': row.held_out}
+            for row in over_frequency(data, base.joint, final, proof)
+        ),
+        baseline_gaps_rms_m=_gaps(base),
+        free_run_stable=proof.stable,
+        sampling_offset_s=final.sampling_offset,
+        starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
+    )
+    return replace(verdict, summary=summary_of(verdict))
+
+
+def _circumstances(view: Target) -> dict[str, Any]:
+    """Return what is true of one record only."""
+    return {
+        'start': str(view.begins),
+        'own_zero': view.own_zero,
+        'noise_rms_m': view.noise,
+        'lost_samples': view.lost,
+    }
+
+
+def _row(row: ProofRow, floor: float) -> dict[str, Any]:
+    return {
+        'record': row.record,
+        'frequency_hz': row.frequency,
+        'amplitude_v': row.amplitude,
+        'before_in_floors': row.before / floor,
+        'after_in_floors': row.after / floor,
+    }
+
+
+def _gaps(base: Baselines) -> dict[str, float]:
+    gaps = {'joint_fit': base.joint.rms}
+    if base.slow is not None:
+        gaps['low_frequency_fit'] = base.slow.rms
+    if base.nominal is not None:
+        gaps['nominal'] = base.nominal.rms
+    return gaps
