@@ -14,11 +14,11 @@ from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRule
 from piezo_hysteresis.compensation.feedback.hinf import (
     HInfinity,
     HInfinityDesign,
-    HInfinityWeights,
     design,
     transfer_function,
 )
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,

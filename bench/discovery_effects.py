@@ -55,7 +55,7 @@ def _creep(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
 
 
 def _rate(rng: Generator, x: float, seen: Mapping[str, float]) -> Overrides:
-    """Return either law: one is a block of the vocabulary, the other is not."""
+    """Return the logarithmic or the power law; the vocabulary has a block for each."""
     growth, reference = min(0.06 * x, 0.3), 4.0
     if rng.random() < 0.5:
         return {'rate_dependence.widening': growth, 'rate_dependence.reference': reference}

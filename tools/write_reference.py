@@ -30,8 +30,8 @@ PAGES = {
             f'compensation.{name}'
             for name in (
                 'base', 'inverses.choice', 'loop', 'model_plant', 'harmonics.attenuation',
-                'harmonics.settings', 'feedback.pid', 'feedback.fuzzy_pid', 'feedback.hinf',
-                'limiter',
+                'harmonics.settings', 'feedback.settings', 'feedback.pid',
+                'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
             )
         ),
     ),

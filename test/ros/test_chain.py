@@ -216,12 +216,20 @@ def test_attenuation_learns_and_lets_go_without_a_jump(chain: Chain) -> None:
 
 def test_settings_of_the_attenuation_change_while_it_runs(chain: Chain) -> None:
     for name, value in {
-        'orders': [3],
         'enabled': True,
+        'plant.gain': 1.3e-4,
+        'plant.natural_frequency': 68.0,
+        'resonance': 68.0,
+        'orders': [3],
+    }.items():
+        chain.set('attenuation', name, value)
+        chain.run(30)
+        chain.smooth(30, share=0.5)
+    assert 'resonance' in chain.listener.set_one('attenuation', 'method', 'rls')
+    for name, value in {
+        'resonance': 0.0,
         'method': 'rls',
         'fit': 'sines',
-        'plant.gain': 1.3e-4,
-        'resonance': 68.0,
         'sign_rule': 'printed',
     }.items():
         chain.set('attenuation', name, value)
@@ -231,6 +239,7 @@ def test_settings_of_the_attenuation_change_while_it_runs(chain: Chain) -> None:
     chain.run(200)
     assert 'forgetting' in chain.listener.set_one('attenuation', 'forgetting', 0.5)
     assert 'order' in chain.listener.set_one('attenuation', 'orders', [-1])
+    assert 'order 0' in chain.listener.set_one('attenuation', 'orders', [0, 3])
 
 
 def test_feedback_lowers_the_error_and_changes_without_a_jump(chain: Chain) -> None:
@@ -238,6 +247,9 @@ def test_feedback_lowers_the_error_and_changes_without_a_jump(chain: Chain) -> N
     without = chain.mean_error()
     errors = {}
     chain.set('feedback', 'pid.integral', 6e4)
+    chain.set('feedback', 'plant.gain', 1.2e-4)
+    chain.set('feedback', 'plant.natural_frequency', 68.0)
+    chain.set('feedback', 'plant.damping_ratio', 0.015)
     for method in ('pid', 'fuzzy_pid', 'h_infinity', 'none'):
         chain.set('feedback', 'method', method)
         chain.run(400)

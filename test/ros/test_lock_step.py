@@ -42,11 +42,13 @@ MODEL = {
 MODEL['A1'] *= -MODEL['c1'] - MODEL['c2']
 MODEL['A'] *= -MODEL['c1'] - MODEL['c2']
 
+MODE = {'plant.gain': 1.2e-4, 'plant.natural_frequency': 68.0, 'plant.damping_ratio': 0.015}
+
 
 def offline() -> LoopResult:
     time = np.arange(SAMPLES) * (1.0 / RATE)
     limits = Limits(-1.2, 1.2, 2000.0)
-    table = ATTENUATION.defaults()
+    table = {**ATTENUATION.defaults(), **MODE}
     settings = AttenuationSettings(
         method='rls', orders=(3,), sign_rule='computed', gain=float(table['gain'])
     )
@@ -75,7 +77,7 @@ def test_processes_give_the_numbers_of_the_offline_loop(
     listener.listen(ModelEstimate, 'model/estimate', latched=True)
     processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'seed': 7, 'wait_for': 4})
     processes.start('piezo_hysteresis', 'feedforward', {'model_file': str(model)})
-    processes.start('piezo_hysteresis', 'attenuation', {'orders': [3]})
+    processes.start('piezo_hysteresis', 'attenuation', {**MODE, 'method': 'rls', 'orders': [3]})
     processes.start('piezo_hysteresis', 'identification', {'publish_every': SAMPLES})
     listener.matched('actuator/state')
     listener.matched('model/estimate')

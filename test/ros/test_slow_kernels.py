@@ -70,7 +70,7 @@ def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
     processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
     processes.environment.update(slowed(tmp_path, 'rls_update', 8.0))
     processes.start('piezo_hysteresis', 'feedforward')
-    processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls'})
+    processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls', 'orders': [3]})
     excitation = processes.start(
         'piezo_hysteresis',
         'excitation',

@@ -1,10 +1,14 @@
 """Harmonics of the error are taken away, and nothing worse happens when things go wrong."""
 
+import argparse
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from piezo_common.settings import specs_of
+from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
 from piezo_hysteresis.compensation.base import Limits, Measured
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
@@ -26,6 +30,7 @@ from piezo_hysteresis.compensation.loop import (
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
+from piezo_hysteresis.parameters.links import ATTENUATION
 from piezo_hysteresis.waveforms import Sine
 from piezo_hysteresis.waveforms.base import Samples
 
@@ -286,8 +291,35 @@ def test_gains_of_mode_and_recursion():
         {'gain': math.nan},
         {'forgetting': 0.5},
         {'sign_rule': 'maybe'},
+        {'method': 'rls', 'orders': (0, 3)},
+        {'method': 'filtered_rls', 'orders': (0,)},
+        {'method': 'rls', 'orders': (3,), 'resonance': 68.0},
+        {'method': 'filtered_rls', 'orders': (3,), 'resonance': 68.0},
     ],
 )
 def test_impossible_settings_are_refused(wrong):
-    with pytest.raises(CompensationError):
+    with pytest.raises(CompensationError) as refused:
         AttenuationSettings(**wrong)
+    assert len(str(refused.value).splitlines()) == 1
+    assert list(wrong)[-1] in str(refused.value) or 'method' in str(refused.value)
+
+
+def test_there_is_one_default_of_the_attenuation():
+    one = AttenuationSettings()
+    table = ATTENUATION.defaults()
+    for field in fields(one):
+        value = getattr(one, field.name)
+        assert table[field.name] == (list(value) if isinstance(value, tuple) else value)
+    parser = argparse.ArgumentParser()
+    configure(parser)
+    assert attenuation_of(parser.parse_args([])) == one
+    for name in (spec.name for spec in specs_of(AttenuationSettings)):
+        assert f'    {name} : ' in AttenuationSettings.__doc__
+
+
+def test_what_a_method_ignores_is_refused_by_the_table_of_the_node():
+    changes = {'method': 'rls'}
+    assert 'order 0' in ATTENUATION.judge(ATTENUATION.defaults(), changes)
+    assert ATTENUATION.judge(ATTENUATION.defaults(), {**changes, 'orders': [3]}) == ''
+    resonant = {**changes, 'orders': [3], 'resonance': 68.0}
+    assert 'set resonance to 0' in ATTENUATION.judge(ATTENUATION.defaults(), resonant)

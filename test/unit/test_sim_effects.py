@@ -264,6 +264,40 @@ def test_parametric_excitation_makes_combination_tones():
     assert lines[14] < 1e-9
 
 
+def test_an_end_stop_acts_beyond_its_position_only():
+    free, stopped = (
+        plant(*on, 'resonance', structure__natural_frequency=200.0, structure__damping_ratio=0.7)
+        for on in ((), ('end_stop',))
+    )
+    _, command = sine(2.0, 1.0, 1.0)
+    before, after = free.run(command), stopped.run(command)
+    inside = before < 5e-5
+    np.testing.assert_allclose(after[inside], before[inside], atol=1e-6)
+    assert before.max() - after.max() > 5e-6
+
+
+def test_the_error_of_a_scale_repeats_with_its_pitch():
+    p = plant('cyclic_error', sensor__cyclic_error=1e-6, sensor__cyclic_period=20e-6)
+    levels = np.repeat(np.linspace(0.0, 0.6, 25), 2)  # at 100 um/V a pitch is 0.2 V
+    reading = p.run(np.append(levels, 0.0))[1:][1::2]
+    true = 1e-4 * levels[1::2]
+    expected = true + 1e-6 * np.sin(2 * np.pi * true / 20e-6)
+    np.testing.assert_allclose(reading, expected, atol=1e-12)
+
+
+def test_self_heating_follows_the_mean_square_of_the_voltage_rate():
+    p = plant('self_heating', heating__gain=0.05, heating__reference=100.0,
+              heating__time_constant=1.0)  # fmt: skip
+    _, command = sine(20.0, 1.0, 12.0)
+    reading = p.run(command)
+    first, last = (np.ptp(reading[k * 1000 : (k + 1) * 1000]) for k in (0, 11))
+    square = 0.5 * (2 * np.pi * 20.0) ** 2 / 100.0**2  # mean square of the rate over the reference
+    assert last / 2e-4 == pytest.approx(1.0 + 0.05 * square, rel=2e-3)
+    assert first < last
+    p.run(np.zeros(8000))
+    assert np.ptp(p.run(command[:50])) == pytest.approx(2e-4, rel=2e-3)
+
+
 # -- slow ----------------------------------------------------------------------------------------
 
 

@@ -124,7 +124,8 @@ def laws() -> None:
 
     gain = ModeGain(1e-6, 68.0, 0.02, DT)
     for method, fit in product(get_args(Method), get_args(Fit)):
-        law = HarmonicAttenuation(AttenuationSettings(method=method, fit=fit), gain, DT)
+        settings = AttenuationSettings(method=method, fit=fit, orders=(3,))
+        law = HarmonicAttenuation(settings, gain, DT)
         for k in range(700):
             point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 2 * math.pi * 23.0 * k * DT)
             law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))

@@ -90,7 +90,16 @@ _PREISACH_TYPE = np.dtype(
 )
 
 _SCALARS = (
-    *('command', 'voltage', 'voltage_before', 'strain_voltage', 'rate', 'widening', 'loss'),
+    *(
+        'command',
+        'voltage',
+        'voltage_before',
+        'strain_voltage',
+        'rate',
+        'widening',
+        'loss',
+        'heat',
+    ),
     *(
         'residue',
         'free',

@@ -57,8 +57,9 @@ class Effect:
     neutral : mapping of str to float
         What the parameters of the effect are replaced by while it is off.
     exotic : bool
-        True for effects that no candidate of the discovery describes; they are for tests in
-        which the right answer is ``unknown``.
+        True for effects that no candidate of the discovery describes, and that stay so: no block
+        is to be written after them. They are for tests in which the right answer is ``unknown``,
+        and a vocabulary that follows its test worlds could not be tested at all.
     """
 
     name: str

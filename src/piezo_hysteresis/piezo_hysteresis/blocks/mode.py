@@ -38,11 +38,11 @@ BLOCK = Block(
         Parameter(
             'natural_frequency',
             'Hz',
-            68.0,
+            100.0,
             1e-2,
             1e6,
             'Undamped natural frequency of the first mode.',
-            68.0,
+            100.0,
         ),
         Parameter('damping_ratio', '1', 0.02, 1e-5, 50.0, 'Damping over critical damping.', 0.02),
     ),

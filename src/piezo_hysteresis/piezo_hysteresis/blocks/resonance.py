@@ -82,7 +82,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
     of the drive comes near the mode nothing does, and it shows by how what it leaves grows with
     frequency; the share being linear, every frequency of the grid costs one simulation.
     """
-    grid = [{'resonance_frequency': each / seen.dt, 'resonance_damping': 0.03} for each in _GRID]
+    grid = [{'resonance_frequency': each / seen.dt, 'resonance_damping': 0.04} for each in _GRID]
     window = np.hanning(seen.residual.size)
     left = np.abs(np.fft.rfft(window * (seen.residual - seen.residual.mean())))
     moved = np.abs(np.fft.rfft(window * (seen.simulated - seen.simulated.mean())))
@@ -102,7 +102,7 @@ def poles(seen: Residual) -> list[dict[str, float]]:
     own = float(abs(slowest)) / (2.0 * pi)
     highest = 0.45 / seen.dt
     return [
-        {'resonance_frequency': min(factor * own, highest), 'resonance_damping': 0.03}
+        {'resonance_frequency': min(factor * own, highest), 'resonance_damping': 0.04}
         for factor in (1.0, 1.5, 3.0)
     ]
 
@@ -114,7 +114,7 @@ def static_gain(values: Mapping[str, float]) -> dict[str, float]:
 
 
 _FREQUENCY = Parameter(
-    'resonance_frequency', 'Hz', 68.0, 1e-2, 1e6, 'Undamped natural frequency.', 68.0
+    'resonance_frequency', 'Hz', 100.0, 1e-2, 1e6, 'Undamped natural frequency.', 100.0
 )
 _DAMPING = Parameter(
     'resonance_damping',
@@ -208,7 +208,7 @@ EFFECTS = (
         replaces=('autoregressive',),
         convert=static_gain,
         neutral={'resonance_frequency': 1e4, 'resonance_damping': 0.3},
-        start={'resonance_frequency': 68.0, 'resonance_damping': 0.02},
+        start={'resonance_frequency': 100.0, 'resonance_damping': 0.02},
         guess=poles,
         physics=(
             'The whole displacement goes through a lightly damped mode. The autoregression of the '
@@ -224,7 +224,7 @@ EFFECTS = (
         block=_PAIR,
         replaces=('mode',),
         neutral={'resonance_share': 0.0},
-        start={'resonance_share': 0.1, 'resonance_damping': 0.03},
+        start={'resonance_share': 0.1, 'resonance_damping': 0.04},
         guess=guess,
         physics=(
             'The same force drives a second mode of the structure beside the first one; each '

@@ -11,9 +11,10 @@ from typing import Any, get_type_hints
 from piezo_hysteresis.compensation.base import INVERSES, Limits, Link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
-from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.pid import Pid
+from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.settings import METHODS, AttenuationSettings
 from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.linear_gain import LinearGain
@@ -21,7 +22,8 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile
 
-ATTENUATIONS = ('afc', 'rls', 'filtered_rls', 'none')
+ATTENUATIONS = (*METHODS, 'none')
+DEFAULT = AttenuationSettings()
 FEEDBACKS = ('none', 'pid', 'fuzzy_pid', 'h_infinity')
 _NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
 
@@ -68,9 +70,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     harmonics = parser.add_argument_group('attenuation of harmonics')
     add = harmonics.add_argument
-    add('--attenuation', choices=ATTENUATIONS, default='afc', help='its method')
-    add('--orders', type=int, nargs='+', default=[0, 1, 3, 5], help='harmonics to attenuate')
-    add('--resonance', type=float, default=0.0, help='add the orders that it amplifies [Hz]')
+    add('--attenuation', choices=ATTENUATIONS, default=DEFAULT.method, help='its method')
+    orders = list(DEFAULT.orders)
+    words = ' '.join(map(str, orders))
+    add('--orders', type=int, nargs='+', default=orders, help=f'harmonics to attenuate ({words})')
+    add(
+        '--resonance',
+        type=float,
+        default=DEFAULT.resonance,
+        help='add the orders that it amplifies [Hz]; afc only',
+    )
     add(
         '--attenuation-set',
         nargs='+',
@@ -293,5 +302,5 @@ class Builder:
             )
         else:
             plant = hinf.transfer_function([abs(self.gain()(0.0))], [k2, k1, 1.0])
-        found = hinf.design(plant, hinf.HInfinityWeights(**weights), self.dt).require_usable()
+        found = hinf.design(plant, HInfinityWeights(**weights), self.dt).require_usable()
         return hinf.HInfinity(found.controller, self.dt, limits=self.limits, words=found.words())

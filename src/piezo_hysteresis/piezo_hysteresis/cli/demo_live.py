@@ -22,7 +22,6 @@ Progress = Callable[[float, str], None]
 
 PRESET = 'fdk_pzba_00030'
 MODEL = 'bouc_wen_mode'
-ATTENUATED = [0, 1, 2, 3, 5]
 REPORTED = (1, 2, 3, 5)
 
 
@@ -179,7 +178,7 @@ def _settings(found: Identification, gain: float, folder: Path) -> dict[str, dic
         'plant.natural_frequency': found.values['natural_frequency'],
         'plant.damping_ratio': found.values['damping_ratio'],
     }
-    on = {'method': 'afc', 'orders': ATTENUATED, **plant}
+    on = plant
     off = {'enabled': False}
     return {
         'no compensation': {'feedforward': {'gain': gain}, 'attenuation': off},

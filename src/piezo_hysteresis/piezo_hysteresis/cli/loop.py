@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 HELP = 'the whole loop with its live page, in one terminal'
 
-ORDERS = [0, 1, 2, 3, 5]
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
@@ -77,7 +75,7 @@ def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dic
         ('piezo_sim', 'simulator',
          {'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers}),
         (own, 'feedforward', dict(inverse)),
-        (own, 'attenuation', {'method': 'afc', 'orders': ORDERS, 'enabled': bool(model)}),
+        (own, 'attenuation', {'enabled': bool(model)}),
         (own, 'identification', {'only_records': False}),
         (own, 'discovery', {'folder': arguments.folder}),
         (own, 'dashboard', {'folder': arguments.folder, 'port': arguments.port}),

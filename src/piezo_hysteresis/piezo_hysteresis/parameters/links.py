@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from piezo_common.settings import rule_of, specs_of
 from piezo_common.table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.compensation.base import INVERSES
+from piezo_hysteresis.compensation.feedback.settings import FuzzyScales, HInfinityWeights, PidGains
+from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.errors import CompensationError
 
 RATE = ParameterSpec(
     'rate', 1000.0, 'Sampling rate of the loop.', 'Hz', low=1.0, high=1e5, read_only=True
@@ -95,11 +99,11 @@ LINK = (
 )
 
 PLANT = (
-    ParameterSpec('plant.gain', 1.2e-4, 'Quasi-static displacement per volt.', 'm/V', above=0.0),
+    ParameterSpec('plant.gain', 1e-4, 'Quasi-static displacement per volt.', 'm/V', above=0.0),
     ParameterSpec(
-        'plant.natural_frequency', 68.0, 'Natural frequency; 0 for none.', 'Hz', 0.0, 1e5
+        'plant.natural_frequency', 0.0, 'Natural frequency; 0 for none.', 'Hz', 0.0, 1e5
     ),
-    ParameterSpec('plant.damping_ratio', 0.015, 'Damping ratio.', '1', above=0.0, high=10.0),
+    ParameterSpec('plant.damping_ratio', 0.02, 'Damping ratio.', '1', above=0.0, high=10.0),
 )
 
 FEEDFORWARD = ParameterTable(
@@ -113,7 +117,7 @@ FEEDFORWARD = ParameterTable(
         ),
         MODEL_FOLDER,
         ParameterSpec(
-            'gain', 1.2857e-4, 'Displacement per volt used without a model.', 'm/V', above=0.0
+            'gain', 1e-4, 'Displacement per volt used without a model.', 'm/V', above=0.0
         ),
         ParameterSpec(
             'start',
@@ -139,80 +143,10 @@ ATTENUATION = ParameterTable(
     (
         *LINK,
         ParameterSpec('enabled', True, 'Correct the voltage; false passes it on.'),
-        ParameterSpec(
-            'method',
-            'rls',
-            'rls is 000 (18)-(21); afc is adaptive feedforward cancellation by complex gain; '
-            'filtered_rls is RLS on the reference filtered by the plant gain.',
-            choices=('rls', 'afc', 'filtered_rls'),
-        ),
-        ParameterSpec('orders', [3], 'Harmonic orders to attenuate; 0 is the mean.', '1', 0, 99),
-        ParameterSpec(
-            'resonance',
-            0.0,
-            'Natural frequency whose orders round(fn / f) are added; 0 adds none.',
-            'Hz',
-            0.0,
-            1e5,
-        ),
-        ParameterSpec(
-            'sign_rule',
-            'computed',
-            'rls: sign of the error: computed from the plant gain, printed as 000 (22), (23), '
-            'none.',
-            choices=('computed', 'printed', 'none'),
-        ),
-        ParameterSpec(
-            'switch_frequency',
-            66.0,
-            'rls, printed: orders up to here use 000 (22), above it (23).',
-            'Hz',
-            0.0,
-            1e5,
-        ),
-        ParameterSpec(
-            'fit',
-            'recursion',
-            "rls: 000's recursion for the harmonic, or sines alone.",
-            choices=('recursion', 'sines'),
-        ),
-        ParameterSpec('gain', 16666.7, 'rls: volts per metre of error.', 'V/m', above=0.0),
-        ParameterSpec(
-            'forgetting', 0.9995, 'rls, filtered_rls: forgetting factor.', '1', 0.9, 1.0
-        ),
-        ParameterSpec(
-            'settle',
-            0.3,
-            'afc: wait after each step; two time constants of the mode.',
-            's',
-            above=0.0,
-            high=60.0,
-        ),
-        ParameterSpec(
-            'span', 0.25, 'afc: time that is evaluated, whole periods.', 's', above=0.0, high=60.0
-        ),
-        ParameterSpec(
-            'step_size',
-            0.9,
-            'afc: share of the error that one step removes.',
-            '1',
-            above=0.0,
-            high=1.0,
-        ),
-        ParameterSpec(
-            'largest_step', 0.1, 'afc: bound on one step of an order.', 'V', above=0.0, high=500.0
-        ),
-        ParameterSpec(
-            'largest_correction',
-            0.5,
-            'Bound on the correction amplitude of one order.',
-            'V',
-            above=0.0,
-            high=500.0,
-        ),
+        *specs_of(AttenuationSettings),
         *PLANT,
     ),
-    rules=(_range_rule, _window_rule),
+    rules=(_range_rule, _window_rule, rule_of(AttenuationSettings, CompensationError)),
 )
 
 FEEDBACK = ParameterTable(
@@ -224,25 +158,7 @@ FEEDBACK = ParameterTable(
             'Law on the tracking error; none passes the voltage on.',
             choices=('none', 'pid', 'fuzzy_pid', 'h_infinity'),
         ),
-        ParameterSpec('pid.proportional', 0.0, 'Proportional gain.', 'V/m', 0.0, 1e12),
-        ParameterSpec('pid.integral', 3e4, 'Integral gain.', 'V/(m s)', 0.0, 1e12),
-        ParameterSpec('pid.derivative', 0.0, 'Derivative gain.', 'V s/m', 0.0, 1e12),
-        ParameterSpec(
-            'pid.derivative_filter',
-            2e-3,
-            'Time constant of the low-pass on the derivative.',
-            's',
-            above=0.0,
-            high=60.0,
-        ),
-        ParameterSpec(
-            'pid.tracking_time',
-            0.05,
-            'Anti-windup: time in which the integral follows what was cut off.',
-            's',
-            above=0.0,
-            high=1e6,
-        ),
+        *specs_of(PidGains, 'pid.'),
         ParameterSpec(
             'fuzzy.tables',
             '',
@@ -250,66 +166,8 @@ FEEDBACK = ParameterTable(
             'takes those.',
             read_only=True,
         ),
-        ParameterSpec('fuzzy.error_scale', 5e-6, 'Error that is big.', 'm', above=0.0, high=0.01),
-        ParameterSpec(
-            'fuzzy.rate_scale',
-            1e-3,
-            'Rate of the error that is big.',
-            'm/s',
-            above=0.0,
-            high=100.0,
-        ),
-        ParameterSpec(
-            'fuzzy.proportional_range',
-            0.0,
-            'Largest change of the proportional gain.',
-            'V/m',
-            0.0,
-            1e12,
-        ),
-        ParameterSpec(
-            'fuzzy.integral_range',
-            1e4,
-            'Largest change of the integral gain.',
-            'V/(m s)',
-            0.0,
-            1e12,
-        ),
-        ParameterSpec(
-            'h_infinity.bandwidth',
-            2.0,
-            'Frequency up to which errors are fought.',
-            'Hz',
-            above=0.0,
-            high=1e4,
-        ),
-        ParameterSpec(
-            'h_infinity.steady_error',
-            1e-3,
-            'Share of a constant disturbance that may remain.',
-            '1',
-            above=0.0,
-            high=1.0,
-        ),
-        ParameterSpec(
-            'h_infinity.peak',
-            1.6,
-            'Largest amplification of errors beyond the bandwidth.',
-            '1',
-            above=1.0,
-            high=100.0,
-        ),
-        ParameterSpec(
-            'h_infinity.control', 0.5, 'Weight of the voltage.', '1', above=0.0, high=1e6
-        ),
-        ParameterSpec(
-            'h_infinity.delay_ticks',
-            1,
-            'Samples by which a measurement is late.',
-            '1',
-            low=0,
-            high=20,
-        ),
+        *specs_of(FuzzyScales, 'fuzzy.'),
+        *specs_of(HInfinityWeights, 'h_infinity.'),
         ParameterSpec(
             'plant.numerator',
             [0.0],

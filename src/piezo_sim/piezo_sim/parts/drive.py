@@ -57,6 +57,9 @@ PARAMETERS = (
     ),
     Parameter('depolarisation.loss', '1', 0.1, 0.0, 0.9, 'Gain lost in the end.'),
     Parameter('depolarisation.time_constant', 's', 20.0, 1e-2, 1e6, 'Time constant of the loss.'),
+    Parameter('heating.gain', '1', 0.05, -0.9, 10.0, 'Change of the gain at the reference rate.'),
+    Parameter('heating.reference', 'V/s', 100.0, 1e-6, 1e9, 'Rms voltage rate it is given for.'),
+    Parameter('heating.time_constant', 's', 3.0, 1e-3, 1e6, 'Of warming and cooling.'),
     Parameter(
         'backlash.half_width',
         'm',
@@ -84,6 +87,12 @@ EFFECTS = (
         {'bouc_wen.asymmetry': 0.0, 'play.asymmetry': 0.0, 'preisach.asymmetry': 0.0},
     ),
     Effect('gain_decay', 'The gain falls with time.', {'depolarisation.loss': 0.0}),
+    Effect(
+        'self_heating',
+        'Losses, with the square of the voltage rate, warm the ceramic and change its gain.',
+        {'heating.gain': 0.0},
+        exotic=True,
+    ),
     Effect('backlash', 'Lost motion in the drive.', {'backlash.half_width': 0.0}),
 )
 
@@ -94,7 +103,11 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
 
     Returns whether the drive has to be worked out anew.
     """
-    before = s.widening + s.loss + s.residue
+    before = s.widening + s.loss + s.residue + s.heat
+    if p.heating.gain != 0.0 or s.heat != 0.0:
+        pace = (s.voltage - s.voltage_before) / dt / p.heating.reference
+        share = -math.expm1(-dt / p.heating.time_constant)
+        s.heat += (p.heating.gain * pace * pace - s.heat) * share
     if p.rate_dependence.widening > 0.0:
         rate = abs(s.voltage - s.voltage_before) / dt
         s.rate += (rate - s.rate) * -math.expm1(-dt / p.rate_dependence.memory)
@@ -111,7 +124,7 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
         s.loss += (p.depolarisation.loss - s.loss) * share
     if s.residue != 0.0:
         s.residue = s.residue * math.exp(-dt / 5e-3) if abs(s.residue) > 1e-18 else 0.0
-    return bool(s.widening + s.loss + s.residue != before)
+    return bool(s.widening + s.loss + s.residue + s.heat != before)
 
 
 @leaf
@@ -147,7 +160,7 @@ def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
         loop = preisach.move(s.preisach, voltage, r) - r.weight * voltage
         strain += (r.linear_weight + r.weight - 1.0) * voltage + s.widening * loop
     strain += p.electrostriction.coefficient * voltage * voltage
-    free = p.actuator.gain * (1.0 - s.loss) * strain
+    free = p.actuator.gain * (1.0 - s.loss) * (1.0 + s.heat) * strain
     if voltage != s.strain_voltage:
         s.slope = (free - s.free) / (voltage - s.strain_voltage)
     s.free, s.strain_voltage = free, voltage

@@ -26,6 +26,8 @@ PARAMETERS = (
     Parameter('sensor.rate_limit', 'm/s', 5e-3, 1e-9, 1e3, 'Fastest change of the reading.'),
     Parameter('sensor.jitter', 's', 50e-6, 0.0, 1e-2, 'Rms jitter of the sampling instant.'),
     Parameter('sensor.dropout_probability', '1', 0.005, 0.0, 1.0, 'Share of samples that repeat.'),
+    Parameter('sensor.cyclic_error', 'm', 0.4e-6, 0.0, 1e-2, 'Error that repeats with the scale.'),
+    Parameter('sensor.cyclic_period', 'm', 20e-6, 1e-9, 1.0, 'Pitch of that scale.'),
     Parameter('sensor.burst_rms', 'm', 2e-6, 0.0, 1e-2, '1/f noise in a burst.'),
     Parameter('sensor.burst_interval', 's', 2.0, 1e-3, 1e6, 'Mean time between bursts.'),
     Parameter('sensor.burst_duration', 's', 0.2, 1e-3, 1e6, 'Mean length of a burst.'),
@@ -64,6 +66,12 @@ EFFECTS = (
         'dropouts',
         'Some samples repeat the one before.',
         {'sensor.dropout_probability': 0.0},
+        exotic=True,
+    ),
+    Effect(
+        'cyclic_error',
+        'The scale of an encoder repeats its error with its pitch.',
+        {'sensor.cyclic_error': 0.0},
         exotic=True,
     ),
     Effect('noise_bursts', 'Bursts of 1/f noise.', {'sensor.burst_rms': 0.0}, exotic=True),
@@ -137,6 +145,8 @@ def read(p: Any, s: Any, displacement: float, dt: float) -> float:
             / dt
         )
     s.seen_before = displacement
+    if q.cyclic_error > 0.0:
+        y += q.cyclic_error * math.sin(_TWO_PI * y / q.cyclic_period)
     y = q.offset + y * (1.0 + y * (q.quadratic + y * q.cubic))
     y += _tones(p, time) + _noise(p, s, dt)
     if q.rate_limit < FAR:

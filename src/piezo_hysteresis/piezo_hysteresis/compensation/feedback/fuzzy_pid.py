@@ -14,6 +14,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.settings import FuzzyScales
 from piezo_hysteresis.errors import CompensationError
 
 LEVELS = ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')
@@ -48,33 +49,20 @@ INTEGRAL_RULES: FloatArray = np.array(
 
 
 @dataclass(frozen=True)
-class FuzzyRules:
-    """How error and rate move the gains.
+class FuzzyRules(FuzzyScales):
+    """How error and rate move the gains: scales and tables.
 
     Attributes
     ----------
-    error_scale : float
-        Error that is "big" [m].
-    rate_scale : float
-        Rate of the error that is "big" [m/s].
-    proportional_range, integral_range : float
-        Largest change of the gains [V/m], [V/(m s)].
     proportional_rules, integral_rules : ndarray, shape (7, 7)
         Levels -3..3; rows error NB..PB, columns rate NB..PB.
     """
 
-    error_scale: float
-    rate_scale: float
-    proportional_range: float
-    integral_range: float
     proportional_rules: FloatArray = field(default_factory=lambda: PROPORTIONAL_RULES)
     integral_rules: FloatArray = field(default_factory=lambda: INTEGRAL_RULES)
 
     def __post_init__(self) -> None:
-        if not (self.error_scale > 0 and self.rate_scale > 0):
-            raise CompensationError('error_scale [m] and rate_scale [m/s] must be positive')
-        if self.proportional_range < 0 or self.integral_range < 0:
-            raise CompensationError('the ranges of the fuzzy gains must be 0 or more')
+        super().__post_init__()
         for name in ('proportional_rules', 'integral_rules'):
             if np.shape(getattr(self, name)) != (7, 7):
                 raise CompensationError(f'{name} must be a table of 7 x 7 levels')

@@ -17,46 +17,13 @@ from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
     hinf_synthesis,
     ill_conditioned,
 )
+from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.numerics.linalg import failing_as
 
 # 003 (4); its DC gain reads as mm per volt at the actuator.
 XIAO_NUMERATOR = (1135e-3, 35770e-3)
 XIAO_DENOMINATOR = (1.0, 3960.0, 5.046e6, 1.452e8)
-
-
-@dataclass(frozen=True)
-class HInfinityWeights:
-    """What the closed loop shall achieve; 003 gives no weights.
-
-    Attributes
-    ----------
-    bandwidth : float
-        Frequency up to which errors are fought [Hz].
-    steady_error : float
-        Share of a constant disturbance that may remain.
-    peak : float
-        Largest amplification of errors beyond the bandwidth; small ones give robustness.
-    control : float
-        Weight of the voltage. The loop stays stable while the plant differs from its model, at
-        any frequency, by less than ``control / gamma`` times its gain at rest.
-    delay_ticks : int
-        Samples by which a measurement is late when the voltage is computed; 1 in lock-step. The
-        hold of the voltage is taken into account besides.
-    """
-
-    bandwidth: float
-    steady_error: float = 1e-3
-    peak: float = 1.6
-    control: float = 0.5
-    delay_ticks: int = 1
-
-    def __post_init__(self) -> None:
-        for name in ('bandwidth', 'steady_error', 'peak', 'control'):
-            if not getattr(self, name) > 0:
-                raise CompensationError(f'the H-infinity weight {name} must be positive')
-        if self.delay_ticks < 0 or self.delay_ticks != int(self.delay_ticks):
-            raise CompensationError('delay_ticks must be a whole number from 0')
 
 
 @dataclass(frozen=True)

@@ -2,49 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.feedback.base import FeedbackLink
-from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.compensation.feedback.settings import PidGains
 
-
-@dataclass(frozen=True)
-class PidGains:
-    """Gains of a PID controller on the displacement error d - y.
-
-    Attributes
-    ----------
-    proportional : float
-        [V/m].
-    integral : float
-        [V/(m s)].
-    derivative : float
-        [V s/m].
-    derivative_filter : float
-        Time constant of the low-pass on the derivative [s]; a derivative without it amplifies
-        noise without bound.
-    tracking_time : float
-        Anti-windup by back-calculation: time in which the integral follows what was cut off [s].
-    """
-
-    proportional: float = 0.0
-    integral: float = 0.0
-    derivative: float = 0.0
-    derivative_filter: float = 2e-3
-    tracking_time: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name in ('proportional', 'integral', 'derivative'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise CompensationError(
-                    f'the {name} gain must be 0 or more, got {value:g}; a plant of the opposite '
-                    'sign is mended at the sensor or amplifier, not by a negative gain'
-                )
-        if not (self.derivative_filter > 0 and self.tracking_time > 0):
-            raise CompensationError('derivative_filter and tracking_time must be positive, in s')
+__all__ = ['Pid', 'PidGains']
 
 
 class Pid(FeedbackLink):

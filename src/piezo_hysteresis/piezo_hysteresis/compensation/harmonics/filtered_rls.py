@@ -33,7 +33,7 @@ class FilteredReferenceRls:
         self._settings = settings
         self._gain = gain
         self._dt = dt
-        self._orders = np.array([n for n in settings.orders if n > 0], dtype=np.float64)
+        self._orders = np.array(settings.orders, dtype=np.float64)
         # The level at which the covariance settles for unit sines.
         self._level = 2.0 * (1.0 - settings.forgetting) or 1e-3
         self.reset()

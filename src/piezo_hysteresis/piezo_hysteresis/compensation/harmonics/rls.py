@@ -75,7 +75,7 @@ class HarmonicRls:
         self._settings = settings
         self._gain = gain
         self._dt = dt
-        self._orders = np.array([n for n in settings.orders if n > 0], dtype=np.float64)
+        self._orders = np.array(settings.orders, dtype=np.float64)
         self._recursive = 2 if settings.fit == 'recursion' else 0
         self.reset()
 

@@ -2,99 +2,124 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+from piezo_common.settings import documented, judge, setting
 from piezo_hysteresis.errors import CompensationError
 
 Method = Literal['afc', 'rls', 'filtered_rls']
 SignRule = Literal['computed', 'printed', 'none']
-Fit = Literal['sines', 'recursion']
+Fit = Literal['recursion', 'sines']
 
-_METHODS = ('afc', 'rls', 'filtered_rls')
-_SIGN_RULES = ('computed', 'printed', 'none')
-_FITS = ('sines', 'recursion')
+METHODS: tuple[str, ...] = get_args(Method)
 
 
+@documented
 @dataclass(frozen=True)
 class AttenuationSettings:
-    """Settings of `HarmonicAttenuation`.
+    """Settings of `HarmonicAttenuation`, and the parameters of the node that runs it.
 
-    Attributes
-    ----------
-    method : {'afc', 'rls', 'filtered_rls'}
-        ``afc``: complex-gain adaptive feedforward cancellation, which needs no sign rule;
-        ``rls``: 000 (18)-(21); ``filtered_rls``: RLS on the reference filtered by the plant gain.
-    orders : tuple of int
-        Multiples of the fundamental to attenuate; 0 is the mean (``afc`` only).
-    resonance : float
-        Natural frequency whose orders ``round(fn / f)`` are added as the fundamental changes
-        [Hz]; 0 adds none.
-    settle : float
-        ``afc``: seconds after each step of the correction that are not evaluated [s]; about two
-        time constants of the mode.
-    span : float
-        ``afc``: seconds that are evaluated, rounded to whole periods, at least one [s].
-    step_size : float
-        ``afc``: share of the estimated error that one step removes, 0..1.
-    largest_step : float
-        ``afc``: bound on one step of an order's correction [V].
-    largest_correction : float
-        Bound on the correction amplitude of one order [V].
-    forgetting : float
-        ``rls``, ``filtered_rls``: forgetting factor per sample, 0.9..1; 000 gives none, i.e. 1.
-    gain : float
-        ``rls``: unit in which the error enters, and with it the strength of the feedback [V/m].
-        000 gives no unit; 1/60e-6 V/m gives the 5 to 25 dB of its figures.
-    fit : {'recursion', 'sines'}
-        ``rls``: 000's recursion for y3 with c3, c4, or sines alone.
-    sign_rule : {'computed', 'printed', 'none'}
-        ``rls``: the complex factor computed from the plant gain, 000's (22)/(23) with the switch
-        at `switch_frequency`, or ``e = y - d`` throughout.
-    switch_frequency : float
-        ``rls``, ``printed``: orders up to here use (22), above it (23) [Hz].
+    Raises
+    ------
+    CompensationError
+        If one is impossible, or the method would ignore it.
     """
 
-    method: Method = 'afc'
-    orders: tuple[int, ...] = (3,)
-    resonance: float = 0.0
-    settle: float = 0.3
-    span: float = 0.25
-    step_size: float = 0.9
-    largest_step: float = 0.1
-    largest_correction: float = 0.5
-    forgetting: float = 0.9995
-    gain: float = 1.0 / 60e-6
-    fit: Fit = 'recursion'
-    sign_rule: SignRule = 'computed'
-    switch_frequency: float = 66.0
+    method: Method = setting(
+        'afc',
+        'afc is adaptive feedforward cancellation by complex gain, which needs no sign rule; rls '
+        'is 000 (18)-(21); filtered_rls is RLS on the reference filtered by the plant gain.',
+        choices=METHODS,
+    )
+    orders: tuple[int, ...] = setting(
+        (0, 1, 2, 3, 5),
+        'Harmonic orders to attenuate; 0 is the mean, which only afc takes off.',
+        '1',
+        low=0,
+        high=99,
+    )
+    resonance: float = setting(
+        0.0,
+        'afc: natural frequency whose orders round(fn / f) are added as the fundamental changes; '
+        '0 adds none.',
+        'Hz',
+        low=0.0,
+        high=1e5,
+    )
+    settle: float = setting(
+        0.3,
+        'afc: wait after each step of the correction; two time constants of the mode.',
+        's',
+        above=0.0,
+        high=60.0,
+    )
+    span: float = setting(
+        0.25,
+        'afc: time that is evaluated, rounded to whole periods, at least one.',
+        's',
+        above=0.0,
+        high=60.0,
+    )
+    step_size: float = setting(
+        0.9, 'afc: share of the error that one step removes.', '1', above=0.0, high=1.0
+    )
+    largest_step: float = setting(
+        0.1, 'afc: bound on one step of an order.', 'V', above=0.0, high=500.0
+    )
+    largest_correction: float = setting(
+        0.5, 'Bound on the correction amplitude of one order.', 'V', above=0.0, high=500.0
+    )
+    forgetting: float = setting(
+        0.9995,
+        'rls, filtered_rls: forgetting factor per sample; 000 gives none, which is 1.',
+        '1',
+        low=0.9,
+        high=1.0,
+    )
+    gain: float = setting(
+        16666.7,
+        'rls: volts per metre of error, and with it the strength of the feedback; 000 gives no '
+        'unit, and this gives the 5 to 25 dB of its figures.',
+        'V/m',
+        above=0.0,
+        high=1e12,
+    )
+    fit: Fit = setting(
+        'recursion',
+        "rls: 000's recursion for the harmonic with c3 and c4, or sines alone.",
+        choices=get_args(Fit),
+    )
+    sign_rule: SignRule = setting(
+        'computed',
+        'rls: sign of the error: computed from the plant gain, printed as 000 (22), (23), none.',
+        choices=get_args(SignRule),
+    )
+    switch_frequency: float = setting(
+        66.0,
+        "rls, printed: orders up to here use 000 (22), above it (23); 66 Hz is the paper's.",
+        'Hz',
+        low=0.0,
+        high=1e5,
+    )
 
     def __post_init__(self) -> None:
-        for name, value, choices in (
-            ('method', self.method, _METHODS),
-            ('sign_rule', self.sign_rule, _SIGN_RULES),
-            ('fit', self.fit, _FITS),
-        ):
-            if value not in choices:
-                raise CompensationError(
-                    f'attenuation {name} {value!r} is not known; choose {", ".join(choices)}'
-                )
-        if any(order < 0 or order != int(order) for order in self.orders):
-            raise CompensationError(
-                f'orders must be whole numbers from 0, got {list(self.orders)}; e.g. [3] or [3, 5]'
+        reason = judge(self) or self._ignored()
+        if reason:
+            raise CompensationError(f'attenuation: {reason}')
+
+    def _ignored(self) -> str:
+        """Return '' where the method uses what it is given, else what to write instead."""
+        if self.method == 'afc':
+            return ''
+        if 0 in self.orders:
+            return (
+                f'method {self.method} cannot take off the mean, order 0; leave it out of orders, '
+                'as in [3], before the method is chosen, or take method afc'
             )
-        positive = {
-            'settle': self.settle,
-            'span': self.span,
-            'largest_step': self.largest_step,
-            'largest_correction': self.largest_correction,
-            'gain': self.gain,
-        }
-        for key, number in positive.items():
-            if not (math.isfinite(number) and number > 0):
-                raise CompensationError(f'attenuation {key} must be positive, got {number:g}')
-        if not 0 < self.step_size <= 1:
-            raise CompensationError(f'step_size must be in 0..1, got {self.step_size:g}')
-        if not 0.9 <= self.forgetting <= 1:
-            raise CompensationError(f'forgetting must be in 0.9..1, got {self.forgetting:g}')
+        if self.resonance > 0.0:
+            return (
+                f'method {self.method} adds no orders of a resonance; set resonance to 0 and '
+                'write them into orders, or take method afc'
+            )
+        return ''

@@ -10,7 +10,8 @@ from piezo_common.table import Value
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
-from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.pid import Pid
+from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.nodes.links.tracking_node import Law, TrackingNode
 from piezo_hysteresis.parameters.links import FEEDBACK
@@ -104,7 +105,7 @@ def _designed(weights: tuple[tuple[str, Any], ...], plant: Polynomials, dt: floa
         raise CompensationError(
             'plant.numerator / plant.denominator is no proper transfer function'
         ) from None
-    return hinf.design(system, hinf.HInfinityWeights(**dict(weights)), dt).require_usable()
+    return hinf.design(system, HInfinityWeights(**dict(weights)), dt).require_usable()
 
 
 def main() -> None:
