@@ -61,7 +61,7 @@ class Chain:
         self._commands = listener.listen(VoltageCommand, 'voltage/command')
         self._references = node.create_publisher(Reference, 'reference', LOOP)
         self._states = node.create_publisher(ActuatorState, 'actuator/state', LOOP)
-        processes.start('piezo_hysteresis', 'feedforward', {'transition': 0.1})
+        processes.start('piezo_hysteresis', 'feedforward', {'transition': 0.1, 'gain': GAIN})
         self.attenuation = self.start_attenuation()
         processes.start(
             'piezo_hysteresis',
