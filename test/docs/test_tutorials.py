@@ -60,8 +60,14 @@ def test_discover(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_add_an_effect(tmp_path: Path) -> None:
     # a clone of the reader's own: only the kernel that is new is compiled
-    source = 'src/piezo_hysteresis/piezo_hysteresis'
-    shutil.copytree(ROOT / source, tmp_path / source, ignore=shutil.ignore_patterns('nodes'))
+    for folder in ('src', 'docs', 'tools', 'test', 'config', 'bench'):
+        shutil.copytree(
+            ROOT / folder,
+            tmp_path / folder,
+            ignore=shutil.ignore_patterns('__pycache__', 'ros', 'property', 'blind'),
+        )
+    for file in ('pyproject.toml', 'README.md', 'CITATION.cff', 'CHANGELOG.md', 'Makefile'):
+        shutil.copy(ROOT / file, tmp_path / file)
     rest = os.environ.get('PYTHONPATH', '')
     own = tmp_path / 'src' / 'piezo_hysteresis'
     follow('add_effect', tmp_path, PYTHONPATH=f'{own}{os.pathsep}{rest}')

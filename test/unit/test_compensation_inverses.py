@@ -238,7 +238,7 @@ def test_the_late_laws_miss_more_than_the_solved_ones():
             'inverts bouc_wen and autoregressive, but model classical',
         ),
         ('zhou2021', 'preisach', 'inverts bouc_wen_exact or bouc_wen'),
-        ('xiao2014', 'classical', 'inverts inverse_selector'),
+        ('xiao2014', 'classical', 'inverts inverse_bouc_wen or inverse_selector'),
         ('best', 'classical', "there is no inverse 'best'; choose one of auto"),
     ],
 )

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.automatic import LADDER, MEMORIES, choose_model
+from piezo_hysteresis.identification.automatic import choose_model
 from piezo_hysteresis.models import add_effect, described, named
+from piezo_hysteresis.models.named import LADDER, MEMORIES
 from piezo_hysteresis.records import Record
 
 DT = 1e-3

@@ -14,28 +14,13 @@ from piezo_hysteresis.records import Record, RecordInfo
 
 DT = 1e-3
 VOLTS, METRES = 150.0, 20e-6
-VOCABULARY = {
-    'asymmetry',
-    'hysteresis',
-    'hysteresis_exponent',
-    'nonlocal_memory',
-    'rate_dependence',
-    'electrostriction',
-    'saturation',
-    'slew_limit',
-    'amplifier_lag',
-    'transport_delay',
-    'resonance',
-    'odd_harmonic',
-    'stiffness',
-    'friction',
-    'creep',
-    'drift',
-    'gain_decay',
-    'mains_hum',
-    'sensor_nonlinearity',
-    'offset',
-}
+# What users search for, and what verdicts of former versions say.
+PROMISED = (
+    *('asymmetry', 'hysteresis', 'hysteresis_exponent', 'nonlocal_memory', 'rate_dependence'),
+    *('electrostriction', 'saturation', 'slew_limit', 'amplifier_lag', 'transport_delay'),
+    *('resonance', 'odd_harmonic', 'stiffness', 'friction', 'creep', 'drift', 'gain_decay'),
+    *('mains_hum', 'sensor_nonlinearity', 'offset'),
+)
 # the band-limited oscillator knows the force between samples, the baseline held it; a mode in the
 # place of an autoregression keeps only its static gain
 APPROXIMATE = {'restoring_force': 0.2, 'restoring_force_held_input': 1e-6, 'series_mode': 1.0}
@@ -57,11 +42,11 @@ def answer(model, values, voltage):
     return model.respond(voltage, model.pack(values), DT, frequency=23.0)
 
 
-def test_the_vocabulary_is_complete():
-    assert set(models.EFFECT_NAMES) == VOCABULARY
+def test_the_vocabulary_keeps_what_was_promised():
+    assert set(PROMISED) <= set(models.EFFECT_NAMES)
 
 
-@pytest.mark.parametrize('name', sorted(VOCABULARY))
+@pytest.mark.parametrize('name', models.EFFECT_NAMES)
 def test_every_effect_fits_some_baseline_and_explains_itself(name):
     without_offset = models.named('classical').without_block('offset')
     tried = [*BASELINES, without_offset]
@@ -70,7 +55,7 @@ def test_every_effect_fits_some_baseline_and_explains_itself(name):
             assert any(models.applicable(model, effect) for model in tried), effect.variant
         assert effect.physics.endswith('.')
         assert effect.experiment.endswith('.')
-        assert set(effect.mistaken_for) <= VOCABULARY - {name}
+        assert set(effect.mistaken_for) <= set(models.EFFECT_NAMES) - {name}
 
 
 @pytest.mark.parametrize(('model', 'effect'), APPLICABLE)

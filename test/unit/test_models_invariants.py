@@ -1,42 +1,35 @@
 """What holds for every registered block and every named model, one list for all of them."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
 
 from piezo_hysteresis import models
-from piezo_hysteresis.blocks import BLOCKS, named_block
+from piezo_hysteresis.blocks import BLOCKS, Slot, named_block
+from piezo_hysteresis.blocks.base import Between
 from piezo_hysteresis.models import Model
 
 DT = 1e-3
 FREQUENCY = 23.0
 
-# Hysteresis that knows no time: what the voltage did counts, not when.
-RATE_INDEPENDENT = (
-    'gain',
-    'bouc_wen_exact',
-    'bouc_wen_power',
-    'prandtl_ishlinskii',
-    'preisach',
-    'inverse_bouc_wen',
-    'nonlocal_memory',
-    'electrostriction',
-    'backlash',
-    'stiction',
-)
-HOMOGENEOUS = {  # answers grow with these parameters, all together, and with nothing else
-    'gain': ('A1',),
-    'bouc_wen': ('A1', 'A', 'A0'),
-    'bouc_wen_exact': ('A1', 'A', 'A0'),
-    'bouc_wen_power': ('A1', 'A', 'A0'),
-    'bouc_wen_power_euler': ('A1', 'A', 'A0'),
-    'bouc_wen_rate': ('A1', 'A', 'A0'),
-    'bouc_wen_rate_euler': ('A1', 'A', 'A0'),
-    'bouc_wen_modified': ('A1', 'A', 'epsilon'),
-    'prandtl_ishlinskii': tuple(f'w{j}' for j in range(10)),
-    'preisach': tuple(f'mu_{i}_{j}' for i in range(8) for j in range(i + 1)),
-    'nonlocal_memory': tuple(f'memory{j}' for j in range(1, 10)),
+# Blocks along whose path time does not matter: none of their numbers has a time in its unit.
+RATE_INDEPENDENT = [
+    name
+    for name, block in BLOCKS.items()
+    if block.between in (Between.INSTANT, Between.PATH)
+    and block.slot in (Slot.INPUT, Slot.HYSTERESIS, Slot.STRUCTURE)
+    and not block.step_bound
+    and not any(set(re.findall('[a-zA-Z]+', q.unit)) & {'s', 'Hz', 'N'} for q in block.parameters)
+]
+# Hystereses answer in metres: they grow with what is in metres of theirs, all together.
+HOMOGENEOUS = {
+    name: tuple(q.name for q in block.parameters if q.unit.startswith('m'))
+    for name, block in BLOCKS.items()
+    if block.slot is Slot.HYSTERESIS
+    and any(q.unit.startswith('m') for q in block.parameters)
+    and not any('/m' in q.unit for q in block.parameters)
 }
 
 

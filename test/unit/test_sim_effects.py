@@ -264,10 +264,10 @@ def test_parametric_excitation_makes_combination_tones():
     assert lines[14] < 1e-9
 
 
-def test_an_end_stop_acts_beyond_its_position_only():
+def test_contact_acts_beyond_its_position_only():
     free, stopped = (
         plant(*on, 'resonance', structure__natural_frequency=200.0, structure__damping_ratio=0.7)
-        for on in ((), ('end_stop',))
+        for on in ((), ('contact',))
     )
     _, command = sine(2.0, 1.0, 1.0)
     before, after = free.run(command), stopped.run(command)

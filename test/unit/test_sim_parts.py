@@ -182,8 +182,8 @@ CASES = {
         0,
         lambda s, w, t: [s[1], _linear(s, w) - 300.0 * abs(s[1]) * s[1]],
     ),
-    'end_stop': (
-        {'stop.stiffness': 0.5, 'stop.position': 2e-5, 'stop.reach': 1e-5},
+    'contact': (
+        {'contact.stiffness': 0.5, 'contact.position': 2e-5, 'contact.reach': 1e-5},
         0,
         lambda s, w, t: [s[1], _linear(s, w)
                          - OMEGA**2 * 0.5e-5 * max((s[0] - 2e-5) / 1e-5, 0.0) ** 2],

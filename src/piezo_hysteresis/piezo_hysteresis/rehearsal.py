@@ -34,23 +34,21 @@ def blocks() -> None:
 def between_ticks() -> None:
     """Follow every block that has a path of its own, and chains that need one."""
     from piezo_hysteresis.blocks import BLOCKS
+    from piezo_hysteresis.blocks.base import Between
     from piezo_hysteresis.models import Model
+    from piezo_hysteresis.models.named import FOLLOWED
     from piezo_hysteresis.models.stages import LinearStage
 
     for block in BLOCKS.values():
         if block.along is not None:
             path, values = np.linspace(0.0, 1.0, 24), block.pack(block.defaults())
             block.along(path, path.copy(), block.initial_state(DT), values, DT, 0.0, 12)
-    for names in (
-        ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),
-        ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'backlash', 'sensor_lag'),
-        ('amplifier_lag', 'bouc_wen_oscillator'),
-        ('slew_limit', 'bouc_wen_exact', 'mode'),
-    ):
+    for names in FOLLOWED:
         model = Model('path', tuple(BLOCKS[name] for name in names))
-        late = {'delay': 0.3 * DT} if 'transport_delay' in names else {}
+        late = {'delay': 0.3 * DT} if 'delay' in model.parameter_names else {}
         model.respond(np.linspace(0.0, 1.0, 4), model.pack(late), DT)
-    model = Model('begun in motion', (BLOCKS['mode'], BLOCKS['creep']))
+    moving = [BLOCKS[name] for name in FOLLOWED[0] if BLOCKS[name].between is Between.LINEAR]
+    model = Model('begun in motion', tuple(moving))
     (stage,) = model.stages
     assert isinstance(stage, LinearStage)
     stage.released(model.pack({})[stage.columns], DT, np.ones(3), 4)
@@ -99,8 +97,9 @@ def inverses() -> None:
     from piezo_hysteresis.compensation.inverses.choice import inverse_for
     from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
     from piezo_hysteresis.models import NAMES, named
+    from piezo_hysteresis.models.named import BANK
 
-    values = {**named('prandtl_ishlinskii').defaults(), **named('modified').defaults()}
+    values = {**named(BANK).defaults(), **named('modified').defaults()}
     ways: list[InverseLink] = [PhysicalInverse(values, DT, law=law) for law in get_args(Law)]
     for name, law in product(NAMES, INVERSES):
         model = named(name)

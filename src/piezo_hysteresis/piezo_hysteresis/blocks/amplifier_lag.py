@@ -5,7 +5,7 @@ from math import exp, inf
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System, Way
+from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot, System, Way
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -39,6 +39,7 @@ def way(p: FloatArray) -> Way:
 def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -> Block:
     return Block(
         name=name,
+        formers=(Former(f'{name}_sampled', {parameter: f'sampled_{parameter}'}),),
         slot=slot,
         parameters=(
             Parameter(

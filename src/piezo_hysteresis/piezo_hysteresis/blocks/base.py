@@ -9,7 +9,7 @@ code.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -20,6 +20,8 @@ from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
 Tuned = Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float]]
+Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
+Restoring = Callable[[Mapping[str, float], float, float, float, float], tuple[float, float]]
 Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
 
 
@@ -48,6 +50,44 @@ class Between(StrEnum):
     CLOCK = 'clock'  # adds or multiplies by a function of the time
     DELAY = 'delay'  # the input later
     TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its answer
+
+
+class Part(StrEnum):
+    """What a block is to an inverse in closed form; chains of other blocks are solved numerically.
+
+    Named after what `compensation.inverses` does with it.
+    """
+
+    EXACT = 'exact'  # Bouc-Wen by its exact step
+    EULER = 'euler'  # Bouc-Wen by the papers' step
+    PLAYS = 'plays'  # a bank of plays whose weights are solved segment by segment
+    GAIN = 'gain'
+    RECURSION = 'recursion'  # an autoregression of the displacement
+    OSCILLATOR = 'oscillator'  # the hysteresis sits in the restoring force
+    SELECTOR = 'selector'  # the law itself leads from displacement to voltage
+    STRUCTURE = 'structure'  # one mode, inverted on the derivatives of the reference
+    ZERO = 'zero'  # a constant of the reading
+
+
+class Former(NamedTuple):
+    """How model files of former versions called a block that is one with another today.
+
+    Attributes
+    ----------
+    name : str
+        Of the former block.
+    names : mapping of str to str
+        What today's parameters were called.
+    dropped : tuple of str
+        Former parameters that are not needed.
+    first : bool
+        Whether it stands before all others today.
+    """
+
+    name: str
+    names: Mapping[str, str]
+    dropped: tuple[str, ...] = ()
+    first: bool = False
 
 
 class System(NamedTuple):
@@ -191,6 +231,18 @@ class Block:
     tuned : callable or None
         ``tuned(values, mode)`` returns the parameters of a mode of other parameters for the
         ``natural_frequency`` [Hz] and ``damping_ratio`` in `mode`; what is not there stays.
+    part : Part or None
+        What it is to an inverse in closed form.
+    predictor : tuple of str
+        Parameters by which it predicts from what was measured two and three samples ago.
+    restoring : callable or None
+        ``restoring(values, x, before, memory, dt)`` returns the force that acts back on a mode
+        beside its linear spring, in metres of static displacement, at `x` [m] after `before` [m],
+        and its memory.
+    tangent : callable or None
+        ``tangent(x, y, dx, dy, p, dt)``, compiled: the answer and its derivatives in one pass.
+    formers : tuple of Former
+        What it was called in model files of former versions.
     """
 
     name: str
@@ -217,6 +269,11 @@ class Block:
     step_bound: bool = False
     unknown: tuple[int, ...] = ()
     tuned: Tuned | None = None
+    part: Part | None = None
+    predictor: tuple[str, ...] = ()
+    restoring: Restoring | None = None
+    tangent: Tangent | None = None
+    formers: tuple[Former, ...] = field(default=(), compare=False)  # and so not hashed
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the memory of the block at rest, shape (state_size,).

@@ -1,8 +1,9 @@
 """Bouc-Wen hysteresis by the papers' forward Euler step."""
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Between, Block, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -26,6 +27,8 @@ def kernel(
 
 BLOCK = Block(
     name='bouc_wen',
+    part=Part.EULER,
+    tangent=_tangents.bouc_wen,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
     kernel=kernel,

@@ -3,8 +3,9 @@
 from math import expm1, log1p
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Between, Block, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -67,6 +68,8 @@ def kernel(
 
 BLOCK = Block(
     name='bouc_wen_exact',
+    part=Part.EXACT,
+    tangent=_tangents.bouc_wen_exact,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
     kernel=kernel,

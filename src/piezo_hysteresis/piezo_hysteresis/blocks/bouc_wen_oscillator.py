@@ -6,7 +6,7 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_square
@@ -194,6 +194,7 @@ def check(values: Mapping[str, float]) -> str:
 
 BLOCK = Block(
     name='bouc_wen_oscillator',
+    part=Part.OSCILLATOR,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter('mass', 'kg', 0.25, 1e-9, 1e5, 'Moving mass m.', 0.2, powers=(1, -1)),

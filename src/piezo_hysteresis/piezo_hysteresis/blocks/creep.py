@@ -1,21 +1,18 @@
 """Displacement that goes on growing under a constant voltage."""
 
-from math import expm1, sqrt
+from math import expm1
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import _creep_tangents
+from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
-ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
-PER_DECADE = 2
 # Nearer than this two elements are as good as one, and a fit that has them meet stays there.
 _APART = 3.0
-# Time constants of the spectrum [s]: a decade apart, so that shares in between make any curve.
-SPECTRUM = (0.01, 0.1, 1.0, 10.0)
-_FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onset)
 
 
 @jit
@@ -52,13 +49,6 @@ def pair_kernel(
     """Answer ``v + c1 + c2`` at the end of the tick; state is c1, c2 [m] there."""
     element(x, y, state, 0, p[0], p[1], dt)
     element(x, y, state, 1, p[2], p[1] * p[3], dt)
-
-
-@jit
-def over_onset(i: int) -> float:
-    """Return the time constant of element `i` of the logarithmic law over its onset."""
-    spacing: float = 10.0 ** (1.0 / PER_DECADE)
-    return float(_FIRST * sqrt(spacing) * spacing**i)
 
 
 @jit
@@ -122,6 +112,7 @@ _ELEMENT = (
 BLOCKS = (
     Block(
         name='creep',
+        tangent=_creep_tangents.creep,
         slot=Slot.SLOW,
         parameters=_ELEMENT,
         kernel=kernel,
@@ -133,6 +124,7 @@ BLOCKS = (
     ),
     Block(
         name='creep_pair',
+        tangent=_creep_tangents.creep_pair,
         slot=Slot.SLOW,
         parameters=(
             *_ELEMENT,
@@ -164,6 +156,7 @@ BLOCKS = (
     ),
     Block(
         name='creep_spectrum',
+        tangent=_creep_tangents.creep_spectrum,
         slot=Slot.SLOW,
         parameters=tuple(
             Parameter(
@@ -186,6 +179,7 @@ BLOCKS = (
     ),
     Block(
         name='logarithmic_creep',
+        tangent=_creep_tangents.logarithmic_creep,
         slot=Slot.SLOW,
         parameters=(
             Parameter(

@@ -7,7 +7,7 @@ law is the compensator; solved for the displacement at every sample it is also a
 from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit
 
@@ -188,6 +188,7 @@ def _knots() -> tuple[Parameter, ...]:
 BLOCKS = (
     Block(
         name='inverse_bouc_wen',
+        part=Part.SELECTOR,
         slot=Slot.HYSTERESIS,
         parameters=PARAMETERS,
         kernel=kernel,
@@ -203,6 +204,7 @@ BLOCKS = (
     ),
     Block(
         name='inverse_selector',
+        part=Part.SELECTOR,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(
@@ -227,3 +229,5 @@ BLOCKS = (
         check=selector_check,
     ),
 )
+
+SINGLE, SELECTOR = BLOCKS

@@ -3,8 +3,9 @@
 from math import pi
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._second_order import hold, mode_system
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
+from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Part, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -33,6 +34,8 @@ def system(p: FloatArray) -> System:
 
 BLOCK = Block(
     name='mode',
+    part=Part.STRUCTURE,
+    tangent=_tangents.mode,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter(
@@ -53,4 +56,11 @@ BLOCK = Block(
     system=system,
     description='One mode of unit DC gain by exact zero-order hold.',
     source='002 (3) with unit DC gain',
+    formers=(
+        Former(
+            'eased_mode',
+            {'natural_frequency': 'natural_frequency', 'damping_ratio': 'damping_ratio'},
+            ('ease_time',),
+        ),
+    ),
 )

@@ -1,7 +1,8 @@
 """A mode whose spring is not linear and whose guidance rubs."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from math import ceil, exp, pi, sqrt
+from math import ceil, exp, inf, pi, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
@@ -190,8 +191,26 @@ def pace(p: FloatArray) -> float:
     return 2.0 * pi * float(p[0])
 
 
+def restoring(
+    values: Mapping[str, float], x: float, before: float, memory: float, dt: float
+) -> tuple[float, float]:
+    """Return what spring and friction add to the target at `x` [m], and the bristles there."""
+    if values['mode_friction'] > 0.0 and x != before:
+        memory = rubbed(
+            memory,
+            x - before,
+            dt,
+            values['presliding'],
+            values['breakaway'],
+            values['stribeck_speed'],
+        )
+    force = spring(x, values['mode_cubic'], inf) + values['mode_friction'] * memory
+    return force, memory
+
+
 BLOCK = Block(
     name='nonlinear_mode',
+    restoring=restoring,
     slot=Slot.STRUCTURE,
     parameters=(
         *MODE.parameters,
@@ -222,7 +241,7 @@ BLOCK = Block(
     pace=pace,
     description=(
         "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "
-        'with a breakaway above 1 after LuGre.'
+        'with a breakaway above 1 after LuGre; a softening spring goes slack, never outwards.'
     ),
     source='002 (3) with a Duffing spring and Dahl or LuGre friction',
 )

@@ -1,7 +1,8 @@
 """Constant offset of the sensor."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks import _tangents
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -17,6 +18,8 @@ def kernel(
 
 BLOCK = Block(
     name='offset',
+    part=Part.ZERO,
+    tangent=_tangents.offset,
     slot=Slot.SENSOR,
     parameters=(Parameter('offset', 'm', 0.0, -1.0, 1.0, 'Reading of the sensor at zero.', 1e-5),),
     kernel=kernel,

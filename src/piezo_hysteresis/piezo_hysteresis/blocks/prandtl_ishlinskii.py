@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._plays import COUNT, bank
-from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Part, Slot, Tangent
 from piezo_hysteresis.jit import jit
 
 # Plays of the fine bank. Its thresholds lie in the middles of as many equal parts of the range:
@@ -35,12 +36,20 @@ def fine_kernel(
 
 
 def _block(
-    name: str, prefix: str, weight: str, half_widths: Sequence[float], answer: Kernel
+    name: str,
+    prefix: str,
+    weight: str,
+    half_widths: Sequence[float],
+    answer: Kernel,
+    tangent: Tangent,
+    part: Part | None = None,
 ) -> Block:
     """Return a bank of plays; the weights of all banks add up to the same gain."""
     count = len(half_widths)
     return Block(
         name=name,
+        part=part,
+        tangent=tangent,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(
@@ -85,6 +94,8 @@ BLOCKS = (
         'w',
         [j / (COUNT + 1) for j in range(1, COUNT + 1)],
         kernel,
+        _tangents.prandtl_ishlinskii,
+        Part.PLAYS,
     ),
     _block(
         'prandtl_ishlinskii_fine',
@@ -92,5 +103,6 @@ BLOCKS = (
         'fine_w',
         [(j + 0.5) / FINE for j in range(FINE)],
         fine_kernel,
+        _tangents.prandtl_ishlinskii_fine,
     ),
 )

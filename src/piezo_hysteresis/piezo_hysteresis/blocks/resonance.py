@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Effect, Residual
@@ -150,6 +151,7 @@ _RESONANCE = Block(
 
 _SERIES = Block(
     name='series_mode',
+    tangent=_tangents.mode,
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING),
     kernel=mode_kernel,

@@ -3,7 +3,7 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -49,6 +49,7 @@ def ring_size(dt: float) -> int:
 
 BLOCK = Block(
     name='transport_delay',
+    formers=(Former('delayed_motion', {'delay': 'motion_delay'}, first=True),),
     slot=Slot.INPUT,
     parameters=(
         Parameter('delay', 's', 0.0, 0.0, LONGEST, 'Time before the command acts.', 1e-3),

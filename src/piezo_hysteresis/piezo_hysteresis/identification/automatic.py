@@ -24,16 +24,20 @@ from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target, targets_of
-from piezo_hysteresis.models import Candidate, Model, add_effect, applicable, described, named
+from piezo_hysteresis.models import (
+    EFFECT_NAMES,
+    Candidate,
+    Model,
+    add_effect,
+    applicable,
+    described,
+    named,
+)
+from piezo_hysteresis.models.named import LADDER, MEMORIES
 from piezo_hysteresis.numerics.linalg import solve_square
 from piezo_hysteresis.records import Record
 
 Progress = Callable[[float, str], None]
-
-#: Memories that are tried, the plainest first.
-MEMORIES = ('modified', 'prandtl_ishlinskii_fine')
-#: Effects that are tried on top, in the order in which they usually matter.
-LADDER = ('mode', 'sensor_nonlinearity', 'amplifier_lag', 'creep', 'electrostriction')
 
 TRAINED = 0.7  # share of each record that is fitted; the rest decides
 _GAIN = 0.98  # an effect must lower the error below this share of what it was
@@ -258,8 +262,8 @@ class _Ladder:
     def larger(self, before: _Rung, effect: str) -> _Rung | None:
         """Fit the model before with one effect more, in the best of its ways."""
         model = before.fit.model
-        if effect == 'mode':
-            return self._with_mode(before)
+        if effect not in EFFECT_NAMES:
+            return self._with_block(before, effect)
         ways = [d for d in described(effect) if applicable(model, d) and self._shows(model, d)]
         if not ways:
             return None
@@ -274,10 +278,10 @@ class _Ladder:
         rivals = {d.block.name for name in effect.mistaken_for for d in described(name) if d.block}
         return not any(_is_static(each) and each.name in rivals for each in model.blocks)
 
-    def _with_mode(self, before: _Rung) -> _Rung:
-        """Fit the model before with a mode, whose frequency is looked for everywhere."""
-        mode = named_block('mode')
-        model = before.fit.model.with_block(mode)
+    def _with_block(self, before: _Rung, name: str) -> _Rung:
+        """Fit the model before with a block whose place, as a frequency, is sought everywhere."""
+        block = named_block(name)
+        model = before.fit.model.with_block(block)
         known = before.values()
         return self._judged(
             output_error(
@@ -289,7 +293,7 @@ class _Ladder:
                 zero=self._choices.zero,
                 count=3,
             ),
-            {parameter.name: 0.0 for parameter in mode.parameters},
+            {parameter.name: 0.0 for parameter in block.parameters},
         )
 
     def _fitted(self, before: _Rung, candidates: Sequence[Candidate]) -> _Rung:

@@ -137,9 +137,8 @@ def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> Fl
     A chain with the papers' autoregression predicts from the measured past, as 000 (3) says. Every
     other chain predicts its own increment on top of the last measurement.
     """
-    c1 = c2 = 0.0
-    if any(block.name == 'autoregressive' for block in model.blocks):
-        c1, c2 = values['c1'], values['c2']
+    names = next((block.predictor for block in model.blocks if block.predictor), ())
+    c1, c2 = (values[name] for name in names) if names else (0.0, 0.0)
     past = np.concatenate([np.full(3, error[0]), error])
     n = error.size
     with np.errstate(over='ignore', invalid='ignore'):

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.blocks import Block
+from piezo_hysteresis.blocks.base import Part
+from piezo_hysteresis.blocks.inverse_bouc_wen import SELECTOR, SINGLE
 from piezo_hysteresis.identification.fit import target_weights
 from piezo_hysteresis.identification.inverse_rows import (
     Solver,
@@ -25,12 +27,16 @@ from piezo_hysteresis.records import Record
 
 # Each costs a derivative by forty unknowns.
 _SELECTOR_EVALUATIONS = 40
-_LAWS = ('inverse_selector', 'inverse_bouc_wen')
 
 
-def law_of(model: Model) -> str:
-    """Return which of 003's inverse laws the hysteresis of a chain is, '' for none."""
-    return next((block.name for block in model.blocks if block.name in _LAWS), '')
+def law_of(model: Model) -> Block | None:
+    """Return the block of a chain that leads from displacement to voltage, as 003 has it."""
+    return next((block for block in model.blocks if block.part is Part.SELECTOR), None)
+
+
+def _selects(model: Model) -> bool:
+    law = law_of(model)
+    return law is not None and law.name == SELECTOR.name
 
 
 def start_of(
@@ -42,7 +48,7 @@ def start_of(
 
     The last knot of a selector is put at the steepest record, unless somebody held it elsewhere.
     """
-    selector = law_of(model) == 'inverse_selector'
+    selector = _selects(model)
     found = inverse_parameters(records, selector, solver)
     span = found.pop('selector_slope', 0.0)
     # of the blocks: what is held is the default of the parameters of the model itself
@@ -126,7 +132,7 @@ def output_error_of_inverse(
     A selector adds voltages up and has no zero of its own, so every record has its own; the offset
     is what the free runs miss on average.
     """
-    if law_of(model) == 'inverse_selector':
+    if _selects(model):
         return _selector(model, records, start or {}, options)
     chain, found = start_of(model, records)
     return _one_row(chain, records, found, start or {}, options)
@@ -175,9 +181,6 @@ def _selector(
 
 def _single(model: Model) -> Model:
     """Return the chain with one row in the place of those of a selector."""
-    blocks = tuple(
-        named_block('inverse_bouc_wen') if block.name == 'inverse_selector' else block
-        for block in model.blocks
-    )
+    blocks = tuple(SINGLE if block.name == SELECTOR.name else block for block in model.blocks)
     names = {q.name for block in blocks for q in block.parameters}
     return Model(model.name, blocks, {n: v for n, v in model.held.items() if n in names})

@@ -15,9 +15,10 @@ from piezo_hysteresis.identification.fit import FARTHEST
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.reading import shifted
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.models import Model, named
+from piezo_hysteresis.models.named import BANK, ONLINE
 from piezo_hysteresis.records import Record
 
 # Samples by which the clock is moved, one step after another, and what a better one must gain.
@@ -73,7 +74,7 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
         if settings is None or isinstance(settings, RlsSettings):
             return OnlineRls(settings)
     elif method in ('rls_ud', 'pi_bank'):
-        kind = 'play_bank' if method == 'pi_bank' else 'bouc_wen'
+        kind = KINDS[method]
         if settings is None:
             return OnlineUd(UdSettings(kind=kind))
         if isinstance(settings, UdSettings) and settings.kind == kind:
@@ -163,7 +164,7 @@ def run_online(
     IdentificationError
         If the method does not know the model, or the records differ in rate.
     """
-    if any(block.name == 'mode' for block in model.blocks):
+    if 'natural_frequency' in model.parameter_names:
         options = {**options, 'start': _with_mode(records, options.get('start') or {})}
 
     # without a mode it takes voltage and displacement of one tick together
@@ -315,21 +316,20 @@ def _well_posed(
     start: Mapping[str, float],
     forgetting: float | None,
 ) -> tuple[OnlineMethod, tuple[str, ...]]:
-    hysteresis = {'rls_ud': 'bouc_wen_exact', 'pi_bank': 'prandtl_ishlinskii'}[method]
-    blocks = [block.name for block in model.blocks]
-    if blocks not in ([hysteresis, 'offset'], [hysteresis, 'mode', 'offset']):
-        fitting = {'rls_ud': 'classical or bouc_wen_mode', 'pi_bank': 'prandtl_ishlinskii'}
+    blocks = tuple(block.name for block in model.blocks)
+    if blocks not in ONLINE[method]:
+        fitting = {'rls_ud': 'classical or bouc_wen_mode', 'pi_bank': BANK}
         raise IdentificationError(
             f'{method} identifies {fitting[method]}, not {model.name}; use output_error'
         )
     said: tuple[str, ...] = ()
     frequency, damping = 0.0, 0.02
-    if 'mode' in blocks:
+    if 'natural_frequency' in model.parameter_names:
         frozen = _with_mode(records, start)
         frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
         said = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
     settings = UdSettings(
-        kind='play_bank' if method == 'pi_bank' else 'bouc_wen',
+        kind=KINDS[method],
         voltage_range=max(float(np.max(np.abs(r.voltage))) for r in records),
         displacement_range=max(float(np.ptp(r.displacement)) for r in records) / 2,
         natural_frequency=frequency,

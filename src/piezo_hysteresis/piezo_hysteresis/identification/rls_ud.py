@@ -13,17 +13,22 @@ from math import pi, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.blocks._plays import COUNT
 from piezo_hysteresis.blocks._second_order import hold
+from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import ud_kernels as ud
 from piezo_hysteresis.identification.estimate import Estimate, correlation_of, scaled_condition
 from piezo_hysteresis.models import Model, named
+from piezo_hysteresis.models.named import BANK
 
 _TRUST = 1e6  # start variance of a parameter over that of the noise, in units of the ranges
 _PLAY_TRUST = 1e2  # the same for the weight of a play: of many alike only the sum shows
 _WINDOW = 0.1  # time over which the voltage must move to count as moving [s]
+
+
+#: What each method that needs no regularising estimates.
+KINDS = {'rls_ud': 'bouc_wen', 'pi_bank': 'play_bank'}
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ class UdSettings:
         Sampling interval [s].
     """
 
-    kind: str = 'bouc_wen'
+    kind: str = KINDS['rls_ud']
     voltage_range: float = 1.0
     displacement_range: float = 1e-4
     natural_frequency: float = 0.0
@@ -60,8 +65,9 @@ class UdSettings:
     dt: float = 1e-3
 
     def __post_init__(self) -> None:
-        if self.kind not in ('bouc_wen', 'play_bank'):
-            raise IdentificationError(f'kind {self.kind!r} is unknown; use bouc_wen or play_bank')
+        if self.kind not in KINDS.values():
+            known = ' or '.join(KINDS.values())
+            raise IdentificationError(f'kind {self.kind!r} is unknown; use {known}')
         for name in ('voltage_range', 'displacement_range', 'dt', 'damping_ratio'):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
@@ -111,7 +117,7 @@ class OnlineUd:
     def reset(self) -> None:
         """Forget everything: a linear gain with a mild hysteresis."""
         s = self._settings
-        bank = s.kind == 'play_bank'
+        bank = s.kind == KINDS['pi_bank']
         n = COUNT + 2 if bank else 5
         transition = (0.0,) * 4
         if s.natural_frequency > 0:
@@ -204,12 +210,11 @@ class OnlineUd:
 
     def model(self) -> Model:
         """Return the chain whose parameters `estimate` gives."""
-        bank = self._settings.kind == 'play_bank'
-        name = 'prandtl_ishlinskii' if bank else 'classical'
+        bank = self._settings.kind == KINDS['pi_bank']
         if self._settings.natural_frequency == 0:
-            model = named(name)
+            model = named(BANK if bank else 'classical')
         elif bank:
-            model = named(name).with_block(named_block('mode'), 'prandtl_ishlinskii_mode')
+            model = named(BANK).with_block(MODE, f'{BANK}_mode')
         else:
             model = named('bouc_wen_mode')
         return model.hold(pi_range=self._settings.voltage_range) if bank else model
@@ -231,10 +236,10 @@ class OnlineUd:
         correlation = correlation_of(covariance)
         weight = self._m[ud.WEIGHT_SUM]
         sigma = sqrt(self._m[ud.ERROR_SUM] / weight) if weight > 0 else 0.0
-        theta = self._theta if s.kind == 'bouc_wen' else invertible_bank(self._theta)
+        theta = self._theta if s.kind != KINDS['pi_bank'] else invertible_bank(self._theta)
         values = theta * factors
         spread = sigma * np.sqrt(np.diag(covariance)) * factors
-        if s.kind == 'bouc_wen' and values[1] < 0:
+        if s.kind != KINDS['pi_bank'] and values[1] < 0:
             # h of a negative A decays the other way round
             values[3] = -values[3]
             correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
@@ -268,7 +273,7 @@ class OnlineUd:
     def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
         s = self._settings
         gain = s.displacement_range / s.voltage_range
-        if s.kind == 'play_bank':
+        if s.kind == KINDS['pi_bank']:
             names = tuple(f'w{j}' for j in range(COUNT + 1))
             factors = [gain] * (COUNT + 1)
             units = ('m/V',) * (COUNT + 1)
@@ -284,7 +289,7 @@ class OnlineUd:
             notes.append('The voltage rests: the estimate is held.')
         if m[ud.SAMPLES] and m[ud.TRAVEL] < 4:
             notes.append('Less than one full cycle seen: the shape of the loop is not learnt yet.')
-        if self._settings.kind == 'play_bank':
+        if self._settings.kind == KINDS['pi_bank']:
             if np.any(invertible_bank(self._theta) != self._theta):
                 notes.append('Weights were changed to the nearest model that can be inverted.')
         elif m[ud.PROJECTED]:

@@ -10,7 +10,6 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Parameter
 from piezo_hysteresis.blocks.parallel import parts_of
-from piezo_hysteresis.identification.tangents import TANGENTS
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
 
@@ -180,10 +179,10 @@ def _through(
     wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
     incoming = tangent.shape[0]
     ranged = any(own[j].follows_range for j in wanted)
-    if block.name in TANGENTS and not ranged and (wanted or incoming):
+    if block.tangent is not None and not ranged and (wanted or incoming):
         output = np.empty_like(signal)
         every = np.empty((incoming + len(own), signal.size))
-        TANGENTS[block.name](signal, output, tangent, every, p, clock.dt)
+        block.tangent(signal, output, tangent, every, p, clock.dt)
         if len(wanted) == len(own):
             return output, every
         return output, every[[*range(incoming), *(incoming + j for j in wanted)]]

@@ -11,7 +11,7 @@ from math import isfinite, nan
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import play
-from piezo_hysteresis.identification.tangents import exact_step
+from piezo_hysteresis.blocks._tangents import exact_step
 from piezo_hysteresis.jit import jit
 
 SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.blocks import BLOCKS, Block, named_block
+from piezo_hysteresis.blocks.base import Former
 from piezo_hysteresis.models.chain import Model
 
 
@@ -18,25 +19,8 @@ class FormerModelWarning(UserWarning):
     """A model of a former version has been read as one of today."""
 
 
-class _Former(NamedTuple):
-    """Today's block and what today's parameters were called; `dropped` ones are not needed."""
-
-    block: str
-    names: Mapping[str, str]
-    dropped: tuple[str, ...] = ()
-    first: bool = False
-
-
-_FORMER = {
-    'amplifier_lag_sampled': _Former('amplifier_lag', {'lag_time': 'sampled_lag_time'}),
-    'sensor_lag_sampled': _Former('sensor_lag', {'sensor_lag_time': 'sampled_sensor_lag_time'}),
-    'slew_limit_mean': _Former('slew_limit', {'slew_rate': 'mean_slew_rate'}),
-    'delayed_motion': _Former('transport_delay', {'delay': 'motion_delay'}, first=True),
-    'eased_mode': _Former(
-        'mode',
-        {'natural_frequency': 'natural_frequency', 'damping_ratio': 'damping_ratio'},
-        ('ease_time',),
-    ),
+_FORMER: dict[str, tuple[Block, Former]] = {
+    former.name: (block, former) for block in BLOCKS.values() for former in block.formers
 }
 
 
@@ -56,12 +40,9 @@ def of_today(chain: Sequence[str], rows: Mapping[str, Any]) -> tuple[list[str], 
     moved: list[tuple[str, list[str]]] = []
     known: set[str] = set()
     for name in chain:
-        former = _FORMER.get(name)
-        if former is None:
-            now, own = name, [q.name for q in named_block(name).parameters]
-        else:
-            now = former.block
-            own = [former.names[q.name] for q in named_block(now).parameters]
+        block, former = _FORMER[name] if name in _FORMER else (named_block(name), None)
+        now = block.name
+        own = [q.name if former is None else former.names[q.name] for q in block.parameters]
         own = [_numbered(each, counts) for each in own]
         known |= set(own)
         known |= {_numbered(each, counts) for each in (former.dropped if former else ())}
@@ -71,7 +52,7 @@ def of_today(chain: Sequence[str], rows: Mapping[str, Any]) -> tuple[list[str], 
     after = model.parameter_names
     translated = {new: rows[old] for new, old in zip(after, before, strict=True) if old in rows}
     stray = {name: row for name, row in rows.items() if name not in known}
-    said = ', '.join(f'{name} as {_FORMER[name].block}' for name in chain if name in _FORMER)
+    said = ', '.join(f'{name} as {_FORMER[name][0].name}' for name in chain if name in _FORMER)
     warnings.warn(
         f'the model is of a former version and read anew: {said}; fit it again to be exact',
         FormerModelWarning,

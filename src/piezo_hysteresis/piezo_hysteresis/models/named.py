@@ -155,6 +155,33 @@ RECIPES: dict[str, Recipe] = {
 
 NAMES: tuple[str, ...] = tuple(RECIPES)
 
+# --- models by what they are used for; no other room names blocks --------------------------------
+
+#: The bank of plays that recursive methods identify.
+BANK = 'prandtl_ishlinskii'
+#: Memories that are tried where the model is to be chosen by the data, the plainest first.
+MEMORIES = ('modified', 'prandtl_ishlinskii_fine')
+#: What is tried on top, in the order in which it usually matters, and what a table calls it.
+LADDER = {
+    'mode': 'one lightly damped mode',
+    'sensor_nonlinearity': 'curve of the sensor',
+    'amplifier_lag': 'lag of the amplifier',
+    'creep': 'creep',
+    'electrostriction': 'electrostriction (square law)',
+}
+#: Chains that a recursive method takes.
+ONLINE: dict[str, tuple[tuple[str, ...], ...]] = {
+    'rls_ud': (RECIPES['classical'].blocks, RECIPES['bouc_wen_mode'].blocks),
+    'pi_bank': (RECIPES[BANK].blocks, (BANK, 'mode', 'offset')),
+}
+#: Chains that are followed between the ticks, one of each way, for the kernels that do it.
+FOLLOWED = (
+    ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),
+    ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'backlash', 'sensor_lag'),
+    ('amplifier_lag', 'bouc_wen_oscillator'),
+    ('slew_limit', 'bouc_wen_exact', 'mode'),
+)
+
 
 def named(name: str) -> Model:
     """Return the model called `name`, one of `NAMES`.

@@ -11,6 +11,7 @@ from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.identification.automatic import Step
 from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_certainty import (
     correlation_section,
@@ -24,15 +25,6 @@ from piezo_hysteresis.reporting.units import micrometres
 
 _LOOPS = 4  # records whose loops are drawn
 _MANY_FLOORS = 3.0  # beyond this the model lacks something, not the record
-
-_TRIED = {
-    'hysteresis': 'hysteresis beside the origin (Bouc-Wen)',
-    'mode': 'one lightly damped mode',
-    'creep': 'creep',
-    'nonlocal_memory': 'memory of several reversals (play operators)',
-    'amplifier_lag': 'lag of the amplifier',
-    'electrostriction': 'electrostriction (square law)',
-}
 
 
 def identification_page(
@@ -141,7 +133,7 @@ def choice_section(steps: Sequence[Step]) -> Section:
     """Return how the model was chosen."""
     rows = [
         (
-            _TRIED.get(step.name, step.name),
+            LADDER.get(step.name, step.name),
             step.parameters,
             micrometres(step.trained_rms),
             micrometres(step.held_out_rms),

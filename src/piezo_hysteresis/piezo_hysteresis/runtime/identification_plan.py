@@ -16,7 +16,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.online import OnlineMethod, online, settled
 from piezo_hysteresis.identification.rls import RlsSettings
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.settings import pairs
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
@@ -59,8 +59,7 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
         start = pairs([word for word in values['start'] if word])
         settings = RlsSettings(**{name: values[name] for name in _RLS}, start=start, **common)
     else:
-        kind = 'play_bank' if method == 'pi_bank' else 'bouc_wen'
-        settings = UdSettings(kind=kind, **{name: values[name] for name in _UD}, **common)
+        settings = UdSettings(kind=KINDS[method], **{name: values[name] for name in _UD}, **common)
     recursion = online(method, settings)
     if not 0.5 < settings.forgetting <= 1.0:
         raise IdentificationError(

@@ -32,15 +32,15 @@ PARAMETERS = (
         'structure.quadratic_damping', '1/m', 200.0, 0.0, 1e6, 'Drag with the speed squared.'
     ),
     Parameter(
-        'stop.stiffness',
+        'contact.stiffness',
         '1',
         0.3,
         0.0,
         1e3,
         'Force of the stop, one reach into it, over stiffness.',
     ),
-    Parameter('stop.position', 'm', 60e-6, -1.0, 1.0, 'Displacement at which it is touched.'),
-    Parameter('stop.reach', 'm', 10e-6, 1e-9, 1.0, 'Motion that the force is given for.'),
+    Parameter('contact.position', 'm', 60e-6, -1.0, 1.0, 'Displacement at which it is touched.'),
+    Parameter('contact.reach', 'm', 10e-6, 1e-9, 1.0, 'Motion that the force is given for.'),
     Parameter('structure.pump_depth', '1', 0.2, 0.0, 0.5, 'Periodic change of the stiffness.'),
     Parameter('structure.pump_frequency', 'Hz', 31.0, 1e-3, 1e4, 'Frequency of that change.'),
     Parameter('structure.pump_reach', 'm', 100e-6, 1e-9, 1.0, 'Motion beyond which it fades.'),
@@ -96,9 +96,9 @@ EFFECTS = (
         exotic=True,
     ),
     Effect(
-        'end_stop',
+        'contact',
         'Beyond a position the mode touches a soft body: force with the square of the way in.',
-        {'stop.stiffness': 0.0},
+        {'contact.stiffness': 0.0},
         exotic=True,
     ),
     Effect(
@@ -116,9 +116,9 @@ def quickness(p: Any, d: Any, s: Any) -> float:
     x, speed, omega = s.x[0], abs(s.v[0]), d.omega[0]
     stiff = 1.0 + 3.0 * abs(p.structure.cubic) * x * x
     rate = 2.0 * p.structure.quadratic_damping * speed
-    if p.stop.stiffness > 0.0 and x > p.stop.position - p.stop.reach:
-        stiff += 2.0 * p.stop.stiffness * max(x - p.stop.position, 0.0) / p.stop.reach
-        rate += 10.0 * speed / p.stop.reach  # where the force sets in its curve has a corner
+    if p.contact.stiffness > 0.0 and x > p.contact.position - p.contact.reach:
+        stiff += 2.0 * p.contact.stiffness * max(x - p.contact.position, 0.0) / p.contact.reach
+        rate += 10.0 * speed / p.contact.reach  # where the force sets in its curve has a corner
     if p.friction.coulomb > 0.0:
         stiff += p.friction.coulomb / p.friction.presliding
         rate += speed / p.friction.presliding
@@ -139,9 +139,9 @@ def _force(
     if stretch < 0.0:  # softening stops at a fifth of the stiffness: the mode cannot escape
         stretch = 0.8 * stretch / (0.8 - stretch)
     total -= omega2 * stretch * x
-    if p.stop.stiffness > 0.0 and x > p.stop.position:
-        into = (x - p.stop.position) / p.stop.reach
-        total -= omega2 * p.stop.stiffness * p.stop.reach * into * into
+    if p.contact.stiffness > 0.0 and x > p.contact.position:
+        into = (x - p.contact.position) / p.contact.reach
+        total -= omega2 * p.contact.stiffness * p.contact.reach * into * into
     if q.pump_depth > 0.0:
         pump = q.pump_depth * math.cos(2.0 * math.pi * q.pump_frequency * time)
         total -= omega2 * pump * x / (1.0 + (x / q.pump_reach) ** 2)

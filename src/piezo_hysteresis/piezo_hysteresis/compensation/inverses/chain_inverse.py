@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Slot, System
-from piezo_hysteresis.blocks.nonlinear_mode import rubbed, spring
+from piezo_hysteresis.blocks.base import Between, Block, Restoring, Slot, System
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.inverses.block_inverse import BlockInverse, JoinedInverse
@@ -25,16 +23,6 @@ from piezo_hysteresis.compensation.inverses.structure_inverse import (
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.numerics.linalg import solve_square
-
-
-class _Spring(NamedTuple):
-    """What a nonlinear mode has beyond a linear one, as `nonlinear_mode` names it."""
-
-    cubic: float = 0.0
-    friction: float = 0.0
-    presliding: float = 1e-6
-    breakaway: float = 1.0
-    stribeck: float = 1e-3
 
 
 @dataclass
@@ -51,10 +39,12 @@ class _Stages:
         Structure [s], [s^2] and lead [s].
     rest : float
         Reading at rest [m].
-    spring : _Spring
-        Cubic stiffness and friction of a nonlinear mode.
-    bristle, moved : float
-        Memory of its friction, and the displacement it belongs to [m].
+    restoring : Restoring or None
+        What acts back on a mode beside its linear spring.
+    values : mapping of str to float
+        Parameters of that block.
+    memory, moved : float
+        Memory of that force, and the displacement it belongs to [m].
     """
 
     dt: float
@@ -64,20 +54,18 @@ class _Stages:
     k2: float = 0.0
     lead: float = 0.0
     rest: float = 0.0
-    spring: _Spring = field(default_factory=_Spring)
-    bristle: float = 0.0
+    restoring: Restoring | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+    memory: float = 0.0
     moved: float = 0.0
 
     def restoring_force(self, x: float) -> float:
-        """Answer what a nonlinear spring and friction add to the target at `x` [m]."""
-        own = self.spring
-        if own.friction > 0.0 and x != self.moved:
-            move = x - self.moved
-            self.bristle = rubbed(
-                self.bristle, move, self.dt, own.presliding, own.breakaway, own.stribeck
-            )
+        """Return what acts back on the mode, to be added to the target at `x` [m]."""
+        if self.restoring is None:
+            return 0.0
+        force, self.memory = self.restoring(self.values, x, self.moved, self.memory, self.dt)
         self.moved = x
-        return spring(x, own.cubic, math.inf) + own.friction * self.bristle
+        return force
 
     @property
     def solvers(self) -> list[BlockInverse]:
@@ -127,15 +115,10 @@ def _take_structure(
     Several count by the sum of their coefficients: exact for one, right to second order in
     frequency over natural frequency for more. `held` is the lead that the hold asks for [s].
     """
-    if 'mode_cubic' in values:
-        stages.spring = _Spring(
-            cubic=values['mode_cubic'],
-            friction=values['mode_friction'],
-            presliding=values['presliding'],
-            breakaway=values['breakaway'],
-            stribeck=values['stribeck_speed'],
-        )
-    share = values.get('resonance_share', 1.0) if not block.inertia else 1.0
+    if block.restoring is not None:
+        stages.restoring, stages.values = block.restoring, values
+    # what goes past a mode, straight through, is not held up
+    share = 1.0 - block.system(own).d if block.system is not None and not block.inertia else 1.0
     k1, k2 = _inverse_of(block, own, values)
     stages.k1 += k1
     stages.k2 += k2
@@ -243,7 +226,7 @@ class ChainInverse(InverseLink):
         return packed
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        self._fresh.bristle, self._fresh.moved = self._stages.bristle, self._stages.moved
+        self._fresh.memory, self._fresh.moved = self._stages.memory, self._stages.moved
         for before, after in zip(self._stages.solvers, self._fresh.solvers, strict=True):
             after.take_over(before)
         self._stages = self._fresh

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.blocks.base import Between, Slot
+from piezo_hysteresis.blocks import BLOCKS
+from piezo_hysteresis.blocks.base import Between, Part, Slot
+from piezo_hysteresis.blocks.gain import BLOCK as STRAIGHT
 from piezo_hysteresis.compensation.base import INVERSES, Limits
 from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
@@ -22,14 +23,40 @@ from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
-_LAWS: dict[str, Law] = {
-    'bouc_wen_exact': 'exact',
-    'bouc_wen': 'euler',
-    'prandtl_ishlinskii': 'plays',
-    'gain': 'gain',
+# Hystereses that `PhysicalInverse` solves in closed form.
+_LAWS: dict[Part | None, Law] = {
+    Part.EXACT: 'exact',
+    Part.EULER: 'euler',
+    Part.PLAYS: 'plays',
+    Part.GAIN: 'gain',
 }
-_EASY = ('transport_delay', 'offset')
-_STRUCTURES = ('mode', 'mass_spring')
+_EXTENDED = (Part.EULER, Part.RECURSION)
+
+
+class _Anatomy(NamedTuple):
+    """What a chain consists of to an inverse in closed form.
+
+    Attributes
+    ----------
+    core : tuple of Part or None
+        Its blocks without added tones, delays and the zero of the reading.
+    delayed : bool
+        Whether it has a delay.
+    simple : bool
+        Whether its zero, where it has one, is one constant at the end.
+    """
+
+    core: tuple[Part | None, ...]
+    delayed: bool
+    simple: bool
+
+
+def _anatomy(model: Model) -> _Anatomy:
+    blocks = [block for block in model.blocks if block.slot is not Slot.ADDED]
+    delays = [block for block in blocks if block.between is Between.DELAY]
+    zeros = [place for place, block in enumerate(blocks) if block.part is Part.ZERO]
+    core = tuple(b.part for b in blocks if b.part is not Part.ZERO and b not in delays)
+    return _Anatomy(core, bool(delays), zeros in ([], [len(blocks) - 1]))
 
 
 def inverse_for(
@@ -79,23 +106,23 @@ def inverse_for(
     if law != 'auto':
         return _by_law(model, values, dt, law, scale, options)
     named = model.unpack(model.pack(values))
-    blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
-    core = [name for name in blocks if name not in _EASY]
-    delayed = 'transport_delay' in blocks
-    simple = blocks.count('offset') <= 1 and (not blocks.count('offset') or blocks[-1] == 'offset')
-    if simple and core == ['bouc_wen', 'autoregressive'] and not delayed:
-        return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
-    if simple and core == ['bouc_wen_oscillator'] and not delayed:
-        return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
-    if simple and core in (['inverse_selector'], ['inverse_bouc_wen']) and not delayed:
-        return SlopeSelectedInverse(named, dt, limits=limits, start=start, transition=transition)
-    structured = len(core) == 1 or (len(core) == 2 and core[1] in _STRUCTURES)
+    core, delayed, simple = _anatomy(model)
+    if simple and not delayed:
+        if core == _EXTENDED:
+            return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
+        if core == (Part.OSCILLATOR,):
+            return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
+        if core == (Part.SELECTOR,):
+            return SlopeSelectedInverse(
+                named, dt, limits=limits, start=start, transition=transition
+            )
+    structured = len(core) == 1 or core[1:] == (Part.STRUCTURE,)
     if simple and structured and core[0] in _LAWS:
         law = _LAWS[core[0]]
         return PhysicalInverse(
             named, dt, law=law, limits=limits, start=start, transition=transition
         )
-    if 'bouc_wen_oscillator' in blocks:
+    if Part.OSCILLATOR in core:
         raise CompensationError(
             f'model {model.name} has an oscillator with further blocks, which has no inverse '
             'here; use a model whose hysteresis stands before the structure'
@@ -114,13 +141,18 @@ class _Options(TypedDict):
 
 
 # Blocks of the chain, without delay, offset and structure, that a law is for.
-_FOR: dict[str, tuple[tuple[str, ...], ...]] = {
-    'fujii2018': (('bouc_wen', 'autoregressive'),),
-    'tatebatake2017': (('bouc_wen', 'autoregressive'),),
-    'zhou2021': (('bouc_wen_exact',), ('bouc_wen',)),
-    'exact': (('bouc_wen_exact',), ('bouc_wen',)),
-    'xiao2014': (('inverse_selector',), ('inverse_bouc_wen',)),
+_FOR: dict[str, tuple[tuple[Part, ...], ...]] = {
+    'fujii2018': (_EXTENDED,),
+    'tatebatake2017': (_EXTENDED,),
+    'zhou2021': ((Part.EXACT,), (Part.EULER,)),
+    'exact': ((Part.EXACT,), (Part.EULER,)),
+    'xiao2014': ((Part.SELECTOR,),),
 }
+
+
+def _called(part: Part) -> str:
+    """Return the names of the blocks that are such a part."""
+    return ' or '.join(block.name for block in BLOCKS.values() if block.part is part)
 
 
 def _by_law(
@@ -133,10 +165,10 @@ def _by_law(
 ) -> InverseLink:
     """Return the inverse by a law that was asked for by name."""
     named = model.unpack(model.pack(values))
-    blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
-    core = tuple(name for name in blocks if name not in (*_EASY, *_STRUCTURES))
+    core = tuple(part for part in _anatomy(model).core if part is not Part.STRUCTURE)
     if law in _FOR and core not in _FOR[law]:
-        wanted = ' or '.join(' and '.join(each) for each in _FOR[law])
+        blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
+        wanted = ' or '.join(' and '.join(map(_called, each)) for each in _FOR[law])
         raise CompensationError(
             f'the law {law} inverts {wanted}, but model {model.name} is {" -> ".join(blocks)}; '
             'take another law or identify that model'
@@ -215,7 +247,7 @@ def _for_small_tones(
         first += len(block.parameters)
         if block.slot is Slot.HYSTERESIS:
             slope = _mean_slope(Model(block.name, (block,)), own, amplitude, dt)
-            block, own = named_block('gain'), np.array([slope])
+            block, own = STRAIGHT, np.array([slope])
         elif block.slot is Slot.ADDED or block.between is Between.PATH:
             continue
         blocks.append(block)

@@ -7,7 +7,7 @@ from math import exp, expm1
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.creep import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
+from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.jit import jit
 
 

@@ -4,28 +4,19 @@ A tangent kernel ``(x, y, dx, dy, p, dt)`` answers the input x, shape (n,), from
 does, and carries derivatives along: `dx`, shape (m, n), holds those of the input with respect to m
 parameters upstream; it fills `dy`, shape (m + q, n), with those of the output, the block's own q
 parameters last. One row after another runs through the recursion, because a short row of
-derivatives per sample does not fill the pipeline. Blocks without a kernel here are differenced
-numerically (see `sensitivities`).
+derivatives per sample does not fill the pipeline. A block names its own as
+`Block.tangent`; blocks without one are differenced numerically (see `sensitivities`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import copysign, exp, expm1, log1p, pi
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.identification.creep_tangents import (
-    creep,
-    creep_pair,
-    creep_spectrum,
-    logarithmic_creep,
-)
 from piezo_hysteresis.jit import jit
-
-Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
 
 
 @jit
@@ -323,27 +314,3 @@ def nonlocal_memory(
     y[:] = 0.0
     dy[: m + 1] = 0.0
     _bank_rows(x, y, dx, dy, p[1:], p[0] / p.size, 1.0, m + 1)
-
-
-TANGENTS: dict[str, Tangent] = {
-    'nonlocal_memory_fine': nonlocal_memory,
-    'series_mode': mode,
-    **{
-        each.__name__: each
-        for each in (
-            bouc_wen,
-            bouc_wen_exact,
-            mode,
-            autoregressive,
-            offset,
-            gain,
-            prandtl_ishlinskii,
-            prandtl_ishlinskii_fine,
-            nonlocal_memory,
-            creep,
-            creep_pair,
-            creep_spectrum,
-            logarithmic_creep,
-        )
-    },
-}

@@ -1,0 +1,78 @@
+"""What is known of an effect or block stands with it; no other room calls one by its name."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+from piezo_hysteresis.blocks import BLOCKS, EFFECTS
+
+CORE = Path(__file__).parents[2] / 'src' / 'piezo_hysteresis' / 'piezo_hysteresis'
+# Where blocks are named: their own room, and the table of models that are made of them.
+OWN = ('blocks/', 'models/named.py')
+# Words that happen to be the name of a block, and what they mean there.
+OTHER_MEANING = {
+    'mode': ('nodes/', 'dashboard/', 'parameters/', 'cli/loop.py'),  # parameter of the excitation
+    'resonance': ('cli/compensate.py',),  # an option of the attenuation
+    'bouc_wen': ('identification/rls_ud.py',),  # a kind of recursion
+}
+LABELS = {  # of a line in a figure
+    'mode': ('reporting/identification_where.py',),
+    'resonance': ('reporting/demo_report.py',),
+}
+# Files that still name blocks; the list only ever gets shorter.
+STILL = {
+    'discovery/data/check.py',
+    'discovery/live/apply.py',
+    'discovery/verdict/naming.py',
+}
+
+
+def names():
+    """Return the names that can only mean a block or an effect; parameters have names, too."""
+    known = {*BLOCKS, *(e.name for e in EFFECTS), *(e.variant for e in EFFECTS)}
+    parameters = {q.name for block in BLOCKS.values() for q in block.parameters}
+    return known - parameters - {'input', 'gain'}
+
+
+def literals(path):
+    """Return line and text of every string in the code of a file, docstrings left out."""
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    docstrings = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and node.body
+        and isinstance(node.body[0], ast.Expr)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and id(node) not in docstrings:
+            yield node.lineno, str(node.value)
+
+
+def named_outside():
+    found = defaultdict(list)
+    known = names()
+    for path in sorted(CORE.rglob('*.py')):
+        place = path.relative_to(CORE).as_posix()
+        if place.startswith(OWN):
+            continue
+        for line, text in literals(path):
+            excused = (*OTHER_MEANING.get(text, ()), *LABELS.get(text, ()))
+            if text in known and not (excused and place.startswith(excused)):
+                found[place].append(f'{line}: {text}')
+    return found
+
+
+def test_no_other_room_names_a_block_or_an_effect():
+    found = named_outside()
+    assert {place: lines for place, lines in found.items() if place not in STILL} == {}
+
+
+def test_the_list_of_files_that_still_do_is_not_longer_than_it_must_be():
+    assert STILL - set(named_outside()) == set()
+
+
+def test_a_name_that_is_written_elsewhere_is_noticed(tmp_path):
+    file = tmp_path / 'other.py'
+    file.write_text('"""creep"""\nLIST = ("creep", "mode")\n')
+    assert [text for _, text in literals(file) if text in names()] == ['creep', 'mode']

@@ -1,0 +1,105 @@
+"""Write what docs/models.md and docs/effects/ say of blocks and effects, from their traits.
+
+Called by ``python tools/write_docs.py``. The tables of the page of models are replaced; a page of
+an effect is written where there is none, and left to people from then on.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from piezo_hysteresis.blocks import BLOCKS, Block, Effect, Parameter
+from piezo_hysteresis.models import EFFECT_NAMES, described
+
+DOCS = Path(__file__).resolve().parents[1] / 'docs'
+MODELS = DOCS / 'models.md'
+EFFECTS = DOCS / 'effects'
+
+_BLOCKS_HEAD = (
+    '| block | parameter | unit | default | bounds | meaning |\n|---|---|---|---|---|---|'
+)
+_EFFECTS_HEAD = '| effect | variants |\n|---|---|'
+_SERIES = 5  # so many parameters that differ by a number alone are one row
+
+
+def model_pages() -> dict[Path, str]:
+    """Return the text of every page by path."""
+    page = MODELS.read_text(encoding='utf-8')
+    page = _replaced(page, _BLOCKS_HEAD, _block_rows())
+    page = _replaced(page, _EFFECTS_HEAD, _effect_rows())
+    pages = {MODELS: page}
+    for name in EFFECT_NAMES:
+        path = EFFECTS / f'{name}.md'
+        if not path.is_file():
+            pages[path] = _new_page(name)
+    return pages
+
+
+def _replaced(page: str, head: str, rows: Iterable[str]) -> str:
+    """Return `page` with the rows of the table under `head` replaced."""
+    begin = page.index(head) + len(head)
+    end = re.compile(r'\n(?!\|)').search(page, begin)
+    tail = page[end.start() :] if end else '\n'
+    return page[:begin] + ''.join(f'\n{row}' for row in rows) + tail
+
+
+def _block_rows() -> Iterator[str]:
+    for name in sorted(BLOCKS):
+        for q in _shown(BLOCKS[name]):
+            yield (
+                f'| `{name}` | `{q.name}` | {q.unit} | {q.default:g} | {q.low:g} .. {q.high:g} | '
+                f'{q.description} |'
+            )
+
+
+def _shown(block: Block) -> Iterator[Parameter]:
+    """Return the parameters of a block, of a long numbered series only the first one."""
+    kinds = [_kind(q) for q in block.parameters]
+    for place, (q, kind) in enumerate(zip(block.parameters, kinds, strict=True)):
+        if kinds.count(kind) < _SERIES or kinds.index(kind) == place:
+            yield q
+
+
+def _kind(parameter: Parameter) -> tuple[str, str]:
+    text = re.sub(r'[\d.]+', '#', f'{parameter.name} {parameter.description}')
+    return text, parameter.unit
+
+
+def _effect_rows() -> Iterator[str]:
+    for name in EFFECT_NAMES:
+        variants = ', '.join(f'`{effect.variant}`' for effect in described(name))
+        yield f'| [{name}](effects/{name}.md) | {variants} |'
+
+
+def _new_page(name: str) -> str:
+    """Return a page for an effect that has none, from what its file says."""
+    effects = described(name)
+    lines = [f'# {name}', '', '**What it is.** ' + _together(e.physics for e in effects), '']
+    lines += ['**How it shows.** As in the picture: a model without and with it.', '']
+    lines += [f'![A model without and with {name}](../pictures/effects/{name}.png)', '']
+    others = dict.fromkeys(other for effect in effects for other in effect.mistaken_for)
+    links = ', '.join(f'[{other}]({other}.md)' for other in others)
+    lines += [f'**What it is mistaken for.** {links or "Nothing here"}.', '']
+    lines += ['**What settles it.** ' + _together(e.experiment for e in effects), '']
+    lines += ['**How it enters a model.**', '', '| variant | block | neutral |', '|---|---|---|']
+    lines += [_variant(effect) for effect in effects]
+    lines += ['', '| parameter | unit | bounds | meaning |', '|---|---|---|---|']
+    blocks = dict.fromkeys(e.block for e in effects if e.block is not None)
+    lines += [
+        f'| `{q.name}` | {q.unit} | {q.low:g} .. {q.high:g} | {q.description} |'
+        for block in blocks
+        for q in _shown(block)
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def _together(sentences: Iterable[str]) -> str:
+    return ' '.join(dict.fromkeys(sentences))
+
+
+def _variant(effect: Effect) -> str:
+    neutral = ', '.join(f'`{name}` = {value:g}' for name, value in effect.neutral.items())
+    block = f'`{effect.block.name}`' if effect.block is not None else 'none'
+    return f'| `{effect.variant}` | {block} | {neutral} |'
