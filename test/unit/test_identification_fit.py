@@ -37,7 +37,16 @@ def chain(*blocks: str, **held: float) -> Model:
 
 
 # away from neutral values, where differences are one-sided
-MOVED = {'A0': 3e-6, 'lag_time': 2e-3, 'creep_share': 0.1, 'creep_time': 0.5}
+MOVED = {
+    'A0': 3e-6,
+    'lag_time': 2e-3,
+    'creep_share': 0.1,
+    'creep_time': 0.5,
+    'mode_cubic': 4e6,
+    'mode_friction': 2e-6,
+    'presliding': 3e-6,
+    'breakaway': 1.2,
+}
 BIMORPH = chain('bouc_wen', 'mode', 'offset', A0=0.0)
 
 
@@ -62,6 +71,7 @@ def simulated(
         ('bouc_wen', 'autoregressive', 'offset'),
         ('gain', 'mode', 'offset'),
         ('prandtl_ishlinskii', 'mode', 'offset'),
+        ('bouc_wen_exact', 'nonlinear_mode', 'offset'),
         ('amplifier_lag', 'bouc_wen_exact', 'mode', 'creep', 'offset'),
     ],
 )
@@ -83,7 +93,9 @@ def test_sensitivities_equal_central_differences(blocks: tuple[str, ...]) -> Non
         scale = np.max(np.abs(expected))
         if q.follows_range:
             continue
-        np.testing.assert_allclose(rows[j], expected, atol=1e-4 * scale, err_msg=name)
+        # where it rubs the force has corners, at which one-sided differences differ
+        close = 3e-4 if 'nonlinear_mode' in blocks else 1e-4
+        np.testing.assert_allclose(rows[j], expected, atol=close * scale, err_msg=name)
 
 
 def test_sensitivities_of_blocks_side_by_side_behind_a_lag() -> None:

@@ -63,6 +63,8 @@ def judged_again(
         if evaluator.is_as_good(without, final):
             kept, final, done = _less(kept, name), without, set()
             continue
+        if any(s.fit.effect == name and s.round.won_clearly(evaluator.policy) for s in kept):
+            continue
         again = _selected_again(evaluator, without, final, start, name)
         if again is None:
             continue

@@ -32,7 +32,13 @@ class SelectionPolicy:
     first_fit_samples: int = _number(
         40_000, 'samples', 'Samples to which a first fit goes.', 'effort'
     )
-    first_fits: int = _number(10, '1', 'Candidates that get a first fit.', 'effort')
+    trials: int = _number(
+        10, '1', 'Candidates whose starts are tried, the most promising first.', 'effort'
+    )
+    trial_samples: int = _number(15_000, 'samples', 'Samples to which starts are tried.', 'effort')
+    first_fits: int = _number(
+        6, '1', 'Candidates that get a first fit, those whose trials went best.', 'effort'
+    )
     final_fits: int = _number(
         4,
         '1',
@@ -43,7 +49,16 @@ class SelectionPolicy:
         3, '1', 'Variants of one effect that come before other effects had a turn.', 'effort'
     )
     starts: int = _number(2, '1', 'Starts of a first fit.', 'effort')
+    trial_evaluations: int = _number(
+        4, '1', 'Evaluations of each start, before the best one goes on.', 'effort'
+    )
     first_evaluations: int = _number(16, '1', 'Evaluations of a first fit.', 'effort')
+    final_within: float = _number(
+        4.0,
+        '1',
+        'Sum of squares of a first fit, over that of the best, up to which it gets a final one.',
+        'effort',
+    )
     final_evaluations: int = _number(40, '1', 'Evaluations of a fit to all samples.', 'effort')
     thorough_evaluations: int = _number(
         200,
@@ -122,8 +137,12 @@ class SelectionPolicy:
     restarts: int = _number(
         2, '1', 'Other first effects with which the search may begin again.', 'effort'
     )
-    restart_within: float = _number(
-        2.0, '1', 'Sum of squares of such a start, over that of the winner.', 'effort'
+    rival_within: float = _number(
+        2.0,
+        '1',
+        'Sum of squares of another effect, over that of the winner, up to which it gets a second '
+        'chance once the others are known.',
+        'effort',
     )
     explained_gap: float = _number(
         1.2,
@@ -257,6 +276,7 @@ class SelectionPolicy:
 POLICY = SelectionPolicy()
 #: For a baseline whose file says what it misses: fits are small, and each effect has its turn.
 HELD = POLICY.but(
+    trials=24,
     first_fits=24,
     final_fits=6,
     variants_first=1,

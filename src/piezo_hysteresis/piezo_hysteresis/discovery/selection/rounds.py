@@ -47,6 +47,11 @@ class SelectionRound:
         """The chosen one."""
         return self.finalists[0]
 
+    def won_clearly(self, policy: SelectionPolicy) -> bool:
+        """Return whether no finalist of another effect came near."""
+        limit = policy.rival_within * self.best.square
+        return all(fit.effect == self.best.effect or fit.square > limit for fit in self.finalists)
+
     def probabilities(self) -> dict[str, float]:
         """Probability by effect, variants of one effect together."""
         found: dict[str, float] = {}
@@ -74,10 +79,13 @@ def select(
     scores = evaluator.map(screen.score, every)
     progress(0.2, f'{len(every)} candidates screened')
     chosen = _chosen(scores, evaluator.policy)
-    first = evaluator.map(lambda each: _first_fit(evaluator, before, each), chosen)
+    tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
+    progress(0.4, f'{len(chosen)} candidates tried')
+    hopeful = _hopeful([fit for fit in tried if fit is not None], evaluator.policy)
+    first = evaluator.map(lambda each: _first_fit(evaluator, each), hopeful)
     fitted = ranked(evaluator, [fit for fit in first if fit is not None])
     progress(0.6, f'{len(fitted)} first fits')
-    leaders = _final_fits(evaluator, _of_different_places(fitted, evaluator.policy.final_fits))
+    leaders = _final_fits(evaluator, _of_different_places(fitted, evaluator.policy))
     if not leaders:
         return None
     others = _final_fits(evaluator, _other_variants(leaders, fitted))
@@ -109,7 +117,7 @@ def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[Candidate
 
 
 def _chosen(scores: Sequence[ScreeningScore], policy: SelectionPolicy) -> list[ScreeningScore]:
-    """Return what is fitted: the most promising, of each effect its best variants first."""
+    """Return what is tried: the most promising, of each effect its best variants first."""
     ordered = sorted(
         (each for each in scores if each.explained > policy.min_promise),
         key=lambda s: (-s.explained, s.candidate.effect.name, s.candidate.effect.variant),
@@ -119,15 +127,15 @@ def _chosen(scores: Sequence[ScreeningScore], policy: SelectionPolicy) -> list[S
     for score in ordered:
         same = sum(c.candidate.effect.name == score.candidate.effect.name for c in first)
         (first if same < policy.variants_first else later).append(score)
-    return [*first, *later][: policy.first_fits]
+    return [*first, *later][: policy.trials]
 
 
-def _first_fit(
+def _trial(
     evaluator: Evaluator, before: CandidateFit, score: ScreeningScore
 ) -> CandidateFit | None:
-    """Fit from the best starts on short views and return the best.
+    """Try the best starts for a little and return where the best one led.
 
-    The baseline may have hidden the effect in wrong parameters, so one fit starts from the hints.
+    The baseline may have hidden the effect in wrong parameters, so one start has the hints.
     """
     candidate, policy = score.candidate, evaluator.policy
     starts = list(score.starts[: policy.starts])
@@ -135,14 +143,22 @@ def _first_fit(
     for hint in evaluator.hints:
         known = {k: hint.get(k, v) for k, v in before.values.items()}
         starts.append({**starts[0], **candidate.values(known, own)})
-    fits = [
-        evaluator.fit(
-            before.with_candidate(candidate, start), evaluator.short, policy.first_evaluations
-        )
-        for start in starts
+    specs = [before.with_candidate(candidate, start) for start in starts]
+    fits = [evaluator.fit(spec, evaluator.tried, policy.trial_evaluations) for spec in specs]
+    return min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
+
+
+def _hopeful(tried: Sequence[CandidateFit], policy: SelectionPolicy) -> list[CandidateFit]:
+    """Return the trials that went best; they were all on the same samples."""
+    return sorted(tried, key=lambda fit: (fit.square, fit.effect, fit.variant))[
+        : policy.first_fits
     ]
-    best = min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
-    return None if best is None else evaluator.first_judged(best)
+
+
+def _first_fit(evaluator: Evaluator, trial: CandidateFit) -> CandidateFit | None:
+    """Fit to short views from where a trial ended."""
+    fit = evaluator.fit(trial, evaluator.short, evaluator.policy.first_evaluations)
+    return None if fit is None else evaluator.first_judged(fit)
 
 
 def _final_fits(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
@@ -151,17 +167,20 @@ def _final_fits(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[Cand
     return ranked(evaluator, [f for f in final if f is not None and evaluator.stays_finite(f)])
 
 
-def _of_different_places(fitted: Sequence[CandidateFit], most: int) -> list[CandidateFit]:
+def _of_different_places(
+    fitted: Sequence[CandidateFit], policy: SelectionPolicy
+) -> list[CandidateFit]:
     """Return the best fits of different effects.
 
     An effect that may take the place of different blocks is as different as two effects: what a
     model has in that place already can hide it.
     """
     leading: list[CandidateFit] = []
+    limit = policy.final_within * min((fit.square for fit in fitted), default=0.0)
     for fit in fitted:
-        if all(_place(fit) != _place(other) for other in leading):
+        if fit.square <= limit and all(_place(fit) != _place(other) for other in leading):
             leading.append(fit)
-    return leading[:most]
+    return leading[: policy.final_fits]
 
 
 def _place(fit: CandidateFit) -> tuple[str, tuple[str, ...]]:

@@ -77,7 +77,7 @@ def _others(evaluator: Evaluator, first: SelectionRound, start: CandidateFit) ->
     found: list[Step] = []
     taken = {first.best.effect}
     for fit in first.finalists:
-        if fit.effect in taken or fit.square > evaluator.policy.restart_within * first.best.square:
+        if fit.effect in taken or fit.square > evaluator.policy.rival_within * first.best.square:
             continue
         taken.add(fit.effect)
         others = [each for each in first.finalists if each is not fit]
