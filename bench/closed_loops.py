@@ -27,8 +27,8 @@ BIMORPH_LIMITS = Limits(-5.0, 5.0, 1e4)
 STACK_LIMITS = Limits(-30.0, 130.0, 1e7)
 FLAP_LIMITS = Limits(-60.0, 60.0, 1e6)
 STAGE_LIMITS = Limits(0.0, 10.0, 1e6)
-# 003 asks for 30 um at 100 Hz from a stack that gives 26 um at 100 V: its amplifier has to go
-# beyond the nominal range, as that maker's amplifiers do (-30 .. 130 V).
+# Xiao 2014 asks for 30 um at 100 Hz from a stack that gives 26 um at 100 V: its amplifier has to
+# go beyond the nominal range, as that maker's amplifiers do (-30 .. 130 V).
 STACK_RANGE = {'amplifier.range_low': -30.0, 'amplifier.range_high': 130.0}
 
 Links = Callable[[], Sequence[Link]]
@@ -82,14 +82,14 @@ def record(name: str, waveform: Waveform, dt: float, info: RecordInfo, seed: int
 
 @functools.cache
 def bimorph_record(frequency: float, seconds: float = 6.0) -> Record:
-    """Return the bimorph driven by 1 V, as 000 (13) does."""
+    """Return the bimorph driven by 1 V, as Fujii 2018 (13) does."""
     info = RecordInfo(frequency=frequency, amplitude=1.0, warm_up=0.5 * seconds)
     return record(BIMORPH, Sine(1.0, frequency, seconds), BIMORPH_DT, info)
 
 
 @functools.cache
 def bimorph_amplitude(frequency: float) -> float:
-    """Return 000's amplitude of the reference (25) [m]."""
+    """Return Fujii 2018's amplitude of the reference (25) [m]."""
     each = bimorph_record(frequency)
     part = slice(each.warm_up_samples, None)
     u, y = each.voltage[part], each.displacement[part]
@@ -118,7 +118,7 @@ def bimorph_plays() -> tuple[Model, Mapping[str, float]]:
 
 @functools.cache
 def stack_record(frequency: float) -> Record:
-    """Return the stack of 003 driven by triangles from 0 to 100 V."""
+    """Return the stack of Xiao 2014 driven by triangles from 0 to 100 V."""
     wave = Triangle(50.0, 1.0, offset=50.0, frequency=frequency, phase=-0.5 * np.pi)
     info = RecordInfo(frequency=frequency, amplitude=50.0, warm_up=0.4)
     return record(STACK, wave, STACK_DT, info)
@@ -126,7 +126,7 @@ def stack_record(frequency: float) -> Record:
 
 @functools.cache
 def stack_steps() -> Record:
-    """Return the stack of 003 after steps of up to 2 V, small against its hysteresis."""
+    """Return the stack of Xiao 2014 after steps of up to 2 V, small against its hysteresis."""
     levels = np.random.default_rng(3).uniform(-2.0, 2.0, 60)
     voltage = np.concatenate([np.zeros(200), np.repeat(levels, 150)])
     return Record('steps', STACK_DT, voltage, plant(STACK).run(voltage))
@@ -144,7 +144,7 @@ def stack_model() -> tuple[Model, Mapping[str, float]]:
 
 
 def stage_records(frequencies: Sequence[float]) -> list[Record]:
-    """Return sines of the stage of 004 about its bias, each in its steady state."""
+    """Return sines of the stage of Fang 2019 about its bias, each in its steady state."""
     records = []
     for frequency in frequencies:
         seconds = max(4.0, 4.0 / frequency)
@@ -156,7 +156,7 @@ def stage_records(frequencies: Sequence[float]) -> list[Record]:
 
 @functools.cache
 def stage_model() -> tuple[Model, Mapping[str, float]]:
-    """Return a delay and Bouc-Wen with a rate, identified from four sines about 004's bias."""
+    """Return a delay and Bouc-Wen with a rate, from four sines about Fang 2019's bias."""
     names = ('transport_delay', 'bouc_wen_rate', 'offset')
     model = Model('stage', tuple(map(named_block, names)), {'A0': 0.0})
     start = {**model.defaults(), 'delay': 1e-3, 'A1': 1.8e-6, 'A': 0.8e-6, 'A0': 0.0,
@@ -166,7 +166,7 @@ def stage_model() -> tuple[Model, Mapping[str, float]]:
 
 @functools.cache
 def slow_stage_model() -> tuple[Model, Mapping[str, float]]:
-    """Return a delay and the classical Bouc-Wen model, from sines up to 1 Hz, as 004 has it."""
+    """Return a delay and the classical model, from sines up to 1 Hz, as Fang 2019 has it."""
     names = ('transport_delay', 'bouc_wen_exact', 'offset')
     model = Model('slow_stage', tuple(map(named_block, names)), {'A0': 0.0})
     start = {**model.defaults(), 'delay': 1e-3, 'A1': 1.8e-6, 'A': 0.8e-6, 'A0': 0.0,
@@ -175,7 +175,7 @@ def slow_stage_model() -> tuple[Model, Mapping[str, float]]:
 
 
 def flap_records() -> list[Record]:
-    """Return the sines that 002 identifies from: 60 V at 1 and at 30 Hz."""
+    """Return the sines that Zhou 2021 identifies from: 60 V at 1 and at 30 Hz."""
     records = []
     for frequency, seconds in ((1.0, 3.0), (30.0, 0.4)):
         wave = Sine(60.0, frequency, seconds)
@@ -186,7 +186,7 @@ def flap_records() -> list[Record]:
 
 @functools.cache
 def flap_by_002() -> Identification:
-    """Return 002's identification: d, k and m by (5) known, two steps by particle swarm."""
+    """Return Zhou 2021's identification: d, k and m by (5) known, two steps by particle swarm."""
     known = {'A1': 5.5e-6, 'stiffness': 8e5, 'mass': 8e5 / (2 * np.pi * 628.0) ** 2}
     chain = named('second_order').hold(**known)
     return identify(flap_records(), chain, method='zhou2021', seed=1, max_evaluations=4000)

@@ -70,7 +70,10 @@ def track(frequency: float, seconds: float = 60.0) -> tuple[float, float, float,
 
 def measure_bimorph(goals: Goals, step: float, workers: int) -> None:
     """Track 1 to 50 Hz with everything on."""
-    goals.heading('Bimorph of 000 and 001, 1 to 50 Hz, rms error with its mean, 20 to 60 s [um]')
+    goals.heading(
+        'Bimorph of Fujii 2018 and Tatebatake 2017, 1 to 50 Hz, rms error with its mean, 20 to '
+        '60 s [um]'
+    )
     frequencies = sorted({*np.arange(1.0, 50.5, step), 14.0, 23.0, 50.0})
     with ProcessPoolExecutor(workers) as pool:
         rows = list(pool.map(track, frequencies))

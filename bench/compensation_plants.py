@@ -1,4 +1,4 @@
-"""Goals of the compensation on the actuators of 002, 003 and 004."""
+"""Goals of the compensation on the actuators of Zhou 2021, Xiao 2014 and Fang 2019."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_f
 from piezo_hysteresis.identification.inverse_rows import row_of, selector_table
 from piezo_hysteresis.waveforms import Sine, Triangle, Waveform, from_spec
 
-# 003 table 1: frequency, rms and largest error without and with its compensator [um].
+# Xiao 2014 table 1: frequency, rms and largest error without and with its compensator [um].
 TABLE_1 = (
     (10.0, 4.4810, 5.7825, 1.2084, 1.4428),
     (20.0, 4.8418, 7.0556, 1.5451, 2.6404),
@@ -45,37 +45,37 @@ TABLE_1 = (
     (90.0, 8.8429, 12.0198, 3.0254, 5.4106),
     (100.0, 9.3656, 11.8839, 3.0701, 5.8218),
 )
-# 004 figures 7 to 11: largest error of PID and of the inverse with fuzzy PID [um].
+# Fang 2019 figures 7 to 11: largest error of PID and of the inverse with fuzzy PID [um].
 FANG = (
     ('6 um, 0.5 Hz', {'kind': 'sine', 'frequency': 0.5, 'amplitude': 6e-6}, 0.182, 0.057),
     ('6 um, 1 Hz', {'kind': 'sine', 'frequency': 1.0, 'amplitude': 6e-6}, 0.318, 0.045),
     ('4 um, 5 Hz', {'kind': 'sine', 'frequency': 5.0, 'amplitude': 4e-6}, 0.429, 0.078),
     ('6 um, 10 Hz', {'kind': 'sine', 'frequency': 10.0, 'amplitude': 6e-6}, 2.27, 0.179),
-    ('composite', {'kind': 'composite_004', 'amplitude': 6e-6}, 6.10, 0.36),
+    ('composite', {'kind': 'composite_fang2019', 'amplitude': 6e-6}, 6.10, 0.36),
 )
 FLAP_STROKE, FLAP_STRAIGHT = 200e-6, 4.3e-6
 
 
 @functools.cache
 def selector_values() -> dict[str, float]:
-    """Return 003's selector, fitted to ten triangles from rest, displacement to voltage."""
+    """Return Xiao 2014's selector, fitted to ten triangles from rest, displacement to voltage."""
     return selector_table([row_of(loops.stack_record(row[0])) for row in TABLE_1])
 
 
 @functools.cache
 def stack_plant() -> TransferFunction:
-    """Return 003's transfer function, from small steps about the middle of the range."""
+    """Return Xiao 2014's transfer function, from small steps about the middle of the range."""
     return fit_transfer_function([loops.stack_steps()], 3, 1)
 
 
 def stack_reference(frequency: float) -> Waveform:
-    """Return 003's triangle of 30 um peak to peak, from rest at 0."""
+    """Return Xiao 2014's triangle of 30 um peak to peak, from rest at 0."""
     return Triangle(15e-6, 2.0, offset=15e-6, frequency=frequency, phase=-0.5 * np.pi)
 
 
 @functools.cache
 def stack_design() -> HInfinityDesign:
-    """Return the controller for what was identified; 003 prints no weights, these are met."""
+    """Return the controller for what was identified; Xiao 2014 prints no weights."""
     found = stack_plant()
     plant = transfer_function(found.numerator, found.denominator)
     weights = HInfinityWeights(150.0, peak=2.0, control=0.3)
@@ -83,7 +83,7 @@ def stack_design() -> HInfinityDesign:
 
 
 def stack_links(kind: str, selector: Mapping[str, float]) -> list[Link]:
-    """Return the chain called `kind` for 003's stack."""
+    """Return the chain called `kind` for Xiao 2014's stack."""
     dt, limits = loops.STACK_DT, loops.STACK_LIMITS
     if kind == 'none':
         return [loops.Straight(0.3e-6)]
@@ -124,9 +124,9 @@ def stack_row(frequency: float, selector: Mapping[str, float]) -> dict[str, tupl
 
 
 def measure_stack(goals: Goals) -> None:
-    """Beat 003's table 1 in every row."""
+    """Beat Xiao 2014's table 1 in every row."""
     goals.heading(
-        'Stack of 003, triangles of 30 um peak to peak, rms (largest), mean included [um]'
+        'Stack of Xiao 2014, triangles of 30 um peak to peak, rms (largest), mean included [um]'
     )
     selector = selector_values()
     for frequency, none, _, paper, paper_largest in TABLE_1:
@@ -143,9 +143,9 @@ def measure_stack(goals: Goals) -> None:
 
 
 def flap_links(kind: str, values: Mapping[str, float] | None) -> list[Link]:
-    """Return the chain called `kind` for 002's actuator with a model of these values.
+    """Return the chain called `kind` for Zhou 2021's actuator with a model of these values.
 
-    Without values those of 002's own identification, inverted by its equation (8).
+    Without values those of Zhou 2021's own identification, inverted by its equation (8).
     """
     dt, limits = loops.FLAP_DT, loops.FLAP_LIMITS
     model, _ = loops.flap_model()
@@ -173,7 +173,7 @@ def flap_mismatches() -> dict[str, dict[str, float]]:
     for name in ('A1', 'A', 'beta', 'gamma', 'damping_ratio'):
         for factor in (0.9, 1.1):
             values = {**found, name: factor * found[name]}
-            if name == 'A1':  # d of 002 scales the linear and the hysteretic share
+            if name == 'A1':  # d of Zhou 2021 scales the linear and the hysteretic share
                 values['A'] = factor * found['A']
             cases[f'{name} {100 * (factor - 1):+.0f} %'] = values
     return cases
@@ -190,8 +190,8 @@ def flap_error(kind: str, frequency: float, values: Mapping[str, float]) -> floa
 
 
 def measure_flap(goals: Goals) -> None:
-    """Stay below 002's 14 and 9 um at every frequency with 10 % of mismatch."""
-    goals.heading('Actuator of 002, +-200 um, largest error [um]; paper at 10 Hz: 65, 14, 9')
+    """Stay below Zhou 2021's 14 and 9 um at every frequency with 10 % of mismatch."""
+    goals.heading('Actuator of Zhou 2021, +-200 um, largest error [um]; paper at 10 Hz: 65, 14, 9')
     cases = flap_mismatches()
     for frequency in (10.0, 20.0, 30.0, 40.0, 50.0, 60.0):
         none = flap_error('none', frequency, cases['as identified']) * 1e6
@@ -209,12 +209,12 @@ def measure_flap(goals: Goals) -> None:
 
 
 STAGE_GAIN = 1.4e-6
-# 004 prints KD = 120 without a unit; V s/m is our reading, the other gains are ours.
+# Fang 2019 prints KD = 120 without a unit; V s/m is our reading, the other gains are ours.
 STAGE_GAINS = PidGains(0.2 / STAGE_GAIN, 200.0 / STAGE_GAIN, 120.0)
 
 
 def stage_links(kind: str) -> list[Link]:
-    """Return the chain called `kind` for 004's stage."""
+    """Return the chain called `kind` for Fang 2019's stage."""
     dt, limits = loops.STAGE_DT, loops.STAGE_LIMITS
     chain: list[Link] = []
     if kind != 'PID':
@@ -251,8 +251,8 @@ def stage_error(kind: str, spec: Mapping[str, object]) -> float:
 
 
 def measure_stage(goals: Goals) -> None:
-    """Stay below every error that 004 prints."""
-    goals.heading('Stage of 004, largest error [um]')
+    """Stay below every error that Fang 2019 prints."""
+    goals.heading('Stage of Fang 2019, largest error [um]')
     for name, spec, paper_pid, paper in FANG:
         row = {kind: stage_error(kind, spec) * 1e6 for kind in STAGE_KINDS}
         goals.note(

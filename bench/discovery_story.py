@@ -2,11 +2,11 @@
 
     python bench/discovery_story.py --baselines extended,classical,modified --workers 2
 
-The simulated bimorph of 000 is swept from 1 to 50 Hz and every baseline is given to the discovery.
-Written are, per baseline, the folder that ``discover`` leaves and, for all of them, a table
-(story.md) and a picture over frequency (story.png), 000's Figure 10 with what was found in the
-place of what its authors knew. 000 names 14 Hz, whose fifth harmonic lands on the mode, and 23 Hz,
-whose third does.
+The simulated bimorph of Fujii 2018 is swept from 1 to 50 Hz and every baseline is given to the
+discovery. Written are, per baseline, the folder that ``discover`` leaves and, for all of them, a
+table (story.md) and a picture over frequency (story.png), Fujii 2018's Figure 10 with what was
+found in the place of what its authors knew. Fujii 2018 names 14 Hz, whose fifth harmonic lands on
+the mode, and 23 Hz, whose third does.
 """
 
 from __future__ import annotations

@@ -126,11 +126,13 @@ def parked() -> None:
         _, error, _ = filt.run(1e3 * y[:60_000], columns)
     lost = np.flatnonzero(~np.isfinite(error))
     when = f'NaN from {lost[0] * DT:.1f} s on' if lost.size else 'stays finite'
-    print(f'  padasip FilterRLS on the seven columns of 000 (10), moving then parked: {when}')
+    print(
+        f'  padasip FilterRLS on the seven columns of Fujii 2018 (10), moving then parked: {when}'
+    )
 
 
 def papers_columns(u: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the regressor of 000 (10) with the true h, y in mm."""
+    """Return the regressor of Fujii 2018 (10) with the true h, y in mm."""
     model = named('classical')
     values = model.defaults() | {'A1': 0.0}
     h = -1e3 * model.respond(u, model.pack(values), DT)
@@ -150,7 +152,7 @@ def papers_columns(u: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def bimorph(seconds: float, frequencies: range | tuple[int, ...]) -> list[Record]:
-    """Simulate the bimorph of 000 with sines of 1 V."""
+    """Simulate the bimorph of Fujii 2018 with sines of 1 V."""
     specs = [
         {'kind': 'sine', 'frequency': float(f), 'amplitude': 1.0, 'duration': seconds,
          'name': f'{f} Hz', 'warm_up': 1.0}
@@ -170,7 +172,7 @@ def big(seconds: float) -> None:
     for record in records:
         rls.reset()
         rls.update_many(record.voltage, record.displacement)
-    print(f'  RLS of 000: {time.perf_counter() - begun:.2f} s')
+    print(f'  RLS of Fujii 2018: {time.perf_counter() - begun:.2f} s')
     output_error(named('bouc_wen_mode'), records[:2], count=1)
     begun = time.perf_counter()
     result = output_error(named('bouc_wen_mode'), records, workers=2)

@@ -16,7 +16,7 @@ from pathlib import Path
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench import papers_000, papers_001, papers_003, papers_loops, papers_stacks
+from bench import papers_fujii, papers_loops, papers_stacks, papers_tatebatake, papers_xiao
 from bench.papers_bimorph import FULL, QUICK
 from bench.papers_page import Entry, page, save
 
@@ -26,11 +26,11 @@ def reproduce(quick: bool = False) -> list[Entry]:
     length = QUICK if quick else FULL
     return [
         *papers_loops.bimorph_loops(),
-        *papers_000.entries(length),
-        *papers_001.entries(length),
+        *papers_fujii.entries(length),
+        *papers_tatebatake.entries(length),
         *papers_loops.flap_loops(),
         *papers_stacks.flap_entries(quick),
-        *papers_003.entries(quick),
+        *papers_xiao.entries(quick),
         *papers_loops.stage_loops(quick),
         *papers_stacks.stage_entries(quick),
     ]

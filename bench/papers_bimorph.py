@@ -1,4 +1,4 @@
-"""Data and figures of 000 and 001: the bimorph, its models by the papers' RLS, its control."""
+"""Data and figures of Fujii 2018 and Tatebatake 2017: the bimorph, its models and control."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def lines(signal: FloatArray, frequency: float, orders: Sequence[int]) -> dict[i
 
 
 def order_of(frequency: float) -> int:
-    """Return the harmonic with which 000 enhances the model at `frequency`, 0 for none."""
+    """Return the harmonic with which Fujii 2018 enhances the model at `frequency`, 0 for none."""
     return 5 if frequency in FIFTH else 3 if frequency in THIRD else 0
 
 
@@ -79,7 +79,7 @@ def rls(frequency: float, harmonic: int, seconds: float) -> OnlineRls:
 
 @jit
 def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) -> None:
-    """Fit 001 (18) by the papers' RLS in place: theta is A1, A, beta, gamma.
+    """Fit Tatebatake 2017 (18) by the papers' RLS in place: theta is A1, A, beta, gamma.
 
     ``y = A1 u - A S(du) + beta S(|du| h) + gamma S(|h| du)``, h by its own recursion with the
     present estimates.
@@ -99,7 +99,7 @@ def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) ->
 
 @functools.cache
 def basic(frequency: float, seconds: float) -> Mapping[str, float]:
-    """Return the basic model 001 (18) after one record, in mm and from the papers' start."""
+    """Return Tatebatake 2017's basic model (18) after one record, in mm, from its start."""
     each = loops.bimorph_record(frequency, seconds)
     theta, p = np.array([0.01, 0.005, 0.001, 0.001]), np.eye(4)
     basic_rls(each.voltage, each.displacement * 1e3, theta, p)
@@ -147,10 +147,10 @@ def papers_feedforward(frequency: float, kind: str, seconds: float) -> Link:
 def links(frequency: float, kind: str, seconds: float) -> list[Link]:
     """Return the chain called `kind`.
 
-    ``basic``, ``extended``: the papers' feedforward, the latter by 000 (16), (17); ``printed`` by
-    001 (12) as it stands; ``proposed``: 000's feedforward from the enhanced model with its RLS
-    attenuation, its sign computed, and ``proposed, printed sign``; ``ours``: the identified
-    physical inverse with cancellation of several orders.
+    ``basic``, ``extended``: the papers' feedforward, the latter by Fujii 2018 (16), (17);
+    ``printed`` by Tatebatake 2017 (12) as it stands; ``proposed``: Fujii 2018's feedforward from
+    the enhanced model with its RLS attenuation, its sign computed, and ``proposed, printed sign``;
+    ``ours``: the identified physical inverse with cancellation of several orders.
     """
     if kind == 'ours':
         model, values = loops.bimorph_model()
@@ -180,7 +180,7 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
 
 @functools.cache
 def tracked(frequency: float, kind: str, length: Length) -> LoopResult:
-    """Return a run of 000 (24), (25): a sine of the amplitude that 1 V gives."""
+    """Return a run of Fujii 2018 (24), (25): a sine of the amplitude that 1 V gives."""
     wave = Sine(loops.bimorph_amplitude(frequency), frequency, length.track, ramp=1.0)
     return loops.run(
         wave,

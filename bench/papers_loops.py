@@ -19,7 +19,8 @@ from piezo_hysteresis.records import Record
 _LOOPS = 3.0
 """Seconds of a record of the bimorph; the last periods are drawn."""
 
-# Like those of 001, chosen to show the shape: its RLS finds no loop in the basic model at 1 Hz.
+# Like those of Tatebatake 2017, chosen to show the shape: its RLS finds no loop in the basic model
+# at 1 Hz.
 _FICTITIOUS = {'A1': 170e-6, 'A': 60e-6, 'beta': 2.0, 'gamma': 0.5}
 
 
@@ -63,7 +64,7 @@ def width(curve: tuple[FloatArray, FloatArray]) -> float:
 
 
 def modelled(frequency: float, kind: str) -> tuple[FloatArray, FloatArray]:
-    """Return a loop of a model of 000 or 001."""
+    """Return a loop of a model of Fujii 2018 or Tatebatake 2017."""
     each = loops.bimorph_record(frequency, _LOOPS)
     if kind == 'extended':
         answer = bimorph.rls(frequency, 0, 20.0).free_run(each.voltage)
@@ -76,7 +77,7 @@ def modelled(frequency: float, kind: str) -> tuple[FloatArray, FloatArray]:
 
 
 def bimorph_loops() -> list[Entry]:
-    """Return the first figures of 000 and 001."""
+    """Return the first figures of Fujii 2018 and Tatebatake 2017."""
     seen = {f: last(loops.bimorph_record(f, _LOOPS)) for f in (1.0, 2.0, 30.0, 35.0)}
     centre = 1e6 * float(0.5 * (seen[1.0][1].max() + seen[1.0][1].min()))
     lag = bimorph.phase_difference(
@@ -88,30 +89,33 @@ def bimorph_loops() -> list[Entry]:
     fictitious = 'parameters fictitious, as in the paper'
     ours = 'with identified parameters; those of the paper are fictitious'
     return [
-        Entry('000', 'Figure 2', 'loop at a low frequency', 'off-centre, not symmetric',
+        Entry('Fujii 2018', 'Figure 2', 'loop at a low frequency', 'off-centre, not symmetric',
               f'centre of the loop at {centre:+.1f} um, {width(seen[1.0]):.0f} % open',
               drawn({'1 Hz': seen[1.0]}), numbers={'centre': centre}),
-        Entry('000', 'Figure 3', 'loop at 35 Hz', 'smooth at the tips, the output lags',
+        Entry('Fujii 2018', 'Figure 3', 'loop at 35 Hz', 'smooth at the tips, the output lags',
               f'lag {-lag:.1f} degrees, {width(seen[35.0]):.0f} % open',
               drawn({'35 Hz': seen[35.0]}),
               numbers={'lag': -lag}),
-        Entry('000', 'Figure 4', 'response of the extended model', 'a smooth, rounded loop',
+        Entry('Fujii 2018', 'Figure 4', 'response of the extended model', 'a smooth, rounded loop',
               f'rounded, {width(smooth):.0f} % open at 30 Hz', drawn({'30 Hz': smooth}), ours),
-        Entry('001', 'Figure 1', 'response of the basic model', 'symmetric, pointed loop',
+        Entry('Tatebatake 2017', 'Figure 1', 'response of the basic model',
+              'symmetric, pointed loop',
               f'mean {1e6 * np.mean(basic[1]):+.2f} um, {width(basic):.0f} % open',
               drawn({'basic, 1 Hz': basic}), fictitious),
-        Entry('001', 'Figure 2', 'observed loop', 'off-centre, not symmetric',
+        Entry('Tatebatake 2017', 'Figure 2', 'observed loop', 'off-centre, not symmetric',
               f'centre of the loop at {centre:+.1f} um', drawn({'1 Hz': seen[1.0]})),
-        Entry('001', 'Figure 3', 'response of the modified model', 'off-centre',
+        Entry('Tatebatake 2017', 'Figure 3', 'response of the modified model', 'off-centre',
               f'the mean moves by {shift:+.2f} um with A0 = A / 10', drawn({'modified': moved}),
               fictitious),
-        Entry('001', 'Figure 5', 'response of the extended model', 'off-centre and rounded',
+        Entry('Tatebatake 2017', 'Figure 5', 'response of the extended model',
+              'off-centre and rounded',
               f'rounded, {width(smooth):.0f} % open at 30 Hz', drawn({'30 Hz': smooth}), ours),
-        Entry('001', 'Figure 6', 'actuator at 2 Hz', 'pointed tips',
+        Entry('Tatebatake 2017', 'Figure 6', 'actuator at 2 Hz', 'pointed tips',
               f'{width(seen[2.0]):.0f} % open', drawn({'2 Hz': seen[2.0]})),
-        Entry('001', 'Figure 7', 'actuator at a higher frequency', 'rounded tips, wider',
+        Entry('Tatebatake 2017', 'Figure 7', 'actuator at a higher frequency',
+              'rounded tips, wider',
               f'{width(seen[30.0]):.0f} % open at 30 Hz', drawn({'30 Hz': seen[30.0]})),
-        Entry('001', 'Figure 8', 'extended model at several frequencies',
+        Entry('Tatebatake 2017', 'Figure 8', 'extended model at several frequencies',
               'loops that change with the frequency',
               ', '.join(f'{f:.0f} Hz {width(modelled(f, "extended")):.0f} % open'
                         for f in (2.0, 10.0, 30.0)),
@@ -120,7 +124,7 @@ def bimorph_loops() -> list[Entry]:
 
 
 def flap_loops() -> list[Entry]:
-    """Return figure 3 of 002."""
+    """Return figure 3 of Zhou 2021."""
 
     def measured(frequency: float) -> tuple[FloatArray, FloatArray]:
         seconds = max(0.5, 3.0 / frequency)
@@ -133,7 +137,7 @@ def flap_loops() -> list[Entry]:
     seen = {f: measured(f) for f in (1.0, 5.0, 10.0, 20.0, 40.0, 60.0)}
     stroke = {f: 1e6 * float(np.ptp(y)) / 2 for f, (_, y) in seen.items()}
     return [
-        Entry('002', 'Figure 3', 'loops from 1 to 60 Hz',
+        Entry('Zhou 2021', 'Figure 3', 'loops from 1 to 60 Hz',
               'alike up to 10 Hz, much wider above; the stroke hardly changes',
               'opening ' + ', '.join(f'{f:.0f} Hz {width(each):.0f} %' for f, each in seen.items())
               + f'; stroke +-{stroke[1.0]:.0f} um at 1 Hz, +-{stroke[60.0]:.0f} um at 60 Hz',
@@ -145,7 +149,7 @@ def flap_loops() -> list[Entry]:
 
 @functools.cache
 def stage_by_004(evaluations: int) -> Identification:
-    """Return 004's identification: the modified law by its swarm, from sines up to 10 Hz."""
+    """Return Fang 2019's identification: the modified law by its swarm, from sines up to 10 Hz."""
     records = loops.stage_records((0.5, 1.0, 5.0, 10.0))
     return identify(
         records,
@@ -158,7 +162,7 @@ def stage_by_004(evaluations: int) -> Identification:
 
 
 def stage_loops(quick: bool) -> list[Entry]:
-    """Return figures 3 and 4 and table 1 of 004."""
+    """Return figures 3 and 4 and table 1 of Fang 2019."""
     records: Sequence[Record] = loops.stage_records((0.5, 1.0, 5.0, 10.0))
     seen = {each.info.frequency: last(each, 1.0) for each in records}
     found = stage_by_004(600 if quick else 6000)
@@ -183,13 +187,14 @@ def stage_loops(quick: bool) -> list[Entry]:
         'of another rate-dependent hysteresis'
     )
     return [
-        Entry('004', 'Figure 3', 'loops from 0.5 to 10 Hz',
+        Entry('Fang 2019', 'Figure 3', 'loops from 0.5 to 10 Hz',
               'hardly change up to 1 Hz; above wider and lower',
               f'opening {wide}; height [um] {high}',
               together({f'{f:g} Hz': each for f, each in seen.items()})),
-        Entry('004', 'Figure 4', 'modified model and measurement', 'good agreement, no number',
+        Entry('Fang 2019', 'Figure 4', 'modified model and measurement',
+              'good agreement, no number',
               f'errors as shares of what moves: {errors}, by the modified swarm (fang2019)', draw,
               why, {'worst': max(r.nrmse_percent for r in found.records)}),
-        Entry('004', 'Table 1', 'parameters of the modified model', 'missing from the text',
+        Entry('Fang 2019', 'Table 1', 'parameters of the modified model', 'missing from the text',
               values, draw, why),
     ]  # fmt: skip

@@ -12,24 +12,24 @@ from matplotlib.figure import Figure
 from piezo_hysteresis.arrays import FloatArray
 
 PAPERS = {
-    '000': 'Fujii, Tatebatake, Morita and Shiinoki 2018 (bimorph, odd harmonic oscillation)',
-    '001': 'Tatebatake and Fujii 2017 (bimorph, extended model)',
-    '002': 'Zhou, Dong and Yang 2021 (actuator of a rotor flap)',
-    '003': 'Xiao and Li 2014 (stack, inverse Bouc-Wen)',
-    '004': 'Fang, Li, Zhong and Long 2019 (stage, fuzzy PID)',
+    'Fujii 2018': 'Fujii, Tatebatake, Morita, Shiinoki 2018 (bimorph, odd harmonic oscillation)',
+    'Tatebatake 2017': 'Tatebatake and Fujii 2017 (bimorph, extended model)',
+    'Zhou 2021': 'Zhou, Dong and Yang 2021 (actuator of a rotor flap)',
+    'Xiao 2014': 'Xiao and Li 2014 (stack, inverse Bouc-Wen)',
+    'Fang 2019': 'Fang, Li, Zhong and Long 2019 (stage, fuzzy PID)',
 }
 
 # What no run of a simulated actuator answers, and why.
 MISSING: dict[str, tuple[str, ...]] = {
-    '000': ('Figures 1, 9, 12, 14: photograph and block diagrams.',),
-    '001': ('Figures 4, 9, 10: block diagrams.',),
-    '002': (
+    'Fujii 2018': ('Figures 1, 9, 12, 14: photograph and block diagrams.',),
+    'Tatebatake 2017': ('Figures 4, 9, 10: block diagrams.',),
+    'Zhou 2021': (
         'Figures 1, 2, 4, 8, 10: photographs and block diagrams.',
         'Figure 5: flow chart of the swarm; it is `identify --method zhou2021`.',
         'Table 1: data of the actuator; they are the preset.',
     ),
-    '003': ('Figures 1, 2, 6, 9, 10, 11, 13: photographs and block diagrams.',),
-    '004': (
+    'Xiao 2014': ('Figures 1, 2, 6, 9, 10, 11, 13: photographs and block diagrams.',),
+    'Fang 2019': (
         'Figures 1, 2, 5, 6: drawings and block diagrams.',
         'Table 2: its rules are missing; ours are a file, `compensate --fuzzy-tables`.',
     ),
@@ -45,7 +45,7 @@ class Entry:
     Attributes
     ----------
     paper : str
-        000 to 004.
+        Fujii 2018 to Fang 2019.
     name : str
         ``Figure 10``, ``Table 1``.
     shows : str
@@ -77,7 +77,8 @@ class Entry:
     @property
     def picture(self) -> str:
         """Name of the file of the picture."""
-        return f'{self.paper}_{self.name.lower().replace(" ", "_").replace(",", "")}.png'
+        key = self.paper.lower().replace(' ', '')
+        return f'{key}_{self.name.lower().replace(" ", "_").replace(",", "")}.png'
 
 
 def save(entry: Entry, folder: Path, dpi: int = 100) -> None:

@@ -1,4 +1,4 @@
-"""The control figures and tables of 002 and 004."""
+"""The control figures and tables of Zhou 2021 and Fang 2019."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def flap_model_error(frequency: float) -> tuple[FloatArray, FloatArray, FloatArr
 
 
 def flap_table() -> Entry:
-    """Return table 2 of 002: what its two steps find."""
+    """Return table 2 of Zhou 2021: what its two steps find."""
     found = loops.flap_by_002()
     v, d = found.values, found.values['A1']
     rows = {'alpha': (v['A'] / d, 0.61), 'beta': (v['beta'], 0.039), 'gamma': (v['gamma'], 0.0065),
@@ -48,7 +48,7 @@ def flap_table() -> Entry:
         finish(axis, '', 'found here over printed')
 
     return Entry(
-        '002', 'Table 2', 'identified parameters',
+        'Zhou 2021', 'Table 2', 'identified parameters',
         'alpha 0.61, beta 0.039 /V, gamma 0.0065 /V, b 513 N s/m; m 5.4e-5 kg, k 8.0e5 N/m, '
         'd 5.5e-6 mm/V',
         f'alpha {rows["alpha"][0]:.3f}, beta {rows["beta"][0]:.4f} /V, gamma '
@@ -62,7 +62,7 @@ def flap_table() -> Entry:
 
 
 def flap_models() -> list[Entry]:
-    """Return figures 6 and 7 of 002."""
+    """Return figures 6 and 7 of Zhou 2021."""
     data = {f: flap_model_error(f) for f in (1.0, *FLAP_FREQUENCIES)}
 
     def drawing(frequencies: Sequence[float]) -> Draw:
@@ -78,10 +78,10 @@ def flap_models() -> list[Entry]:
     worst = max(data[f][3] for f in FLAP_FREQUENCIES) * 1e6
     same = 'the model is of the kind that the simulated actuator is made of'
     return [
-        Entry('002', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
+        Entry('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
               f'rms error {data[1.0][3] * 1e6:.2f} um of +-{data[1.0][1].max() * 1e6:.0f} um, by '
-              'the two steps of 002', drawing((1.0,)), same, {'error': data[1.0][3] * 1e6}),
-        Entry('002', 'Figure 7', 'model at 10 to 60 Hz',
+              'the two steps of Zhou 2021', drawing((1.0,)), same, {'error': data[1.0][3] * 1e6}),
+        Entry('Zhou 2021', 'Figure 7', 'model at 10 to 60 Hz',
               'captures the rate dependence in a wide range, no number',
               f'rms error at most {worst:.2f} um; the damping alone widens the loops',
               drawing(FLAP_FREQUENCIES), same, {'error': worst}),
@@ -89,7 +89,7 @@ def flap_models() -> list[Entry]:
 
 
 def flap_run(kind: str, wave: Waveform) -> LoopResult:
-    """Return a run of 002's actuator: by its own model and law, or with ``ours`` by the fit."""
+    """Return a run of Zhou 2021's actuator: by its own model and law, or by the fit (``ours``)."""
     own = kind.startswith('ours ')
     values = loops.flap_model()[1] if own else None
     kind = kind.removeprefix('ours ')
@@ -100,7 +100,7 @@ def flap_run(kind: str, wave: Waveform) -> LoopResult:
 
 
 def flap_control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
-    """Return figures 9, 11 and 12 of 002."""
+    """Return figures 9, 11 and 12 of Zhou 2021."""
     kinds = ('none', 'inverse', 'PID', 'ours inverse', 'ours compound')
     runs = {
         (kind, f): flap_run(kind, Sine(plants.FLAP_STROKE, f, seconds, ramp=0.3))
@@ -147,14 +147,15 @@ def flap_control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
     )
     better = 'exact inverse of a joint fit, and cancellation of orders 1, 2, 3, 5 with PID: '
     return [
-        Entry('002', 'Figure 9', 'feedforward at 10 Hz', '65 um without, about 14 um with it',
+        Entry('Zhou 2021', 'Figure 9', 'feedforward at 10 Hz',
+              '65 um without, about 14 um with it',
               f'{ten[0]:.0f} um without, {ten[1]:.1f} um with (8)', draw_9, why,
               {'none': ten[0], 'inverse': ten[1]},
               f'exact inverse {worst["ours inverse", 10.0]:.1f} um'),
-        Entry('002', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
+        Entry('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
               'straight lines, largest error '
               f'{max(worst["PID", f] for f in frequencies):.1f} um', draw_11, why),
-        Entry('002', 'Figure 12', 'errors without, with feedforward, with compound control',
+        Entry('Zhou 2021', 'Figure 12', 'errors without, with feedforward, with compound control',
               'largest at 10 Hz 65, 14 and 9 um; other frequencies without numbers',
               'largest errors without / (8) / (8) and PID [um]: '
               + listed('none', 'inverse', 'PID'), draw_12, why,
@@ -164,9 +165,9 @@ def flap_control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
 
 
 def flap_composites(seconds: float) -> Entry:
-    """Return figure 13 of 002."""
+    """Return figure 13 of Zhou 2021."""
     runs = {}
-    for kind in ('composite_002_low', 'composite_002_high'):
+    for kind in ('composite_zhou2021_low', 'composite_zhou2021_high'):
         spec = {'kind': kind, 'amplitude': plants.FLAP_STROKE, 'duration': seconds, 'ramp': 0.3}
         for chain in ('none', 'inverse', 'PID', 'ours inverse'):
             runs[kind, chain] = flap_run(chain, from_spec(spec))
@@ -174,16 +175,17 @@ def flap_composites(seconds: float) -> Entry:
              runs.items()}  # fmt: skip
 
     def draw(figure: Figure) -> None:
-        for axis, kind in zip(figure.subplots(1, 2), ('composite_002_low', 'composite_002_high'),
-                              strict=True):  # fmt: skip
+        kinds = ('composite_zhou2021_low', 'composite_zhou2021_high')
+        for axis, kind in zip(figure.subplots(1, 2), kinds, strict=True):
             for chain, name in (('none', 'none'), ('inverse', '(8)'), ('PID', '(8) and PID')):
                 r = runs[kind, chain]
                 axis.plot(r.time[-1000:], r.error[-1000:] * 1e6, lw=0.8, label=name)
             finish(axis, 'time [s]', 'error [µm]', kind)
 
-    low, high = 'composite_002_low', 'composite_002_high'
+    low, high = 'composite_zhou2021_low', 'composite_zhou2021_high'
     return Entry(
-        '002', 'Figure 13', 'sums of three sinusoids', 'errors reduced dramatically, no numbers',
+        'Zhou 2021', 'Figure 13', 'sums of three sinusoids',
+        'errors reduced dramatically, no numbers',
         f'20/30/40 Hz {worst[low, "none"]:.0f} -> {worst[low, "inverse"]:.1f} -> '
         f'{worst[low, "PID"]:.1f} um ((8), (8) and PID); 40/50/60 Hz '
         f'{worst[high, "none"]:.0f} -> {worst[high, "inverse"]:.1f} -> {worst[high, "PID"]:.1f}',
@@ -195,7 +197,7 @@ def flap_composites(seconds: float) -> Entry:
 
 
 def stage_figures(names: Sequence[str]) -> list[Entry]:
-    """Return figures 7 to 11 of 004."""
+    """Return figures 7 to 11 of Fang 2019."""
     found = []
     for number, (name, spec, pid, compound) in enumerate(plants.FANG, start=7):
         if name not in names:
@@ -222,11 +224,12 @@ def stage_figures(names: Sequence[str]) -> list[Entry]:
         others = ', '.join(f'{k} {worst[k]:.3f}' for k in plants.STAGE_KINDS[1:5])
         wins = 'the PID of the paper is better than this one' if worst['PID'] > pid else ''
         found.append(
-            Entry('004', f'Figure {number}', name,
+            Entry('Fang 2019', f'Figure {number}', name,
                   f'largest error {pid} um with PID, {compound} um with inverse and fuzzy PID',
                   f'{worst["PID"]:.3f} um with PID, {ours:.3f} um with the inverse switched at 1 '
                   'Hz and fuzzy PID' + (f'; {wins}' if wins else ''), draw,
-                  'law, rule table and all gains but KD = 120 (read as V s/m) of 004 are missing '
+                  'law, rule table and all gains but KD = 120 (read as V s/m) of Fang 2019 are '
+                  'missing '
                   'from its text; the encoder is assumed to have 5 nm steps and 3 nm noise, and '
                   'the feedforward comes down to them by itself, so that fuzzy PID has nothing to '
                   'gain here',
@@ -238,7 +241,7 @@ def stage_figures(names: Sequence[str]) -> list[Entry]:
 
 
 def flap_entries(quick: bool = False) -> list[Entry]:
-    """Return every figure and table of 002 that is reproduced."""
+    """Return every figure and table of Zhou 2021 that is reproduced."""
     if quick:
         return [flap_table(), *flap_models(), *flap_control((10.0,), 1.0)]
     return [
@@ -250,5 +253,5 @@ def flap_entries(quick: bool = False) -> list[Entry]:
 
 
 def stage_entries(quick: bool = False) -> list[Entry]:
-    """Return figures 7 to 11 of 004."""
+    """Return figures 7 to 11 of Fang 2019."""
     return stage_figures(['4 um, 5 Hz'] if quick else [row[0] for row in plants.FANG])

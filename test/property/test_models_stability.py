@@ -137,7 +137,7 @@ def test_exact_step_does_not_care_where_it_is_cut(u, start, split, beta, gamma, 
     share=st.floats(-0.9, 1.0),
 )
 def test_inverse_law_is_solved_exactly(x, a, beta, share):
-    """Putting the answer into the printed law of 003 returns the voltage."""
+    """Putting the answer into the printed law of Xiao 2014 returns the voltage."""
     block = BLOCKS['inverse_bouc_wen']
     gamma = share * beta
     values = {

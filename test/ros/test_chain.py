@@ -31,7 +31,7 @@ DT = 1e-3
 FREQUENCY, AMPLITUDE = 10.0, 8e-5
 SINE = Sine(AMPLITUDE, FREQUENCY, 1000.0, ramp=0.2)
 GAIN = 1.2857e-4
-# 000 (3) for the simulated bender: the all-pole form has the gain 1 / (-c1 - c2) at rest.
+# Fujii 2018 (3) for the simulated bender: the all-pole form has the gain 1 / (-c1 - c2) at rest.
 C1, C2 = 0.4752, -0.7983
 MODEL = {
     'A1': 1.0e-4 * (-C1 - C2),

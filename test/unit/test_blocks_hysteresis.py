@@ -96,7 +96,7 @@ def test_exponent_keeps_the_height_of_the_loop():
 
 
 def test_zhou_moves_257_micrometres_at_60_volts():
-    """002 Table 2 with its units mended."""
+    """Zhou 2021 Table 2 with its units mended."""
     d, alpha, beta, gamma = 5.5e-6, 0.61, 0.039, 0.0065
     saturation = d * alpha / (beta + gamma)
     assert saturation == pytest.approx(73.7e-6, rel=0.01)

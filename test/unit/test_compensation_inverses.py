@@ -171,7 +171,7 @@ def test_extended_inverse_is_the_printed_pair_of_equations():
 
 
 def test_the_law_of_tatebatake_and_fujii_is_their_equation_as_printed():
-    """001 (12): h of the sample before, divided by A1, with the sign of A0 that 000 has."""
+    """Tatebatake 2017 (12): h of the sample before, over A1, with the sign of A0 of Fujii 2018."""
     p = {'A1': 50e-6, 'A': 10e-6, 'A0': 2e-6, 'beta': 1.0, 'gamma': 0.3, **AR}
     d = reference(14.0, 1.0, 60e-6).value
     printed = []

@@ -11,7 +11,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function
 from piezo_hysteresis.records import Record, write_csv
 
-# 003 (4), from volt to metre.
+# Xiao 2014 (4), from volt to metre.
 TOP, BOTTOM = np.array([1.135, 35.77]), np.array([1.0, 3960.0, 5.046e6, 1.452e8])
 DT = 1e-4
 

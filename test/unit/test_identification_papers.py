@@ -238,7 +238,7 @@ def test_constants_of_a_swarm_are_options() -> None:
 
 
 def lagging(values: dict[str, float], u: np.ndarray) -> np.ndarray:
-    """Return the output [m] of 001 (8) for an actuator without hysteresis."""
+    """Return the output [m] of Tatebatake 2017 (8) for an actuator without hysteresis."""
     y = np.zeros(u.size + 2)
     for k, voltage in enumerate(u, start=2):
         y[k] = y[k - 1] + values['c1'] * y[k - 2] + values['c2'] * y[k - 1]

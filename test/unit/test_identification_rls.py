@@ -32,7 +32,7 @@ def sine(frequency: float, seconds: float) -> np.ndarray:
 
 
 def by_the_book(u: np.ndarray, y: np.ndarray, s: RlsSettings) -> np.ndarray:
-    """000 (8)-(12), 001 (8)-(11), written down literally with NumPy; y in the working unit."""
+    """Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), literally; y in the working unit."""
     n = 7 + s.offset + (4 if s.harmonic else 0)
     theta, p = np.zeros(n), np.eye(n)
     theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001

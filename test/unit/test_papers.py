@@ -13,11 +13,11 @@ sys.path.insert(0, str(ROOT))
 from bench import (  # noqa: E402
     closed_loops,
     compensation_plants,
-    papers_000,
-    papers_001,
-    papers_003,
+    papers_fujii,
     papers_loops,
     papers_stacks,
+    papers_tatebatake,
+    papers_xiao,
 )
 from bench.papers_bimorph import QUICK, Length  # noqa: E402
 from bench.papers_page import PAPERS, Entry, page, save  # noqa: E402
@@ -30,71 +30,71 @@ def numbers(entry: Entry) -> dict[str, float]:
 
 
 def test_odd_harmonics_stand_out_at_14_and_23_hz_only():
-    shares = numbers(papers_000.figure_6())
+    shares = numbers(papers_fujii.figure_6())
     assert shares['23'] > 0.3
     assert shares['14'] > 0.05
     assert max(shares['1'], shares['15']) < 0.04
 
 
 def test_resonance_and_the_turn_of_the_polarity():
-    assert 67 <= numbers(papers_000.figure_7())['peak'] <= 71
-    phases = numbers(papers_000.figure_15())
+    assert 67 <= numbers(papers_fujii.figure_7())['peak'] <= 71
+    phases = numbers(papers_fujii.figure_15())
     assert phases['66'] > -90 > phases['69']
 
 
 def test_the_enhanced_model_mends_what_the_extended_one_misses():
-    errors = numbers(papers_000.figure_10(SHORT))
+    errors = numbers(papers_fujii.figure_10(SHORT))
     assert errors['extended 23'] > 10 * errors['enhanced 23']
     assert errors['extended 14'] > 1.8 * errors['enhanced 14']
 
 
 def test_the_tracking_error_at_23_hz_is_the_third_harmonic_and_is_attenuated():
-    spectrum, time = papers_000.figure_13_17(SHORT)
+    spectrum, time = papers_fujii.figure_13_17(SHORT)
     assert numbers(spectrum)['third'] > 2 * numbers(spectrum)['rest']
     errors = numbers(time)
     assert errors['proposed'] < 0.2 * errors['extended']
 
 
 def test_extended_model_beats_the_basic_one():
-    error, *_ = papers_001.figures_11_12_13(SHORT)
+    error, *_ = papers_tatebatake.figures_11_12_13(SHORT)
     assert numbers(error)['better'] >= 0.8
 
 
-def test_table_1_of_003_is_beaten_with_its_mean_and_its_largest_error():
-    ratios = numbers(papers_003.stack_table((10.0, 100.0))[0])
+def test_table_1_of_xiao_is_beaten_with_its_mean_and_its_largest_error():
+    ratios = numbers(papers_xiao.stack_table((10.0, 100.0))[0])
     assert ratios['worst selector'] < 0.8
     assert ratios['worst largest'] < 0.8
     assert ratios['worst inverse'] < 0.5
 
 
-def test_the_controller_of_003_meets_its_weights_on_the_identified_plant():
-    assert numbers(papers_003.step_figure())['gamma'] <= 1.0
+def test_the_controller_of_xiao_meets_its_weights_on_the_identified_plant():
+    assert numbers(papers_xiao.step_figure())['gamma'] <= 1.0
     assert compensation_plants.stack_plant().nrmse_percent < 5.0
 
 
-def test_table_2_of_002_comes_out_of_its_two_steps():
+def test_table_2_of_zhou_comes_out_of_its_two_steps():
     shares = numbers(papers_stacks.flap_table())
     for name in ('alpha', 'beta', 'b'):
         assert shares[name] == pytest.approx(1.0, abs=0.05)
 
 
-def test_equation_8_and_pid_stay_below_the_errors_of_002():
+def test_equation_8_and_pid_stay_below_the_errors_of_zhou():
     nine, _, twelve = papers_stacks.flap_control((10.0,), 1.0)
     assert numbers(nine)['inverse'] < 14.0
     assert numbers(twelve)['compound'] < 9.0
 
 
 def test_the_printed_rule_of_the_sign_fails_at_22_hz():
-    _, time = papers_000.figure_13_17(SHORT)
+    _, time = papers_fujii.figure_13_17(SHORT)
     assert numbers(time)['printed 22'] > 20.0
 
 
-def test_loops_of_002_widen_with_the_frequency():
+def test_loops_of_zhou_widen_with_the_frequency():
     (entry,) = papers_loops.flap_loops()
     assert numbers(entry)['60'] > 1.8 * numbers(entry)['1']
 
 
-def test_004_is_beaten_at_5_hz():
+def test_fang_is_beaten_at_5_hz():
     (entry,) = papers_stacks.stage_figures(('4 um, 5 Hz',))
     assert numbers(entry)['compound'] < numbers(entry)['paper']
     assert numbers(entry)['PID'] > 5 * numbers(entry)['compound']
@@ -107,12 +107,12 @@ def test_models_are_found_from_sweeps():
 
 
 def test_page_and_picture_of_an_entry(tmp_path):
-    entry = papers_000.figure_5()
+    entry = papers_fujii.figure_5()
     save(entry, tmp_path)
-    assert (tmp_path / '000_figure_5.png').read_bytes().startswith(b'\x89PNG')
+    assert (tmp_path / 'fujii2018_figure_5.png').read_bytes().startswith(b'\x89PNG')
     text = page([entry], 'pictures')
     assert '### Figure 5' in text
-    assert 'pictures/000_figure_5.png' in text
+    assert 'pictures/fujii2018_figure_5.png' in text
     assert entry.said in text
 
 

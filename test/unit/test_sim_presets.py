@@ -140,7 +140,7 @@ def test_stack_moves_30_micrometres_and_its_triangle_errors_grow_with_the_freque
         rms.append(np.std(error) * 1e6)
         if f == 10:
             assert np.ptp(reading) == pytest.approx(30e-6, rel=0.05)
-    # 003, table 1: 4.5, 6.5 and 9.4 um, grown by 0.054 um/Hz.
+    # Xiao 2014, table 1: 4.5, 6.5 and 9.4 um, grown by 0.054 um/Hz.
     np.testing.assert_allclose(rms, [4.48, 6.53, 9.37], rtol=0.2)
     assert 0.03 < (rms[2] - rms[0]) / 90.0 < 0.06
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from piezo_hysteresis.parameters.tables import EXCITATION
 from piezo_hysteresis.waveforms import (
     KINDS,
     Multisine,
@@ -162,5 +163,17 @@ def test_a_sequence_goes_on_where_the_part_before_ended():
 
 
 def test_composites_know_their_common_frequency():
-    samples = from_spec({'kind': 'composite_002_low'}).sample(np.array([0.05]))
+    samples = from_spec({'kind': 'composite_zhou2021_low'}).sample(np.array([0.05]))
     assert samples.frequency[0] == pytest.approx(10.0)
+
+
+def test_kinds_of_former_versions_are_read_with_a_notice():
+    with pytest.warns(FutureWarning, match='is called composite_xiao2014 now'):
+        former = from_spec({'kind': 'composite_003'})
+    assert np.array_equal(
+        former.sample(np.arange(9) * 1e-3).value,
+        from_spec({'kind': 'composite_xiao2014'}).sample(np.arange(9) * 1e-3).value,
+    )
+    row = EXCITATION.spec('waveform')
+    with pytest.warns(FutureWarning, match='waveform: composite_004'):
+        assert row.judge(row.coerce('composite_004')) == ''

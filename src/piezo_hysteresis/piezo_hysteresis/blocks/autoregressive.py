@@ -60,6 +60,6 @@ BLOCK = Block(
     state_size=3,
     unknown=(0, 1, 2),
     description='Autoregression of third order whose first coefficient is fixed to 1.',
-    source='000 (3); 001 (7) where they are called a1, a2',
+    source='Fujii 2018 (3); Tatebatake 2017 (7) where they are called a1, a2',
     check=check,
 )

@@ -37,7 +37,8 @@ BLOCK = Block(
     unknown=(1,),
     step_bound=True,
     description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',
-    source='000 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; 001 (18)',
+    source='Fujii 2018 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; Tatebatake '
+    '2017 (18)',
     check=check,
 )
 

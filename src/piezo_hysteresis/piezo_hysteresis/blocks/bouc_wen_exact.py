@@ -77,7 +77,7 @@ BLOCK = Block(
     between=Between.PATH,
     unknown=(1,),
     description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
-    source='003 (1), 000 (1); exact step for exponent 1',
+    source='Xiao 2014 (1), Fujii 2018 (1); exact step for exponent 1',
     check=check,
 )
 

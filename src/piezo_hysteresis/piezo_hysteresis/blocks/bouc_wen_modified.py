@@ -1,4 +1,4 @@
-"""The modified Bouc-Wen law of 004 with its bias and frequency terms, in our reading."""
+"""The modified Bouc-Wen law of Fang 2019 with its bias and frequency terms, in our reading."""
 
 from collections.abc import Mapping
 
@@ -72,7 +72,7 @@ BLOCK = Block(
             0.0,
             -1e4,
             1e4,
-            'Voltage about which the bend is symmetrical (lambda in 004).',
+            'Voltage about which the bend is symmetrical (lambda in Fang 2019).',
             0.1,
         ),
         *RATE_PARAMETERS,
@@ -87,7 +87,7 @@ BLOCK = Block(
         'rate_exponent on the whole growth of h.'
     ),
     source=(
-        '004 (9), which did not survive printing; our reading: x = k1 u + k2 + k3 h, dh = '
+        'Fang 2019 (9), which did not survive printing; our reading: x = k1 u + k2 + k3 h, dh = '
         'eta (alpha du - beta |du| h + gamma du |h| + epsilon (u - lambda) |du|), with A = -k3 '
         'alpha and gamma = -gamma_004; k2 is the offset'
     ),

@@ -154,7 +154,7 @@ BLOCKS = (
         between=Between.PATH,
         unknown=(1,),
         description=_DESCRIPTION,
-        source='002 (1): beta_002 = beta h_sat^(1-n), gamma_002 likewise',
+        source='Zhou 2021 (1): beta_002 = beta h_sat^(1-n), gamma_002 likewise',
         check=check,
     ),
     Block(
@@ -167,7 +167,7 @@ BLOCKS = (
         unknown=(1,),
         step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
-        source='002 (1), 000 (3)',
+        source='Zhou 2021 (1), Fujii 2018 (3)',
         check=check,
     ),
 )

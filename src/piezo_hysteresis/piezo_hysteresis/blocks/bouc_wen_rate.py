@@ -130,7 +130,7 @@ BLOCKS = (
         unknown=(1, 2),
         along=along,
         description=_DESCRIPTION,
-        source='our reading of 004: constant below a corner, dependent on the rate above it',
+        source='our reading of Fang 2019: constant below a corner, dependent on the rate above it',
         check=check,
     ),
     Block(
@@ -144,7 +144,7 @@ BLOCKS = (
         along=euler_along,
         step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
-        source='as bouc_wen_rate, with the step of 000 (3)',
+        source='as bouc_wen_rate, with the step of Fujii 2018 (3)',
         check=check,
     ),
 )

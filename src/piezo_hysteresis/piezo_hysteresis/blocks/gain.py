@@ -34,5 +34,5 @@ BLOCK = Block(
     between=Between.INSTANT,
     system=system,
     description='Linear gain without memory.',
-    source='000 (2) with h = 0',
+    source='Fujii 2018 (2) with h = 0',
 )

@@ -1,7 +1,7 @@
 """Bouc-Wen hysteresis written from displacement to voltage, answered the other way round.
 
-003 identifies the inverse directly: the voltage is a Bouc-Wen function of the displacement. That
-law is the compensator; solved for the displacement at every sample it is also a model.
+Xiao 2014 identifies the inverse directly: the voltage is a Bouc-Wen function of the displacement.
+That law is the compensator; solved for the displacement at every sample it is also a model.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit
 
-KNOTS = 10  # slopes for which 003 identifies parameters
+KNOTS = 10  # slopes for which Xiao 2014 identifies parameters
 
 
 @jit
@@ -199,7 +199,7 @@ BLOCKS = (
             'u = inverse_gain y - h, dh = inverse_A dy - inverse_beta |dy| h - inverse_gamma dy '
             '|h|, solved for y.'
         ),
-        source='003, inverse Bouc-Wen',
+        source='Xiao 2014, inverse Bouc-Wen',
         check=check,
     ),
     Block(
@@ -225,7 +225,7 @@ BLOCKS = (
         unknown=(1,),
         along=selector_along,
         description='Inverse Bouc-Wen whose parameters follow the slope of the displacement.',
-        source='003 (selector between ten triangle fits)',
+        source='Xiao 2014 (selector between ten triangle fits)',
         check=selector_check,
     ),
 )

@@ -55,7 +55,7 @@ BLOCK = Block(
     inertia=True,
     system=system,
     description='One mode of unit DC gain by exact zero-order hold.',
-    source='002 (3) with unit DC gain',
+    source='Zhou 2021 (3) with unit DC gain',
     formers=(
         Former(
             'eased_mode',

@@ -69,7 +69,7 @@ BLOCK = Block(
         "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "
         'with a breakaway above 1 after LuGre; a softening spring goes slack, never outwards.'
     ),
-    source='002 (3) with a Duffing spring and Dahl or LuGre friction',
+    source='Zhou 2021 (3) with a Duffing spring and Dahl or LuGre friction',
 )
 
 _EXPERIMENTS = {

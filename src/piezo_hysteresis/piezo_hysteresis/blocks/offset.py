@@ -26,7 +26,7 @@ BLOCK = Block(
     state_size=0,
     between=Between.INSTANT,
     description='Constant offset of the displacement.',
-    source='missing in 000; without it the free run is off by 16 to 160 um',
+    source='missing in Fujii 2018; without it the free run is off by 16 to 160 um',
 )
 
 EFFECTS = (

@@ -83,7 +83,7 @@ def _block(
         description=(
             f'Bank of {count} play operators: rate-independent hysteresis with nonlocal memory.'
         ),
-        source='reference model; 001 and 004 name it as the alternative',
+        source='reference model; Tatebatake 2017 and Fang 2019 name it as the alternative',
     )
 
 

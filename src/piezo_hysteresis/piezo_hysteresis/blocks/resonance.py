@@ -146,7 +146,7 @@ _RESONANCE = Block(
     between=Between.LINEAR,
     system=system,
     description='A further mode that carries a share of the static displacement.',
-    source='002 (3); 000 where 14 and 23 Hz drives hit a mode near 68 Hz',
+    source='Zhou 2021 (3); Fujii 2018 where 14 and 23 Hz drives hit a mode near 68 Hz',
 )
 
 _SERIES = Block(
@@ -160,7 +160,7 @@ _SERIES = Block(
     inertia=True,
     system=series_system,
     description='One mode of unit DC gain that carries the whole displacement.',
-    source='002 (3) in the place of the autoregression of 000 (3)',
+    source='Zhou 2021 (3) in the place of the autoregression of Fujii 2018 (3)',
 )
 
 _PAIR = Block(
@@ -173,7 +173,7 @@ _PAIR = Block(
     inertia=True,
     system=pair_system,
     description='Two modes side by side that share the static displacement.',
-    source='002 (3), two of them driven by the same force',
+    source='Zhou 2021 (3), two of them driven by the same force',
 )
 
 BLOCKS = (_RESONANCE, _SERIES, _PAIR)

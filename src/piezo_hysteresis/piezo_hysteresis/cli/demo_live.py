@@ -164,7 +164,7 @@ class _Clock:
 
 
 def _gain(sweep: Sequence[Record], plan: Plan) -> float:
-    """Displacement per volt at the tracked frequency [m/V], as 000 chooses its reference."""
+    """Displacement per volt at the tracked frequency [m/V], as in Fujii 2018."""
     record = min(sweep, key=lambda r: abs(r.info.frequency - plan.tracked))
     u, y = (x[record.warm_up_samples :] for x in (record.voltage, record.displacement))
     return float((y - np.mean(y)) @ u / (u @ u))

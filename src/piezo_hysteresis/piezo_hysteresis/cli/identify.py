@@ -92,7 +92,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'tolerance',
     )
     add('--forgetting', type=float, help='forgetting factor of a recursive method')
-    add('--variant', choices=('V1', 'V2'), help='form of rls: V1 is 000 (3), V2 is 001 (10)')
+    add(
+        '--variant',
+        choices=('V1', 'V2'),
+        help='form of rls: V1 is Fujii 2018 (3), V2 is Tatebatake 2017 (10)',
+    )
     add('--no-offset', action='store_true', help='rls without an offset, as printed')
     add('--p0', type=float, help='rls: P starts as this times the identity (1, as printed)')
     add('--unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')

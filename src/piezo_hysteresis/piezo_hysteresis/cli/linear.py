@@ -21,13 +21,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add('--out', required=True, metavar='YAML', help='file of the transfer function')
-    add('--poles', type=int, default=3, help='order of the denominator (3, as 003)')
-    add('--zeros', type=int, default=1, help='order of the numerator (1, as 003)')
+    add('--poles', type=int, default=3, help='order of the denominator (3, as Xiao 2014)')
+    add('--zeros', type=int, default=1, help='order of the numerator (1, as Xiao 2014)')
     add(
         '--method',
         choices=('refined', 'arx'),
         default='refined',
-        help='refined: errors of the free run (Steiglitz and McBride); arx: as 003',
+        help='refined: errors of the free run (Steiglitz and McBride); arx: as Xiao 2014',
     )
     add('--warm-up', type=float, metavar='S', help='seconds at the start that are left out')
     add('--actuator', help='which actuator, where a bag holds several')

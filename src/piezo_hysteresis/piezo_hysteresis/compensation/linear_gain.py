@@ -48,7 +48,7 @@ class ModeGain:
 
 @dataclass(frozen=True)
 class ArGain:
-    """The linear part of the extended model, 000 (3): third-order all-pole recursion.
+    """The linear part of the extended model, Fujii 2018 (3): third-order all-pole recursion.
 
     Attributes
     ----------

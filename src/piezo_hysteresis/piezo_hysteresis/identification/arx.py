@@ -1,4 +1,4 @@
-"""A linear model from records, as 003 gets its (4): ARX by least squares, written in s.
+"""A linear model from records, as Xiao 2014 gets its (4): ARX by least squares, written in s.
 
 ``A(s) y = B(s) u + c`` is regressed on signals behind the filters ``s^i / D(s)``, which is as
 well conditioned at 10 kHz as at 100 Hz; in z the poles of a slow actuator crowd at 1. The equation
@@ -123,7 +123,7 @@ def fit_transfer_function(
     zeros : int
         Zeros, fewer than `order`.
     rounds : int
-        Of Steiglitz and McBride; 0 is plain ARX, as 003 used it.
+        Of Steiglitz and McBride; 0 is plain ARX, as Xiao 2014 used it.
 
     Raises
     ------

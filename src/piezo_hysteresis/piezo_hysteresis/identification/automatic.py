@@ -128,12 +128,12 @@ def choose_model(
 ) -> Choice:
     """Choose a chain for records of which nothing is known.
 
-    Two chains are built: one on an off-centre Bouc-Wen hysteresis, 000 (1), one on a bank of
-    plays. Each further effect of `LADDER` is fitted to the first 70 % of every record together
+    Two chains are built: one on an off-centre Bouc-Wen hysteresis, Fujii 2018 (1), one on a bank
+    of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record together
     with all others. It stays where it lowers the free-run error there, or on the rest of the
-    records, by 2 %, does not raise the latter, and its parameters are told by the records.
-    The plays are chosen unless the other chain is clearly better on the rest: their inner loops
-    close, as those of ceramics do.
+    records, by 2 %, does not raise the latter, and its parameters are told by the records. The
+    plays are chosen unless the other chain is clearly better on the rest: their inner loops close,
+    as those of ceramics do.
 
     Records of one amplitude show no inner loop, and one static curve only, not whether it lies
     before or behind the hysteresis. There the plays are chosen whatever the errors say, and a

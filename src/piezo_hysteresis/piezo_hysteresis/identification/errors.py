@@ -134,8 +134,8 @@ def views_of(
 def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> FloatArray:
     """Return the one-step prediction error that belongs to a free-run error, shape (n,).
 
-    A chain with the papers' autoregression predicts from the measured past, as 000 (3) says. Every
-    other chain predicts its own increment on top of the last measurement.
+    A chain with the papers' autoregression predicts from the measured past, as Fujii 2018 (3)
+    says. Every other chain predicts its own increment on top of the last measurement.
     """
     names = next((block.predictor for block in model.blocks if block.predictor), ())
     c1, c2 = (values[name] for name in names) if names else (0.0, 0.0)

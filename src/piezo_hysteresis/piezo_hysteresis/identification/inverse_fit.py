@@ -1,4 +1,4 @@
-"""003's inverse as a model: fitted from displacement to voltage, judged from voltage on."""
+"""Xiao 2014's inverse as a model: fitted from displacement to voltage, judged from voltage on."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SELECTOR_EVALUATIONS = 40
 
 
 def law_of(model: Model) -> Block | None:
-    """Return the block of a chain that leads from displacement to voltage, as 003 has it."""
+    """Return the block of a chain that leads from displacement to voltage, as Xiao 2014 has it."""
     return next((block for block in model.blocks if block.part is Part.SELECTOR), None)
 
 
@@ -44,7 +44,7 @@ def start_of(
     records: Sequence[Record],
     solver: Solver = by_least_squares,
 ) -> tuple[Model, dict[str, float]]:
-    """Return a chain with 003's inverse suited to records, and values for its law.
+    """Return a chain with Xiao 2014's inverse suited to records, and values for its law.
 
     The last knot of a selector is put at the steepest record, unless somebody held it elsewhere.
     """
@@ -81,12 +81,12 @@ def fit_direct(
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
 ) -> FitResult:
-    """Return 003's identification of an inverse as it is, with its worth as a model.
+    """Return Xiao 2014's identification of an inverse as it is, with its worth as a model.
 
     Parameters
     ----------
     model : Model
-        A chain with one of 003's laws.
+        A chain with one of Xiao 2014's laws.
     records : sequence of Record
         For the selector of two or more slopes.
     solver : callable
@@ -127,7 +127,7 @@ def output_error_of_inverse(
     start: Mapping[str, float] | None = None,
     **options: Any,
 ) -> FitResult:
-    """Fit one of 003's laws by output error, from where its direct identification leads.
+    """Fit one of Xiao 2014's laws by output error, from where its direct identification leads.
 
     A selector adds voltages up and has no zero of its own, so every record has its own; the offset
     is what the free runs miss on average.

@@ -1,4 +1,4 @@
-"""003's direct identification: the voltage as a Bouc-Wen function of the displacement.
+"""Xiao 2014's direct identification: the voltage as a Bouc-Wen function of the displacement.
 
 One row of parameters is fitted to a record in the plane in which the law is used, displacement in
 and voltage out, and the rows of records of several slopes make the table of the selector.
@@ -95,7 +95,7 @@ def _scanned(
 
 
 def by_swarm(seed: int, max_evaluations: int, swarm: Swarm | None = None) -> Solver:
-    """Return a solver that minimises 003 (2) by particle swarm, as 003 does.
+    """Return a solver that minimises Xiao 2014 (2) by particle swarm, as Xiao 2014 does.
 
     The particles are b (by its logarithm) and g / b; c and a, in which the law is linear, are
     solved for at each of them.
@@ -239,7 +239,7 @@ def inverse_parameters(
     selector: bool,
     solver: Solver = by_least_squares,
 ) -> dict[str, float]:
-    """Return the parameters of 003's law from records, without its offset.
+    """Return the parameters of Xiao 2014's law from records, without its offset.
 
     Parameters
     ----------

@@ -34,26 +34,28 @@ class PaperMethod:
 
 PAPERS: dict[str, PaperMethod] = {
     'fujii2018': PaperMethod(
-        'rls', '000 (8)-(12), recursive least squares from P0 = I in mm.', {'variant': 'V1'}
+        'rls', 'Fujii 2018 (8)-(12), recursive least squares from P0 = I in mm.', {'variant': 'V1'}
     ),
     'tatebatake2017': PaperMethod(
-        'rls', '001 (8)-(11), its regressor as printed.', {'variant': 'V2'}
+        'rls', 'Tatebatake 2017 (8)-(11), its regressor as printed.', {'variant': 'V2'}
     ),
     'zhou2021': PaperMethod(
         'pso',
-        '002: a swarm for the hysteresis at the slowest frequency, then one for the structure at '
+        'Zhou 2021: a swarm for the hysteresis at the slowest frequency, then one for the '
+        'structure at '
         'the fastest.',
         {'steps': 'two', 'sampling_offset': False},
     ),
     'xiao2014': PaperMethod(
         'pso',
-        '003: a swarm for all parameters; of an inverse from displacement to voltage, of the '
+        'Xiao 2014: a swarm for all parameters; of an inverse from displacement to voltage, of '
+        'the '
         'selector row by row.',
         {'steps': 'one', 'direct': True},
     ),
     'fang2019': PaperMethod(
         'pso_modified',
-        '004: a constricted swarm whose inertia falls, for all parameters.',
+        'Fang 2019: a constricted swarm whose inertia falls, for all parameters.',
         {'steps': 'one'},
     ),
 }

@@ -1,4 +1,4 @@
-"""The papers' recursive least squares (000 (8)-(12), 001 (8)-(11)), compiled, sample by sample.
+"""The papers' recursive least squares, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), compiled.
 
 Kept as close to the papers as they are consistent, behaviour included: small one-step errors, but
 a free run that may be far off, because hysteresis sums stand in the regressor and the result
@@ -45,13 +45,13 @@ class RlsSettings:
     Attributes
     ----------
     variant : str
-        ``V1``: 000 (3), target y[k]-y[k-1], columns y[k-2], y[k-3] (default, parameters of the
-        model `extended`). ``V0``: 000 (10) as printed, a free second-order autoregression.
-        ``V2``: 001 (10) as printed.
+        ``V1``: Fujii 2018 (3), target y[k]-y[k-1], columns y[k-2], y[k-3] (default, parameters of
+        the model `extended`). ``V0``: Fujii 2018 (10) as printed, a free second-order
+        autoregression. ``V2``: Tatebatake 2017 (10) as printed.
     offset : bool
         Add a constant column; the papers have none, and miss the off-centre loop by it.
     harmonic : int
-        0, or 3 or 5 for the exogenous odd harmonic of 000 (6), (7).
+        0, or 3 or 5 for the exogenous odd harmonic of Fujii 2018 (6), (7).
     frequency : float
         Fundamental frequency of the drive [Hz]; needed with `harmonic`.
     forgetting : float
@@ -84,7 +84,9 @@ class RlsSettings:
         if self.harmonic not in (0, 3, 5):
             raise IdentificationError(f'harmonic must be 0, 3 or 5, got {self.harmonic}')
         if self.harmonic and self.variant == 'V2':
-            raise IdentificationError('V2 (paper 001) has no harmonic; choose V0 or V1 for it')
+            raise IdentificationError(
+                'V2 (paper Tatebatake 2017) has no harmonic; choose V0 or V1 for it'
+            )
         self.require_seen(self.frequency)
         if not 0.0 < self.forgetting <= 1.0:
             raise IdentificationError(
@@ -298,7 +300,7 @@ class OnlineRls:
         names = ['A1', 'A', 'A0', 'beta', 'gamma', *lags]
         units = ['m/V', 'm/V', 'm/V', '1/V', '1/V', '1', '1']
         metre = 1 / self._scale
-        # 001 writes -A0|du| where 000 has +A0|du|.
+        # Tatebatake 2017 writes -A0|du| where Fujii 2018 has +A0|du|.
         factors = [metre, metre, -metre if s.variant == 'V2' else metre, 1.0, 1.0, 1.0, 1.0]
         order = [2, 3, 4, 5, 6, 0, 1]
         if s.offset:

@@ -68,11 +68,11 @@ def _forget(p: FloatArray, forgetting: float) -> None:
 def _lags(
     y: float, y1: float, y2: float, y3: float, z2: float, z3: float, variant: float
 ) -> tuple[float, float, float]:
-    """Return the two autoregressive columns and the target of 000 (10), (3) or 001 (10)."""
+    """Return autoregressive columns and target of Fujii 2018 (10), (3) or Tatebatake 2017 (10)."""
     if variant == 0.0:
         return y1, y2, y
     if variant == 1.0:
-        # with a harmonic, V1 regresses on y1 = y - y3 as 000 (6) says; y3 is zero otherwise
+        # with a harmonic, V1 regresses on y1 = y - y3 as Fujii 2018 (6) says; y3 is zero otherwise
         return y2 - z2, y3 - z3, y - y1
     return y2, y1, y - y1
 
@@ -98,7 +98,7 @@ def update_many(
     variant, offset, harmonic, omega, forgetting, begun = c
     n = theta.size
     last = n - 4
-    # 001 has +S(du), +S|du| and -A0|du| where 000 has the opposite
+    # Tatebatake 2017 has +S(du), +S|du| and -A0|du| where Fujii 2018 has the opposite
     sign = 1.0 if variant == 2.0 else -1.0
     for k in range(u.size):
         voltage, value = u[k], y[k] * scale
@@ -167,7 +167,7 @@ def free_run(u: FloatArray, y: FloatArray, theta: FloatArray, c: FloatArray) -> 
         v = theta[2] * u[k] - h
         if c[_OFFSET] == 1.0:
             v += theta[7]
-        # y is the recursion without the harmonic (V1, V2: y1 of 000 (6)), z the harmonic.
+        # y is the recursion without the harmonic (V1, V2: y1 of Fujii 2018 (6)), z the harmonic.
         if c[_VARIANT] == 0.0:
             value = theta[0] * y1 + theta[1] * y2 + v
         else:

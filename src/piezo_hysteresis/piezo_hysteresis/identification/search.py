@@ -16,7 +16,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
-_PHI = 4.2  # sum of the pulls of 004
+_PHI = 4.2  # sum of the pulls of Fang 2019
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class Swarm:
                 raise IdentificationError(f'{name} of a swarm lies within 0 .. 10, got {value:g}')
 
 
-#: The usual convergent set; 002 and 003 print none.
+#: The usual convergent set; Zhou 2021 and Xiao 2014 print none.
 USUAL = Swarm()
-#: 004: constriction chi of phi = 4.2 and an inertia that falls; its limits are not printed.
+#: Fang 2019: constriction chi of phi = 4.2 and an inertia that falls; its limits are not printed.
 FANG = Swarm(
     constriction=2 / abs(2 - _PHI - sqrt(_PHI**2 - 4 * _PHI)),
     inertia=0.9,
@@ -122,7 +122,7 @@ def search(
     low, high : ndarray, shape (p,)
         Finite box.
     method : str
-        ``pso`` (002, 003), ``pso_modified`` (004), ``cma`` or ``de``.
+        ``pso`` (Zhou 2021, Xiao 2014), ``pso_modified`` (Fang 2019), ``cma`` or ``de``.
     seed : int
         Same seed, same answer.
     max_evaluations : int

@@ -1,4 +1,4 @@
-"""Global search over the parameters of a chain, at once or in the two steps of 002."""
+"""Global search over the parameters of a chain, at once or in the two steps of Zhou 2021."""
 
 from __future__ import annotations
 
@@ -137,10 +137,10 @@ def identify_by_search(
 ) -> FitResult:
     """Fit a chain by global search.
 
-    A chain with a structure is searched in the two steps of 002 by the swarms: the hysteresis on
-    the slowest record as if the structure were stiff, then the structure on the fastest. The
-    other methods search all unknowns on all records at once. 003's inverse can be searched where
-    it is used, from displacement to voltage and row by row.
+    A chain with a structure is searched in the two steps of Zhou 2021 by the swarms: the
+    hysteresis on the slowest record as if the structure were stiff, then the structure on the
+    fastest. The other methods search all unknowns on all records at once. Xiao 2014's inverse can
+    be searched where it is used, from displacement to voltage and row by row.
 
     Parameters
     ----------
@@ -244,7 +244,8 @@ def _steps(
     possible = bool(structure) and apart and hysteretic
     if steps == 'two' and not possible:
         raise IdentificationError(
-            f'the two steps of 002 need hysteresis, a structure with something to find and two '
+            f'the two steps of Zhou 2021 need hysteresis, a structure with something to find and '
+            'two '
             f'drive frequencies; {model.name} or the records lack one of them'
         )
     if possible and (steps == 'two' or (steps == 'auto' and method in SWARMS)):

@@ -11,7 +11,7 @@ from piezo_hysteresis.parameters.links import (
     MODEL_FOLDER,
     RATE,
 )
-from piezo_hysteresis.waveforms import KINDS
+from piezo_hysteresis.waveforms import FORMER, KINDS
 
 __all__ = [
     'ATTENUATION',
@@ -36,7 +36,7 @@ EXCITATION = ParameterTable(
             choices=('idle', 'reference', 'voltage'),
         ),
         ParameterSpec('actuator', '', 'Name written into the markers of recorded sweeps.'),
-        ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS)),
+        ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS), formers=FORMER),
         ParameterSpec(
             'waveform_options',
             '',
@@ -78,7 +78,8 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'method',
             'rls',
-            'rls is 000 (8)-(12); rls_ud and pi_bank are well-posed: Bouc-Wen or a play bank.',
+            'rls is Fujii 2018 (8)-(12); rls_ud and pi_bank are well-posed: Bouc-Wen or a play '
+            'bank.',
             choices=('rls', 'rls_ud', 'pi_bank'),
         ),
         ParameterSpec(
@@ -97,7 +98,8 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'variant',
             'V1',
-            'rls: V1 is 000 (3), V0 is 000 (10), V2 is 001 (10) as printed.',
+            'rls: V1 is Fujii 2018 (3), V0 is Fujii 2018 (10), V2 is Tatebatake 2017 (10) as '
+            'printed.',
             choices=('V0', 'V1', 'V2'),
         ),
         ParameterSpec(

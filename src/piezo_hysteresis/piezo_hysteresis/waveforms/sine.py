@@ -1,4 +1,4 @@
-"""Sinusoids, the excitation and the reference of 000 (13), (24), and sums of them, 002 (9)."""
+"""Sinusoids, Fujii 2018 (13), (24), and sums of them, Zhou 2021 (9)."""
 
 from __future__ import annotations
 
@@ -63,7 +63,9 @@ class Sine:
 
 @dataclass(frozen=True)
 class SineSum(Shaped):
-    """``offset + ramp(t) amplitude sum(weights_i sin(2 pi frequencies_i t + phases_i))``, 002 (9).
+    """``offset + ramp(t) amplitude sum(weights_i sin(2 pi frequencies_i t + phases_i))``.
+
+    Zhou 2021 (9).
 
     Attributes
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -153,7 +154,7 @@ _ROWS = (
     ),
     Kind(
         'sum',
-        'Sum of sinusoids, 002 (9); equal weights where none are given.',
+        'Sum of sinusoids, Zhou 2021 (9); equal weights where none are given.',
         (
             *_COMMON,
             Setting('frequencies', 'Hz', (1.0,), 'Frequency of each component.'),
@@ -163,26 +164,27 @@ _ROWS = (
         _sum,
     ),
     Kind(
-        'composite_002_low',
-        'The first composite of 002: 20, 30 and 40 Hz.',
+        'composite_zhou2021_low',
+        'The first composite of Zhou 2021: 20, 30 and 40 Hz.',
         (*_COMMON, _SEED),
         _composite((20.0, 30.0, 40.0), (0.4, 0.3, 0.3)),
     ),
     Kind(
-        'composite_002_high',
-        'The second composite of 002: 40, 50 and 60 Hz.',
+        'composite_zhou2021_high',
+        'The second composite of Zhou 2021: 40, 50 and 60 Hz.',
         (*_COMMON, _SEED),
         _composite((40.0, 50.0, 60.0), (0.4, 0.3, 0.3)),
     ),
     Kind(
-        'composite_003',
-        'Like the arbitrary sum of 003, whose frequencies are not printed: 7, 19 and 43 Hz.',
+        'composite_xiao2014',
+        'Like the arbitrary sum of Xiao 2014, whose frequencies are not printed: 7, 19 and 43 Hz.',
         (*_COMMON, _SEED),
         _composite((7.0, 19.0, 43.0), (0.5, 0.3, 0.2)),
     ),
     Kind(
-        'composite_004',
-        'Like the composite of 004 below 10 Hz, whose terms are not printed: 1, 5 and 10 Hz.',
+        'composite_fang2019',
+        'Like the composite of Fang 2019 below 10 Hz, whose terms are not printed: 1, 5 and 10 '
+        'Hz.',
         (*_COMMON, _SEED),
         _composite((1.0, 5.0, 10.0), (0.5, 0.3, 0.2)),
     ),
@@ -197,6 +199,22 @@ _ROWS = (
 KINDS: Mapping[str, Kind] = {row.name: row for row in _ROWS}
 """Every kind of waveform by name, for help texts and for `from_spec`."""
 
+#: What kinds were called in former versions.
+FORMER = {
+    'composite_002_low': 'composite_zhou2021_low',
+    'composite_002_high': 'composite_zhou2021_high',
+    'composite_003': 'composite_xiao2014',
+    'composite_004': 'composite_fang2019',
+}
+
+
+def of_today(name: str) -> str:
+    """Return what a kind of waveform is called now, with a notice where that was another name."""
+    if name not in FORMER:
+        return name
+    warnings.warn(f'the waveform {name} is called {FORMER[name]} now', FutureWarning, stacklevel=3)
+    return FORMER[name]
+
 
 def from_spec(spec: Mapping[str, Any]) -> Waveform:
     """Return the waveform that a mapping such as ``{'kind': 'sine', 'frequency': 23}`` describes.
@@ -210,7 +228,7 @@ def from_spec(spec: Mapping[str, Any]) -> Waveform:
     """
     if not isinstance(spec, Mapping):
         raise WaveformError(f'a waveform is a mapping with a kind, got {spec!r}')
-    name = str(spec.get('kind'))
+    name = of_today(str(spec.get('kind')))
     if name not in KINDS:
         raise WaveformError(f'there is no waveform {name}; there are {", ".join(KINDS)}')
     kind = KINDS[name]
@@ -229,6 +247,7 @@ def from_spec(spec: Mapping[str, Any]) -> Waveform:
 
 def has_setting(kind: str, setting: str) -> bool:
     """Return whether the waveform `kind` has the `setting` at all."""
+    kind = FORMER.get(kind, kind)
     return kind in KINDS and any(row.name == setting for row in KINDS[kind].settings)
 
 

@@ -5,10 +5,10 @@ With eta in volts and the saturation voltage ``eta_s = alpha / (beta + gamma)``:
     d eta = (alpha + asymmetry sgn(dv)) dv
             - (beta |dv| eta + gamma dv |eta|) |eta / eta_s|^(exponent - 1)
 
-which for the exponent 1 is 002 (2), and 000 (1) with its A0 as `asymmetry`. Scaling by eta_s keeps
-the height of the loop the same for every exponent. The law does not depend on time, so it is
-integrated along the voltage (Runge-Kutta of order four), in steps that are short against the
-voltage scale and that end where eta changes sign, where the right-hand side has a kink.
+which for the exponent 1 is Zhou 2021 (2), and Fujii 2018 (1) with its A0 as `asymmetry`. Scaling
+by eta_s keeps the height of the loop the same for every exponent. The law does not depend on time,
+so it is integrated along the voltage (Runge-Kutta of order four), in steps that are short against
+the voltage scale and that end where eta changes sign, where the right-hand side has a kink.
 """
 
 from __future__ import annotations

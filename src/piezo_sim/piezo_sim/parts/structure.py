@@ -1,9 +1,9 @@
 """Structure: one to four modes; the first with nonlinear restoring and friction forces.
 
 Every mode answers ``x'' + 2 zeta omega x' + omega^2 x = share omega^2 w`` with the free
-displacement w of the ceramic, 002 (3) divided by its mass; the displacement is their sum. The
-linear part is propagated exactly, the rest (changes of w within a step, nonlinear forces of the
-first mode) by a Runge-Kutta scheme of order four in the frame that moves with the linear part
+displacement w of the ceramic, Zhou 2021 (3) divided by its mass; the displacement is their sum.
+The linear part is propagated exactly, the rest (changes of w within a step, nonlinear forces of
+the first mode) by a Runge-Kutta scheme of order four in the frame that moves with the linear part
 (integrating factor).
 """
 

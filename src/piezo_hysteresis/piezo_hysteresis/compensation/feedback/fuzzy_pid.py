@@ -1,7 +1,7 @@
-"""004's fuzzy PID: proportional and integral gain follow the error and its rate by 7 x 7 rules.
+"""Fang 2019's fuzzy PID: the gains follow the error and its rate by 7 x 7 rules.
 
-The rule table of 004 (its table 2) is missing from the text. The one used here follows what the
-text says of it: a proportional gain that is too small is slow and inaccurate, an integral gain
+The rule table of Fang 2019 (its table 2) is missing from the text. The one used here follows what
+the text says of it: a proportional gain that is too small is slow and inaccurate, an integral gain
 that is too large overshoots. Both tables are symmetric to a change of sign of error and rate.
 """
 
@@ -88,7 +88,7 @@ def infer(rules: FloatArray, error: float, rate: float) -> float:
 
 
 class FuzzyPid(Pid):
-    """PID whose proportional and integral gain are scheduled by fuzzy rules, 004 section 4.
+    """PID whose proportional and integral gain are scheduled by fuzzy rules, Fang 2019 section 4.
 
     ``KP = KP0 + dKP(e, de/dt)``, ``KI = KI0 + dKI(e, de/dt)``, KD fixed; gains never fall
     below 0.

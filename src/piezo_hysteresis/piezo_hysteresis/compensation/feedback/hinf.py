@@ -1,4 +1,4 @@
-"""003's H-infinity feedback: mixed sensitivity on its G(s), discretised, as a link."""
+"""Xiao 2014's H-infinity feedback: mixed sensitivity on its G(s), discretised, as a link."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.numerics.linalg import failing_as
 
-# 003 (4); its DC gain reads as mm per volt at the actuator.
+# Xiao 2014 (4); its DC gain reads as mm per volt at the actuator.
 XIAO_NUMERATOR = (1135e-3, 35770e-3)
 XIAO_DENOMINATOR = (1.0, 3960.0, 5.046e6, 1.452e8)
 
@@ -190,7 +190,7 @@ def _design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinit
 
 
 class HInfinity(FeedbackLink):
-    """A discrete linear controller on the error as a link of the chain, 003 figure 13.
+    """A discrete linear controller on the error as a link of the chain, Xiao 2014 figure 13.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""PID feedback with filtered derivative and anti-windup, 002 figure 10, 004 figure 5."""
+"""PID with filtered derivative and anti-windup, Zhou 2021 figure 10, Fang 2019 figure 5."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class FuzzyScales:
 @documented
 @dataclass(frozen=True)
 class HInfinityWeights:
-    """What the closed loop shall achieve; 003 gives no weights.
+    """What the closed loop shall achieve; Xiao 2014 gives no weights.
 
     The loop stays stable while the plant differs from its model, at any frequency, by less than
     ``control / gamma`` times its gain at rest.

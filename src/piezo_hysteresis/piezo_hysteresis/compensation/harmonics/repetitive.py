@@ -1,4 +1,4 @@
-"""Odd-harmonic repetitive control, the rival that 000 cites (Li, Gu, Zhu and Su)."""
+"""Odd-harmonic repetitive control, the rival that Fujii 2018 cites (Li, Gu, Zhu and Su)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Harmonic attenuation of 000 (18)-(23): the error's harmonic by recursive least squares."""
+"""Fujii 2018 (18)-(23): the error's harmonic is found by recursive least squares."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ def rls_update(
 
 
 class HarmonicRls:
-    """000 (18)-(21) with the printed sign rule, the computed factor, or neither.
+    """Fujii 2018 (18)-(21) with the printed sign rule, the computed factor, or neither.
 
     The error e (y - d, or d - y by the printed rule), in V by ``settings.gain``, is fitted as
-    000's third equation of (6): ``e[k] - e[k-1] = c3 e[k-2] + c4 e[k-3] + alpha . u3[k]``; the
-    correction is ``alpha . u3``. For steady errors this is proportional feedback of the harmonic
-    with the factor ``kappa = 1 - z^-1 - c3 z^-2 - c4 z^-3``; with G the plant gain it attenuates
-    by ``1 / |1 + s kappa G|`` and is stable where ``|arg(s kappa G)|`` is below 90 degrees. The
-    computed rule turns the correction so that this angle is 0 at every order.
+    Fujii 2018's third equation of (6): ``e[k] - e[k-1] = c3 e[k-2] + c4 e[k-3] + alpha . u3[k]``;
+    the correction is ``alpha . u3``. For steady errors this is proportional feedback of the
+    harmonic with the factor ``kappa = 1 - z^-1 - c3 z^-2 - c4 z^-3``; with G the plant gain it
+    attenuates by ``1 / |1 + s kappa G|`` and is stable where ``|arg(s kappa G)|`` is below 90
+    degrees. The computed rule turns the correction so that this angle is 0 at every order.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class HarmonicRls:
         """Go on: the recursion forgets a transient by itself."""
 
     def reset(self) -> None:
-        """Forget every correction; the covariance is the identity, as in 000."""
+        """Forget every correction; the covariance is the identity, as in Fujii 2018."""
         size = self._recursive + 2 * self._orders.size
         self._theta: FloatArray = np.zeros(size)
         self._covariance: FloatArray = np.eye(size)

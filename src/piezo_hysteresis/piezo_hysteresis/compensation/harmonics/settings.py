@@ -29,7 +29,8 @@ class AttenuationSettings:
     method: Method = setting(
         'afc',
         'afc is adaptive feedforward cancellation by complex gain, which needs no sign rule; rls '
-        'is 000 (18)-(21); filtered_rls is RLS on the reference filtered by the plant gain.',
+        'is Fujii 2018 (18)-(21); filtered_rls is RLS on the reference filtered by the plant '
+        'gain.',
         choices=METHODS,
     )
     orders: tuple[int, ...] = setting(
@@ -72,14 +73,15 @@ class AttenuationSettings:
     )
     forgetting: float = setting(
         0.9995,
-        'rls, filtered_rls: forgetting factor per sample; 000 gives none, which is 1.',
+        'rls, filtered_rls: forgetting factor per sample; Fujii 2018 gives none, which is 1.',
         '1',
         low=0.9,
         high=1.0,
     )
     gain: float = setting(
         16666.7,
-        'rls: volts per metre of error, and with it the strength of the feedback; 000 gives no '
+        'rls: volts per metre of error, and with it the strength of the feedback; Fujii 2018 '
+        'gives no '
         'unit, and this gives the 5 to 25 dB of its figures.',
         'V/m',
         above=0.0,
@@ -87,17 +89,19 @@ class AttenuationSettings:
     )
     fit: Fit = setting(
         'recursion',
-        "rls: 000's recursion for the harmonic with c3 and c4, or sines alone.",
+        "rls: Fujii 2018's recursion for the harmonic with c3 and c4, or sines alone.",
         choices=get_args(Fit),
     )
     sign_rule: SignRule = setting(
         'computed',
-        'rls: sign of the error: computed from the plant gain, printed as 000 (22), (23), none.',
+        'rls: sign of the error: computed from the plant gain, printed as Fujii 2018 (22), (23), '
+        'none.',
         choices=get_args(SignRule),
     )
     switch_frequency: float = setting(
         66.0,
-        "rls, printed: orders up to here use 000 (22), above it (23); 66 Hz is the paper's.",
+        'rls, printed: orders up to here use Fujii 2018 (22), above it (23); 66 Hz is the '
+        "paper's.",
         'Hz',
         low=0.0,
         high=1e5,

@@ -72,9 +72,9 @@ def inverse_for(
 ) -> InverseLink:
     """Return the inverse of `model` by a law, by default the best that there is for it.
 
-    The extended model gets 000 (16), (17); one hysteresis with or without a mode the physical
-    inverse; an oscillator and 003's law their own; every other chain the numeric one. Added tones
-    are ignored.
+    The extended model gets Fujii 2018 (16), (17); one hysteresis with or without a mode the
+    physical inverse; an oscillator and Xiao 2014's law their own; every other chain the numeric
+    one. Added tones are ignored.
 
     Parameters
     ----------
@@ -89,9 +89,10 @@ def inverse_for(
     scale : float
         Typical voltage [V], for the numeric inverse.
     law : str
-        One of `INVERSES`. ``fujii2018`` is 000 (16), (17), ``tatebatake2017`` 001 (12) as printed,
-        both for the extended model; ``zhou2021`` 002 (8), h of the sample before, for one
-        Bouc-Wen block with or without a structure; ``xiao2014`` 003's selector.
+        One of `INVERSES`. ``fujii2018`` is Fujii 2018 (16), (17), ``tatebatake2017`` Tatebatake
+        2017 (12) as printed, both for the extended model; ``zhou2021`` Zhou 2021 (8), h of the
+        sample before, for one Bouc-Wen block with or without a structure; ``xiao2014`` Xiao 2014's
+        selector.
 
     Raises
     ------

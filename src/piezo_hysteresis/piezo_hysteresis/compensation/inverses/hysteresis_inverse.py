@@ -74,7 +74,7 @@ def invert_delayed(
     low: float,
     high: float,
 ) -> None:
-    """Rakotondrabe's multiplicative form: ``u[k] = (w[k] + h[k-1]) / A1``, 000 (14), 002 (8)."""
+    """Rakotondrabe's ``u[k] = (w[k] + h[k-1]) / A1``, Fujii 2018 (14), Zhou 2021 (8)."""
     last, h = memory[U], memory[H]
     for k in range(w.size):
         new = (w[k] + h) / p[0]

@@ -1,4 +1,4 @@
-"""Feedforward for models made of a hysteresis and a structure: 002 (8) and better."""
+"""Feedforward for models made of a hysteresis and a structure: Zhou 2021 (8) and better."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MINIMUM, _K1, _K2, _LEAD, _FIRST = range(5)
 
 
 class PhysicalInverse(InverseLink):
-    """Feedforward by inverting a hysteresis behind a structure, 002 (8).
+    """Feedforward by inverting a hysteresis behind a structure, Zhou 2021 (8).
 
     The structure (one mode, or none) is inverted on the reference's analytic derivatives in the
     middle of the interval of the hold; the hysteresis sample by sample.
@@ -58,8 +58,8 @@ class PhysicalInverse(InverseLink):
         Sampling interval [s].
     law : {'exact', 'euler', 'delayed', 'plays', 'gain'}
         ``exact``: Bouc-Wen by its exact step; ``euler``: by the papers' step and branch rule;
-        ``delayed``: with h of the sample before, Rakotondrabe's multiplicative form and 002 (8)
-        as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
+        ``delayed``: with h of the sample before, Rakotondrabe's multiplicative form and Zhou 2021
+        (8) as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
     minimum_slope : float, optional
         Smallest slope that is used [m/V]; a tenth of A1 (w0) where it is not given.
     lead : float, optional

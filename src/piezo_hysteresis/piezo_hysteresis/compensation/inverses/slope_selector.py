@@ -1,4 +1,4 @@
-"""003's inverse Bouc-Wen model whose parameters follow the slope of the reference."""
+"""Xiao 2014's inverse Bouc-Wen model whose parameters follow the slope of the reference."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _select(
     low: float,
     high: float,
 ) -> None:
-    """Add up 003's line segments; rows of `table` are slope, c, a, b, g, slopes ascending."""
+    """Add up Xiao 2014's segments; rows of `table` are slope, c, a, b, g, slopes ascending."""
     last, u, h = memory[_D], memory[_U], memory[_H]
     rows = table.shape[0]
     for k in range(voltage.size):
@@ -59,7 +59,7 @@ def _select(
 
 
 class SlopeSelectedInverse(InverseLink):
-    """003 figure 11: line segments of the reference, each inverted by the row of its slope.
+    """Xiao 2014 figure 11: line segments of the reference, each inverted by the row of its slope.
 
     Parameters
     ----------

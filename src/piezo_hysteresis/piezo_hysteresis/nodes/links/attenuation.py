@@ -1,4 +1,4 @@
-"""Attenuates harmonics of the tracking error: 000 (18)-(21) or adaptive cancellation."""
+"""Attenuates harmonics of the tracking error: Fujii 2018 (18)-(21) or adaptive cancellation."""
 
 from __future__ import annotations
 

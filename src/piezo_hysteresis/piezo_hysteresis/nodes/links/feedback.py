@@ -1,4 +1,4 @@
-"""Feedback as a link of the chain: PID, fuzzy PID (004) or H-infinity (003)."""
+"""Feedback as a link of the chain: PID, fuzzy PID (Fang 2019) or H-infinity (Xiao 2014)."""
 
 from __future__ import annotations
 

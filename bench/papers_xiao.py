@@ -1,4 +1,4 @@
-"""The figures and tables of 003: loops, the selector of the inverse, H-infinity."""
+"""The figures and tables of Xiao 2014: loops, the selector of the inverse, H-infinity."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BEGIN = 1.2
 
 @functools.cache
 def tracked(kind: str, frequency: float) -> LoopResult:
-    """Return a run over 003's triangle from rest."""
+    """Return a run over Xiao 2014's triangle from rest."""
     selector = plants.selector_values()
 
     def links() -> list[Link]:
@@ -45,7 +45,7 @@ def errors(kind: str, frequency: float) -> TrackingMetrics:
 
 @functools.cache
 def by_003(frequency: float) -> Identification:
-    """Return 003's Bouc-Wen model of one triangle, by its particle swarm."""
+    """Return Xiao 2014's Bouc-Wen model of one triangle, by its particle swarm."""
     chain = named('classical')
     return identify(
         [loops.stack_record(frequency)], chain, method='xiao2014', seed=1, max_evaluations=3000
@@ -58,11 +58,12 @@ def loop_figures() -> list[Entry]:
     found = []
     for name, f in (('Figure 3', 40.0), ('Figure 4', 100.0)):
         found.append(
-            Entry('003', name, f'loop at {f:.0f} Hz', 'the higher the frequency, the wider',
+            Entry('Xiao 2014', name, f'loop at {f:.0f} Hz', 'the higher the frequency, the wider',
                   f'{width(seen[f]):.0f} % open', drawn({f'{f:.0f} Hz': seen[f]}))
         )  # fmt: skip
     found.append(
-        Entry('003', 'Figure 5', 'loops from 20 to 100 Hz', 'wider from frequency to frequency',
+        Entry('Xiao 2014', 'Figure 5', 'loops from 20 to 100 Hz',
+              'wider from frequency to frequency',
               ', '.join(f'{f:.0f} Hz {width(each):.0f} % open' for f, each in seen.items()),
               together({f'{f:.0f} Hz': each for f, each in seen.items()}),
               numbers={f'{f:.0f}': width(each) for f, each in seen.items()})
@@ -88,7 +89,7 @@ def _model_figure(name: str, frequency: float) -> Entry:
 
     row = model.records[0]
     return Entry(
-        '003', name, f'Bouc-Wen model by particle swarm, {frequency:.0f} Hz',
+        'Xiao 2014', name, f'Bouc-Wen model by particle swarm, {frequency:.0f} Hz',
         'matches very well, worst at the tips',
         f'rms error {1e6 * row.free_run_rms:.2f} um ({row.nrmse_percent:.1f} % of what moves)',
         draw, 'at the higher frequency the loop is mostly linear lag, which is no Bouc-Wen loop',
@@ -116,7 +117,7 @@ def step_figure() -> Entry:
         finish(axis, 'time [ms]', 'displacement [µm]')
 
     return Entry(
-        '003', 'Figure 12', 'step response and identified linear model',
+        'Xiao 2014', 'Figure 12', 'step response and identified linear model',
         'matches well; (4) has the poles -29.4 and -1965 +- 1033j rad/s and the zero -31.5',
         f'poles {told} rad/s, zero {np.roots(found.numerator)[0].real:.1f}; free run misses '
         f'{found.nrmse_percent:.1f} % of {record.voltage.size} samples of steps up to 2 V. The '
@@ -158,7 +159,8 @@ def stack_table(frequencies: Sequence[float]) -> list[Entry]:
         finish(right, 'frequency of the triangle [Hz]', 'largest error [µm]')
 
     why = (
-        "003's hysteresis is not printed; ours was chosen for the column without compensation, "
+        "Xiao 2014's hysteresis is not printed; ours was chosen for the column without "
+        'compensation, '
         'mean removed: with 0.3 um/V this stack goes farther than its reference. Rows are fitted '
         'from rest, where the law adds up from; fitted to steady loops it misses the mean by 6.9 '
         'um at 100 Hz. The lag at 100 Hz is no Bouc-Wen loop, which is what is left'
@@ -171,9 +173,9 @@ def stack_table(frequencies: Sequence[float]) -> list[Entry]:
     shows = 'triangles of 30 um, rms (largest) error without and with the selector [um]'
     chain = 'inverse of hysteresis, mode and creep: ' + '; '.join(other)
     return [
-        Entry('003', 'Table 1', shows, '; '.join(said), '; '.join(lines), draw, why, numbers,
+        Entry('Xiao 2014', 'Table 1', shows, '; '.join(said), '; '.join(lines), draw, why, numbers,
               chain),
-        Entry('003', 'Figure 14', 'the same over the frequency',
+        Entry('Xiao 2014', 'Figure 14', 'the same over the frequency',
               'both grow with the frequency, with the selector below 2 um rms up to 40 Hz',
               f'with the selector {max(r[3] for r in rows.values()):.2f} um rms at most, '
               f'{max(r[6] for r in rows.values()):.2f} um largest', draw, 'as table 1'),
@@ -199,7 +201,7 @@ def tracking_figures(frequencies: Sequence[float]) -> list[Entry]:
             finish(right, 'time [s]', 'error [µm]')
 
         found.append(
-            Entry('003', name, f'tracking a triangle of {f:.0f} Hz by the selector',
+            Entry('Xiao 2014', name, f'tracking a triangle of {f:.0f} Hz by the selector',
                   'largest errors at the tips',
                   f'rms {1e6 * met.rms:.2f} um, largest {1e6 * met.largest:.2f} um, at the tips',
                   draw, 'as table 1')
@@ -210,7 +212,7 @@ def tracking_figures(frequencies: Sequence[float]) -> list[Entry]:
 def signals(seconds: float) -> list[Entry]:
     """Return figures 17 to 20, all with their means."""
     middle = 15e-6
-    fast = from_spec({'kind': 'composite_003', 'amplitude': 12e-6, 'offset': middle,
+    fast = from_spec({'kind': 'composite_xiao2014', 'amplitude': 12e-6, 'offset': middle,
                       'duration': seconds, 'ramp': 0.3})  # fmt: skip
     slow = from_spec({'kind': 'sum', 'amplitude': 12e-6, 'offset': middle, 'duration': 2 * seconds,
                       'ramp': 0.5, 'frequencies': (1.0, 3.0, 5.0)})  # fmt: skip
@@ -249,7 +251,7 @@ def signals(seconds: float) -> list[Entry]:
             f'{1e6 * np.abs(closed).max():.3f} um'
         )  # fmt: skip
         found.append(
-            Entry('003', name, shows, said,
+            Entry('Xiao 2014', name, shows, said,
                   f'largest error {worst:.3f} um, mean removed {moving:.3f} um', draw, reason,
                   {'worst': worst}, others)
         )  # fmt: skip
@@ -264,7 +266,7 @@ def _signal(kind: str, wave: Waveform) -> LoopResult:
 
 
 def entries(quick: bool = False) -> list[Entry]:
-    """Return every figure and table of 003 that is reproduced."""
+    """Return every figure and table of Xiao 2014 that is reproduced."""
     frequencies = (10.0, 100.0) if quick else tuple(row[0] for row in plants.TABLE_1)
     table, plotted = stack_table(frequencies)
     return [

@@ -1,4 +1,4 @@
-"""The figures of 000: odd harmonic oscillation, the enhanced model, attenuation."""
+"""The figures of Fujii 2018: odd harmonic oscillation, the enhanced model, attenuation."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def figure_5() -> Entry:
             axis.set_title(f'{f:.0f} Hz')
 
     return Entry(
-        '000', 'Figure 5', 'loops at 14 and 23 Hz', 'twisted loops at 14 and 23 Hz',
+        'Fujii 2018', 'Figure 5', 'loops at 14 and 23 Hz', 'twisted loops at 14 and 23 Hz',
         f'the 69 Hz line is {100 * third[23.0][3]:.0f} % of the fundamental at 23 Hz (a doubly '
         f'twisted loop), the 70 Hz line {100 * third[14.0][5]:.1f} % at 14 Hz',
         draw, numbers={'third at 23': third[23.0][3], 'fifth at 14': third[14.0][5]},
@@ -64,7 +64,7 @@ def figure_6() -> Entry:
     ours = '; '.join(
         f'{f:.0f} Hz: 3rd {100 * s[3]:.1f} %, 5th {100 * s[5]:.1f} %' for f, s in shares.items()
     )
-    return Entry('000', 'Figure 6', 'spectra', said, ours, draw,
+    return Entry('Fujii 2018', 'Figure 6', 'spectra', said, ours, draw,
                  numbers={f'{f:.0f}': max(s[3], s[5]) for f, s in shares.items()})  # fmt: skip
 
 
@@ -85,7 +85,7 @@ def figure_7() -> Entry:
         finish(axis, 'frequency [Hz]', 'gain relative to 5 Hz [dB]')
 
     return Entry(
-        '000', 'Figure 7', 'frequency characteristics',
+        'Fujii 2018', 'Figure 7', 'frequency characteristics',
         'resonance around 70 Hz, rolled off above 80 Hz (printed resonance 103 Hz)',
         f'peak of {level.max():.0f} dB at {peak:.0f} Hz, {level[-1]:.1f} dB at 100 Hz', draw,
         'the data sheet\'s 103 Hz is for another clamping; the damping is assumed',
@@ -119,11 +119,11 @@ def figure_8_11(length: Length) -> list[Entry]:
     twist = bimorph.lines(loops_of['enhanced'][1], 23.0, (1, 3))
     share = abs(twist[3]) / abs(twist[1])
     return [
-        Entry('000', 'Figure 8', 'response of the third-harmonic model at 23 Hz',
+        Entry('Fujii 2018', 'Figure 8', 'response of the third-harmonic model at 23 Hz',
               'a twisted loop, from the 69 Hz component',
               f'twisted; the 69 Hz component is {100 * share:.0f} % of the fundamental', draw_8,
               'the paper\'s parameters are fictitious, ours are identified'),
-        Entry('000', 'Figure 11', 'models and measurement at 23 Hz',
+        Entry('Fujii 2018', 'Figure 11', 'models and measurement at 23 Hz',
               'enhanced accurate, extended fails to capture the twisted loop',
               f'rms {errors["enhanced"]:.1f} um enhanced, {errors["extended"]:.0f} um extended',
               draw_11, NO_MEAN,
@@ -148,7 +148,7 @@ def figure_10(length: Length) -> Entry:
         return table[kind][length.frequencies.index(f)]
 
     return Entry(
-        '000', 'Figure 10', 'modelling error over frequency',
+        'Fujii 2018', 'Figure 10', 'modelling error over frequency',
         'the extended model is bad where odd harmonics are observed, the enhanced one is not',
         f'14 Hz {at("extended", 14.0):.1f} -> {at("enhanced", 14.0):.1f} um, 22 Hz '
         f'{at("extended", 22.0):.0f} -> {at("enhanced", 22.0):.1f}, 23 Hz '
@@ -195,14 +195,15 @@ def figure_13_17(length: Length) -> list[Entry]:
             finish(axis, 'time [s]', '[µm]', title)
 
     return [
-        Entry('000', 'Figure 13', 'spectrum of the tracking error at 23 Hz',
+        Entry('Fujii 2018', 'Figure 13', 'spectrum of the tracking error at 23 Hz',
               'only the third harmonic',
               f'third harmonic {abs(found[3]) * 1e6:.0f} um, the next largest line '
               f'{rest * 1e6:.1f} um', draw_13,
-              "001's figures 13 and 16 show the rest: near 23 Hz the RLS misses the phase of the "
+              "Tatebatake 2017's figures 13 and 16 show the rest: near 23 Hz the RLS misses the "
+              "phase of the "
               'fundamental by some degrees',
               {'third': abs(found[3]) * 1e6, 'rest': rest * 1e6}),
-        Entry('000', 'Figure 17', 'tracking 23 Hz',
+        Entry('Fujii 2018', 'Figure 17', 'tracking 23 Hz',
               'moderate error with (16), (17); high precision with (20)',
               f'{errors[0]:.0f} um with (16), (17); with (20) and the printed rule of the sign '
               f'(22), (23) {near[23.0][0]:.1f} um at 23 Hz, but {near[22.0][0]:.0f} um at 22 Hz, '
@@ -231,7 +232,7 @@ def figure_15() -> Entry:
             axis.set_title(f'{f:.0f} Hz')
 
     return Entry(
-        '000', 'Figure 15', 'loops at 66 and 69 Hz',
+        'Fujii 2018', 'Figure 15', 'loops at 66 and 69 Hz',
         'a common loop at 66 Hz, inverted polarity at 69 Hz',
         f'phase {phases[66.0]:.0f} degrees at 66 Hz, {phases[69.0]:.0f} degrees at 69 Hz', draw,
         'the sign switch (22), (23) that the paper derives from this is right only for some '
@@ -265,7 +266,7 @@ def figure_16(length: Length) -> Entry:
 
     median = float(np.median(table['ours, mean included']))
     return Entry(
-        '000', 'Figure 16', 'tracking error over frequency',
+        'Fujii 2018', 'Figure 16', 'tracking error over frequency',
         'the proposed control clearly outperforms the extended model at 14 and 18 to 28 Hz',
         '; '.join(f'{f:.0f} Hz {at("extended", f):.1f} -> {at("proposed", f):.1f} um'
                   for f in marked if f in (14.0, 18.0, 22.0, 23.0, 24.0, 28.0))
@@ -281,7 +282,7 @@ def figure_16(length: Length) -> Entry:
 
 
 def entries(length: Length) -> list[Entry]:
-    """Return every figure of 000."""
+    """Return every figure of Fujii 2018."""
     return [
         figure_5(),
         figure_6(),

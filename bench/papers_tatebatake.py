@@ -1,4 +1,4 @@
-"""The figures of 001: basic against extended model, modelling and control."""
+"""The figures of Tatebatake 2017: basic against extended model, modelling and control."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CONTROL = ('basic', 'printed')
 
 
 def sweep(length: Length) -> list[float]:
-    """Return the frequencies of 001, 1 to 30 Hz."""
+    """Return the frequencies of Tatebatake 2017, 1 to 30 Hz."""
     return [f for f in length.frequencies if f <= 30.0]
 
 
@@ -66,11 +66,11 @@ def figures_14_15_16(length: Length) -> list[Entry]:
 
 
 def solved(length: Length) -> str:
-    """Return what 000 (16), (17) do with the same models."""
+    """Return what Fujii 2018 (16), (17) do with the same models."""
     rms = {f: 1e6 * bimorph.tracking_error(f, 'extended', length) for f in sweep(length)}
     chosen = ', '.join(f'{f:.0f} Hz {rms[f]:.1f} um' for f in (10.0, 23.0, 30.0) if f in rms)
     median = np.median(list(rms.values()))
-    return f'000 (16), (17) on the same models: median {median:.1f} um, {chosen}'
+    return f'Fujii 2018 (16), (17) on the same models: median {median:.1f} um, {chosen}'
 
 
 def compare(
@@ -93,7 +93,7 @@ def compare(
 
     better = sum(b < a for a, b in zip(rms[first_kind], rms[second_kind], strict=True))
     found = [
-        Entry('001', error[0], error[1], error[2],
+        Entry('Tatebatake 2017', error[0], error[1], error[2],
               f'extended better at {better} of {len(frequencies)} frequencies; median '
               f'{np.median(rms[first_kind]):.1f} against {np.median(rms[second_kind]):.1f} um',
               draw,
@@ -111,7 +111,7 @@ def compare(
             finish(axis, 'frequency [Hz]', 'phase [degrees]')
 
         ours = f'up to {max(others):.1f} degrees away from 23 Hz, {near:+.1f} at 23 Hz'
-        found.append(Entry('001', name, shows, said, ours, draw_phase,
+        found.append(Entry('Tatebatake 2017', name, shows, said, ours, draw_phase,
                            numbers={'others': max(others), '23': near}))  # fmt: skip
     return found
 
@@ -147,11 +147,12 @@ def controlled(number: int, f: float, kind: str, said: str, length: Length) -> E
     other = ''
     if kind != 'basic':
         other = (
-            f'000 (16), (17) on the same model: rms error '
+            f'Fujii 2018 (16), (17) on the same model: rms error '
             f'{1e6 * bimorph.tracking_error(f, "extended", length):.1f} um'
         )
     return Entry(
-        '001', f'Figure {number}', f'controlled at {f:.0f} Hz by the {model} model', said,
+        'Tatebatake 2017', f'Figure {number}',
+        f'controlled at {f:.0f} Hz by the {model} model', said,
         f'third harmonic {share:.1f} % of the fundamental, phase {phase:+.1f} degrees, rms error '
         f'{error:.1f} um', draw, numbers={'third': share},
         deviating=other,
@@ -159,5 +160,5 @@ def controlled(number: int, f: float, kind: str, said: str, length: Length) -> E
 
 
 def entries(length: Length) -> list[Entry]:
-    """Return every figure of 001 that is reproduced here."""
+    """Return every figure of Tatebatake 2017 that is reproduced here."""
     return [*figures_11_12_13(length), *figures_14_15_16(length), *figures_17_22(length)]
