@@ -47,9 +47,9 @@ def main() -> int:
     if '--check' not in sys.argv[1:]:
         for k, cell in enumerate(cells):
             cell['outputs'], cell['execution_count'] = outputs[k], k + 1
-        young = NOTEBOOK.with_suffix(f'.{os.getpid()}.tmp')
-        young.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + '\n', 'utf-8')
-        young.rename(NOTEBOOK)
+        temporary = NOTEBOOK.with_suffix(f'.{os.getpid()}.tmp')
+        temporary.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + '\n', 'utf-8')
+        temporary.rename(NOTEBOOK)
     return 0
 
 

@@ -46,7 +46,7 @@ class Chain:
         self.loop = ControlLoop()
         self.links: tuple[LinkNode, ...] = self.loop.nodes
         self.commands: list[tuple[int, float]] = []
-        self.loop.feedback.hand_to(lambda _, k, voltage: self.commands.append((k, voltage)))
+        self.loop.feedback.deliver_to(lambda _, k, voltage: self.commands.append((k, voltage)))
         model = named('classical')
         self.loop.feedforward._load(ModelFile(model, model.defaults()))
         self.tick = 0

@@ -11,7 +11,7 @@ pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup
 from piezo_hysteresis.dashboard.backend import Answer
 from piezo_hysteresis.dashboard.live import Live, NodeState
 from piezo_hysteresis.nodes.dashboard import node_registry as dashboard_nodes
-from piezo_hysteresis.nodes.dashboard.node_registry import PATIENCE, Directory
+from piezo_hysteresis.nodes.dashboard.node_registry import PATIENCE, NodeRegistry
 
 
 class Silent:
@@ -33,9 +33,9 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return [100.0]
 
 
-def asked(live: Live) -> tuple[Directory, Answer]:
+def asked(live: Live) -> tuple[NodeRegistry, Answer]:
     live.nodes['attenuation'] = NodeState('attenuation', True, 0.0)
-    directory, answer = Directory(None, live), Answer()  # type: ignore[arg-type]
+    directory, answer = NodeRegistry(None, live), Answer()  # type: ignore[arg-type]
     directory.set('attenuation', {'method': 'rls'}, answer)
     return directory, answer
 

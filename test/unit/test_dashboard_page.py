@@ -10,7 +10,7 @@ from bokeh.document import Document
 from dashboard_fakes import Backend, filled, live_at
 
 from piezo_hysteresis.dashboard.axes import Follower
-from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, NodeState, Word
+from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, LogLine, NodeState
 from piezo_hysteresis.dashboard.page import Page
 from piezo_hysteresis.dashboard.signals import State
 from piezo_hysteresis.dashboard.wellbeing import banner
@@ -47,8 +47,8 @@ def test_what_comes_from_outside_is_escaped():
     evil = '<script>alert(1)</script>'
     live = live_at([0.0])
     live.nodes['n'] = NodeState('n', True, 0.0)
-    live.diagnostics['n'] = Word(0.0, 'n', 'error', evil)
-    live.words.append(Word(0.0, evil, 'error', evil))
+    live.diagnostics['n'] = LogLine(0.0, 'n', 'error', evil)
+    live.words.append(LogLine(0.0, evil, 'error', evil))
     gap = Gap(0.0, 1.0, 1.0, 9.0, 1.0, (1,), (1.0,), True, evil)
     estimate = Estimate(0.0, evil, evil, evil, (evil,), (evil,), (1.0,), (0.1,), 0, 0, True)
     texts = [

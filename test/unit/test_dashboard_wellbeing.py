@@ -9,7 +9,7 @@ from dashboard_fakes import live_at
 
 from piezo_hysteresis.dashboard.controls import Parameter
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live import Counters, Job, NodeState, Word
+from piezo_hysteresis.dashboard.live import Counters, Job, LogLine, NodeState
 from piezo_hysteresis.dashboard.wellbeing import MUTE, banner, overall, pulse
 from piezo_hysteresis.dashboard.words import (
     LOG_SHOWN,
@@ -29,7 +29,7 @@ def running(time, mode='reference', **said):
     nodes = {'excitation': ('ok', 'reference: sine'), 'feedforward': ('ok', 'corrects'), **said}
     for name, (level, text) in nodes.items():
         live.nodes[name] = NodeState(name, True, 0.0)
-        live.diagnostics[name] = Word(time[0], name, level, text)
+        live.diagnostics[name] = LogLine(time[0], name, level, text)
     live.nodes['excitation'] = NodeState(
         'excitation', True, 0.0, {'mode': Parameter('excitation', 'mode', mode)}
     )
@@ -81,7 +81,7 @@ def test_the_banner_says_what_to_do():
     time[0] += 20.0
     assert 'choose a mode under Drive' in banner(live)
     assert 'calm' in banner(live)
-    live.diagnostics['excitation'] = Word(time[0], 'excitation', 'error', 'no actuator/state')
+    live.diagnostics['excitation'] = LogLine(time[0], 'excitation', 'error', 'no actuator/state')
     assert 'given up (no actuator/state)' in banner(live)
     assert 'choose a mode again' in banner(live)
     assert 'calm' not in banner(live)
@@ -92,7 +92,7 @@ def test_the_banner_says_what_to_do():
 def test_words_of_the_log_go_away():
     time = [100.0]
     live = running(time)
-    live.words.append(Word(100.0, 'feedforward', 'warning', 'no input'))
+    live.words.append(LogLine(100.0, 'feedforward', 'warning', 'no input'))
     assert 'no input' in status_words(live)
     time[0] += LOG_SHOWN + 1.0
     assert 'no input' not in status_words(live)

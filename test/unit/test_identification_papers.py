@@ -11,7 +11,7 @@ from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.search import FANG, Swarm
 from piezo_hysteresis.models import answers_at_once, named
 from piezo_hysteresis.records import Record, RecordInfo
-from piezo_hysteresis.runtime.identification_plan import Course, Edge
+from piezo_hysteresis.runtime.identification_plan import RecordSegmenter, SegmentEdge
 
 DT = 1e-3
 HARMONIC = {
@@ -132,15 +132,15 @@ def test_rls_starts_where_it_is_told_and_trusts_it_as_it_is_told() -> None:
 
 
 def test_markers_move_the_harmonic_of_the_online_recursion() -> None:
-    course = Course(OnlineRls(RlsSettings(harmonic=3, frequency=5.0)), 1.0 / DT)
+    course = RecordSegmenter(OnlineRls(RlsSettings(harmonic=3, frequency=5.0)), 1.0 / DT)
     data = record('enhanced3', HARMONIC, 23.0, 0.5)
-    course.mark(Edge(0, 'a', 23.0))
+    course.mark(SegmentEdge(0, 'a', 23.0))
     for k, (u, y) in enumerate(zip(data.voltage, data.displacement, strict=True)):
         course.take(k, k * 1_000_000, float(u), float(y))
     told = OnlineRls(RlsSettings(harmonic=3, frequency=23.0))
     told.update_many(data.voltage, data.displacement)
     assert course.method.estimate().parameters() == told.estimate().parameters()
-    course.mark(Edge(600_000_000, 'b', 400.0))
+    course.mark(SegmentEdge(600_000_000, 'b', 400.0))
     course.take(600, 600_000_000, 0.0, 0.0)
     assert course.unseen == 1
 

@@ -7,14 +7,14 @@ from itertools import pairwise
 import pytest
 
 from piezo_common.health import HOLD, CounterWatch, Level, judge
-from piezo_common.order import AHEAD, REORDERED, Intake, Stamps
+from piezo_common.order import AHEAD, REORDERED, SequenceFilter, StampValidator
 from piezo_common.stamps import tick_nanoseconds
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
 from piezo_hysteresis.runtime.excitation_health import Doing, ExcitationHealth
 from piezo_hysteresis.runtime.link_health import SILENCE, LinkHealth
-from piezo_hysteresis.runtime.synchronizer import TickBook
+from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer
 from piezo_hysteresis.runtime.watchdog import Watchdog
 
 
@@ -27,14 +27,14 @@ class Clock:
 
 
 def test_an_intake_takes_each_number_once_and_in_order() -> None:
-    intake = Intake()
+    intake = SequenceFilter()
     taken = [k for k in (7, 8, 8, 7, 10, 9, 11) if intake.take(k)]
     assert taken == [7, 8, 10, 11]
     assert intake.counters() == {'missed': 1, 'doubled': 1, 'reordered': 2, 'strays': 0}
 
 
 def test_one_number_far_ahead_is_a_stray_and_the_next_one_a_jump() -> None:
-    intake = Intake()
+    intake = SequenceFilter()
     assert intake.take(5)
     assert not intake.take(6 + AHEAD)
     assert intake.take(6)
@@ -46,7 +46,7 @@ def test_one_number_far_ahead_is_a_stray_and_the_next_one_a_jump() -> None:
 
 
 def test_a_source_that_begins_at_0_was_started_anew() -> None:
-    intake = Intake()
+    intake = SequenceFilter()
     for k in (3, 0, 1, 900, 0):
         assert intake.take(k), k
     assert intake.counters() == {'missed': 898, 'doubled': 0, 'reordered': 0, 'strays': 0}
@@ -56,7 +56,7 @@ def test_a_source_that_begins_at_0_was_started_anew() -> None:
 
 @pytest.mark.parametrize(('first', 'anew'), [(1000, True), (1000, False), (0, False)])
 def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first, anew) -> None:
-    intake = Intake(anew=anew)
+    intake = SequenceFilter(anew=anew)
     newest = first + REORDERED + 5
     assert intake.take(newest)
     assert not intake.take(first)
@@ -68,7 +68,7 @@ def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first, anew) 
 
 
 def test_a_0_that_is_a_number_like_all_others_is_out_of_order_near_the_newest() -> None:
-    intake = Intake(anew=False)
+    intake = SequenceFilter(anew=False)
     assert [k for k in range(5) if intake.take(k)] == list(range(5))
     assert not intake.take(0)
     assert intake.take(5)
@@ -79,7 +79,7 @@ MS = 1_000_000
 HOUR = 3_600_000 * MS
 
 
-def timed(stamps: Stamps, samples: dict[int, int]) -> list[int]:
+def timed(stamps: StampValidator, samples: dict[int, int]) -> list[int]:
     return [stamps.true_time(sample, said) for sample, said in samples.items()]
 
 
@@ -87,7 +87,7 @@ def timed(stamps: Stamps, samples: dict[int, int]) -> list[int]:
     ('wrong', 'jumps'), [(0, 2), (1, 2), (3 * HOUR, 2), (7 * HOUR, 2), (5 * HOUR + 2 * MS, 1)]
 )
 def test_a_stamp_that_jumps_is_replaced_by_what_the_number_says(wrong: int, jumps: int) -> None:
-    stamps = Stamps(1e-3)
+    stamps = StampValidator(1e-3)
     genuine = {k: 5 * HOUR + k * MS for k in (0, 1, 2, 5, 6, 7)}
     assert timed(stamps, {**genuine, 5: wrong}) == list(genuine.values())
     assert stamps.jumps == jumps  # away, and back where that is far
@@ -97,7 +97,7 @@ def test_a_stamp_that_jumps_is_replaced_by_what_the_number_says(wrong: int, jump
 
 @pytest.mark.parametrize('set_to', [-2 * HOUR, 2 * HOUR])
 def test_a_clock_that_was_set_is_believed_from_the_second_sample_on(set_to: int) -> None:
-    stamps = Stamps(1e-3)
+    stamps = StampValidator(1e-3)
     begin = 5 * HOUR
     assert timed(stamps, {0: begin, 1: begin + MS}) == [begin, begin + MS]
     assert stamps.true_time(2, begin + set_to + 2 * MS) == begin + 2 * MS
@@ -106,7 +106,7 @@ def test_a_clock_that_was_set_is_believed_from_the_second_sample_on(set_to: int)
 
 
 def test_a_source_that_stamps_nothing_does_not_jump_and_one_that_stops_to_stamp_does() -> None:
-    stamps = Stamps(1e-3)
+    stamps = StampValidator(1e-3)
     assert timed(stamps, {0: 0, 1: 0, 2: 0, 9: 0}) == [0, 0, 0, 0]
     assert stamps.jumps == 0
     assert timed(stamps, {10: HOUR, 11: HOUR + MS}) == [MS, HOUR + MS]
@@ -115,7 +115,7 @@ def test_a_source_that_stamps_nothing_does_not_jump_and_one_that_stops_to_stamp_
 
 
 def test_the_stamps_of_a_source_that_was_started_anew_begin_anew() -> None:
-    stamps = Stamps(1e-3)
+    stamps = StampValidator(1e-3)
     assert timed(stamps, {7: 7 * MS, 8: 8 * MS}) == [7 * MS, 8 * MS]
     assert timed(stamps, {0: HOUR, 1: HOUR + MS}) == [HOUR, HOUR + MS]
     assert stamps.jumps == 0
@@ -239,7 +239,7 @@ def test_a_reference_beyond_the_stroke_is_said() -> None:
 
 
 def test_a_voltage_whose_reference_never_comes_does_not_block_the_book() -> None:
-    book: TickBook[str] = TickBook()
+    book: SampleSynchronizer[str] = SampleSynchronizer()
     for k in (0, 1, 2, 3):
         book.add_voltage(k, 0.1 * k, 'tag')
         book.add_measured(Measured(k, 0.0, 0.0))
@@ -253,7 +253,7 @@ def test_a_voltage_whose_reference_never_comes_does_not_block_the_book() -> None
 
 
 def test_strays_between_genuine_messages_never_make_a_jump() -> None:
-    intake = Intake()
+    intake = SequenceFilter()
     for k in range(50):
         assert intake.take(k)
         assert not intake.take(k + 10**6)

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
 from piezo_hysteresis.parameters.tables import IDENTIFICATION
-from piezo_hysteresis.runtime.identification_plan import Course, Edge, forgetting_of, new_method
+from piezo_hysteresis.runtime.identification_plan import (
+    RecordSegmenter,
+    SegmentEdge,
+    forgetting_of,
+    new_method,
+)
 from piezo_hysteresis.runtime.rollback import EVERY, KEPT
 
 RATE = 1000.0
@@ -37,14 +42,14 @@ class Spy:
         self.did.append('reset')
 
 
-def feed(course: Course, samples: list[int]) -> None:
+def feed(course: RecordSegmenter, samples: list[int]) -> None:
     for k in samples:
         course.take(k, k * MS, float(k), 0.0)
 
 
-def spied(only_records: bool = True) -> tuple[Course, list[object]]:
+def spied(only_records: bool = True) -> tuple[RecordSegmenter, list[object]]:
     spy = Spy()
-    return Course(spy, RATE, only_records), spy.did  # type: ignore[arg-type]
+    return RecordSegmenter(spy, RATE, only_records), spy.did  # type: ignore[arg-type]
 
 
 def test_without_markers_everything_counts_once() -> None:
@@ -56,8 +61,8 @@ def test_without_markers_everything_counts_once() -> None:
 def test_markers_cut_by_their_time_however_early_they_come() -> None:
     course, did = spied()
     for nanoseconds, name in ((1 * MS, 'a'), (3 * MS, ''), (5 * MS, 'b')):
-        course.mark(Edge(nanoseconds, name))
-    course.mark(Edge(7 * MS, ''))
+        course.mark(SegmentEdge(nanoseconds, name))
+    course.mark(SegmentEdge(7 * MS, ''))
     feed(course, list(range(9)))
     assert did == [0.0, 'rest', 1.0, 2.0, 'rest', 'rest', 5.0, 6.0, 'rest']
     course.reset()
@@ -74,14 +79,14 @@ class Tape(Spy):
         return copy
 
 
-EDGES = [Edge(k * MS, name) for k, name in ((2, 'a'), (4, ''), (6, 'b'), (9, ''), (9, 'c'))]
+EDGES = [SegmentEdge(k * MS, name) for k, name in ((2, 'a'), (4, ''), (6, 'b'), (9, ''), (9, 'c'))]
 
 
-def taped(order: list[int | Edge]) -> tuple[list[object], int]:
+def taped(order: list[int | SegmentEdge]) -> tuple[list[object], int]:
     """Let a course hear samples, by their number, and markers, in an order."""
-    course = Course(Tape(), RATE)  # type: ignore[arg-type]
+    course = RecordSegmenter(Tape(), RATE)  # type: ignore[arg-type]
     for each in order:
-        if isinstance(each, Edge):
+        if isinstance(each, SegmentEdge):
             course.mark(each)
         else:
             feed(course, [each])
@@ -92,7 +97,7 @@ def taped(order: list[int | Edge]) -> tuple[list[object], int]:
 
 @given(st.lists(st.integers(0, 14), min_size=len(EDGES), max_size=len(EDGES)))
 def test_a_marker_that_comes_late_cuts_as_if_it_had_come_in_time(places: list[int]) -> None:
-    order: list[int | Edge] = []
+    order: list[int | SegmentEdge] = []
     for k in range(15):
         order += [edge for edge, place in zip(EDGES, sorted(places), strict=True) if place == k]
         order.append(k)
@@ -101,10 +106,10 @@ def test_a_marker_that_comes_late_cuts_as_if_it_had_come_in_time(places: list[in
 
 @pytest.mark.parametrize('delay', [EVERY - 1, EVERY, EVERY + 1, (KEPT - 1) * EVERY])
 def test_a_marker_may_be_seconds_late(delay: int) -> None:
-    first, last = Edge(100 * MS, 'a'), Edge(3000 * MS, '')
+    first, last = SegmentEdge(100 * MS, 'a'), SegmentEdge(3000 * MS, '')
     everything = range(KEPT * EVERY + 500)
     in_time = taped([first, last, *everything])
-    late: list[int | Edge] = list(everything)
+    late: list[int | SegmentEdge] = list(everything)
     late.insert(101 + delay, first)
     late.insert(max(3001, 102 + delay), last)
     assert taped(late) == in_time == (in_time[0], 0)
@@ -112,13 +117,13 @@ def test_a_marker_may_be_seconds_late(delay: int) -> None:
 
 def test_a_marker_that_is_later_than_memory_acts_from_then_on() -> None:
     end = KEPT * EVERY + 10
-    did, late = taped([*range(end), Edge(3 * MS, 'a'), end, end + 1])
+    did, late = taped([*range(end), SegmentEdge(3 * MS, 'a'), end, end + 1])
     assert late == 1
     assert did == [*map(float, range(end)), 'rest', float(end), float(end + 1)]
 
 
 def test_the_first_marker_of_a_bag_played_again_is_not_late() -> None:
-    once: list[int | Edge] = [Edge(0, 'a'), 0, 1, 2, Edge(3 * MS, ''), 3]
+    once: list[int | SegmentEdge] = [SegmentEdge(0, 'a'), 0, 1, 2, SegmentEdge(3 * MS, ''), 3]
     did, late = taped([*once, *once])
     assert late == 0
     assert did == ['rest', 0.0, 1.0, 2.0, 'rest', 'rest', 0.0, 1.0, 2.0, 'rest']
@@ -134,7 +139,7 @@ def test_a_stamp_that_jumps_cuts_nothing(wrong: int, place: int) -> None:
     course, did = spied()
     times = {k: 5 * HOUR + k * MS for k in range(8)}
     for k, name in ((2, 'a'), (4, ''), (6, 'b')):
-        course.mark(Edge(times[k], name))
+        course.mark(SegmentEdge(times[k], name))
     for k, time in {**times, place: wrong}.items():
         course.take(k, time, float(k), 0.0)
     assert did == [0.0, 1.0, 'rest', 2.0, 3.0, 'rest', 'rest', 6.0, 7.0]
@@ -144,7 +149,7 @@ def test_a_stamp_that_jumps_cuts_nothing(wrong: int, place: int) -> None:
 def test_a_number_of_another_actuator_cuts_nothing() -> None:
     course, did = spied()
     for k, name in ((2, 'a'), (4, '')):
-        course.mark(Edge(k * MS, name))
+        course.mark(SegmentEdge(k * MS, name))
     for k in range(6):
         course.take(k, k * MS, float(k), 0.0)
         assert not course.take(k + 10**6, k * MS, -1.0, 0.0)
@@ -154,12 +159,12 @@ def test_a_number_of_another_actuator_cuts_nothing() -> None:
 
 def test_a_record_may_begin_at_any_number() -> None:
     course, did = spied()
-    course.mark(Edge(5 * MS, 'a'))
+    course.mark(SegmentEdge(5 * MS, 'a'))
     feed(course, [5, 6])
-    course.mark(Edge(7 * MS, 'b'))
+    course.mark(SegmentEdge(7 * MS, 'b'))
     for number, k in ((90_000, 7), (90_001, 8)):
         course.take(number, k * MS, float(k), 0.0)
-    course.mark(Edge(5 * MS, 'a'))
+    course.mark(SegmentEdge(5 * MS, 'a'))
     feed(course, [5, 6])
     assert did == ['rest', 5.0, 6.0, 'rest', 7.0, 8.0, 'rest', 5.0, 6.0]
     assert course.stamps.jumps == 0
@@ -167,8 +172,8 @@ def test_a_record_may_begin_at_any_number() -> None:
 
 def test_samples_between_records_count_where_wanted() -> None:
     course, did = spied(only_records=False)
-    course.mark(Edge(1 * MS, 'a'))
-    course.mark(Edge(2 * MS, ''))
+    course.mark(SegmentEdge(1 * MS, 'a'))
+    course.mark(SegmentEdge(2 * MS, ''))
     feed(course, list(range(4)))
     assert did == [0.0, 'rest', 1.0, 'rest', 2.0, 3.0]
 
@@ -179,9 +184,11 @@ def test_an_actuator_that_starts_anew_is_at_rest() -> None:
     assert did == [0.0, 1.0, 2.0, 'rest', 0.0, 1.0]
 
 
-def swept(method: str, seconds: float = 4.0, **settings: object) -> tuple[Course, np.ndarray]:
+def swept(
+    method: str, seconds: float = 4.0, **settings: object
+) -> tuple[RecordSegmenter, np.ndarray]:
     values = {**DEFAULTS, 'method': method, **settings}
-    course = Course(new_method(values), RATE)
+    course = RecordSegmenter(new_method(values), RATE)
     model = named('classical')
     parameters = {**model.defaults(), 'A1': 1e-4, 'A': 3e-5, 'beta': 1.0, 'gamma': 0.2}
     time = np.arange(round(seconds * RATE)) / RATE
@@ -248,7 +255,7 @@ def test_settings_that_do_not_go_together_are_refused(wrong: dict[str, object]) 
 
 
 def test_v0_is_no_model() -> None:
-    course = Course(new_method({**DEFAULTS, 'variant': 'V0'}), RATE)
+    course = RecordSegmenter(new_method({**DEFAULTS, 'variant': 'V0'}), RATE)
     with pytest.raises(PiezoError, match='V0'):
         course.model_file('rls')
 

@@ -11,7 +11,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.runtime.crossfade import CrossFade
 from piezo_hysteresis.runtime.inversion import HISTORY, Inversion
-from piezo_hysteresis.runtime.synchronizer import LONGEST, TickBook
+from piezo_hysteresis.runtime.synchronizer import LONGEST, SampleSynchronizer
 
 DT = 1e-3
 LIMITS = Limits(-1.2, 1.2, 2000.0)
@@ -85,7 +85,7 @@ def test_a_crossfade_begins_at_the_last_share_and_ends_at_the_new_one() -> None:
 def test_a_book_answers_each_tick_once_in_any_order() -> None:
     rng = np.random.default_rng(1)
     for _ in range(20):
-        book: TickBook[str] = TickBook()
+        book: SampleSynchronizer[str] = SampleSynchronizer()
         calls = []
         for k, point in enumerate(points(5)):
             calls += [
@@ -109,7 +109,7 @@ def test_a_book_answers_each_tick_once_in_any_order() -> None:
 
 
 def test_a_book_without_voltages_stays_small() -> None:
-    book: TickBook[str] = TickBook()
+    book: SampleSynchronizer[str] = SampleSynchronizer()
     for point in points(3 * LONGEST):
         book.add_reference(point)
         book.add_measured(Measured(point.sample, 0.0, 0.0))

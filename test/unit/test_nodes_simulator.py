@@ -7,13 +7,13 @@ from itertools import pairwise
 
 import pytest
 
-from piezo_sim.nodes.pacing import AHEAD, CommandBook, Pace
+from piezo_sim.nodes.pacing import AHEAD, CommandQueue, Pace
 
 DT = 1e-3
 
 
 def test_each_command_is_counted_once() -> None:
-    book = CommandBook(-1.0, 1.0)
+    book = CommandQueue(-1.0, 1.0)
     book.arrive(0, 0.5, tick=0)
     book.arrive(0, 0.6, tick=1)
     book.arrive(1, 0.7, tick=3)
@@ -28,7 +28,7 @@ def test_each_command_is_counted_once() -> None:
 
 
 def test_silence_is_missed_ticks_and_then_one_timeout() -> None:
-    book = CommandBook(-1.0, 1.0, safe_voltage=0.2, ramp=100.0)
+    book = CommandQueue(-1.0, 1.0, safe_voltage=0.2, ramp=100.0)
     book.hold(0, DT, timeout=0.01)
     assert book.counts['missed'] == 0
     book.arrive(1, 0.9, tick=1)
@@ -47,7 +47,7 @@ def test_silence_is_missed_ticks_and_then_one_timeout() -> None:
 
 
 def test_commands_that_jump_are_applied_no_faster_than_the_slew() -> None:
-    book = CommandBook(-1.0, 1.0, safe_voltage=-1.0, ramp=1e6, slew=50.0)
+    book = CommandQueue(-1.0, 1.0, safe_voltage=-1.0, ramp=1e6, slew=50.0)
     voltages = [0.0]
     for tick in range(100):
         if tick < 50:
@@ -63,7 +63,7 @@ def test_commands_that_jump_are_applied_no_faster_than_the_slew() -> None:
 
 
 def test_commands_of_a_link_that_was_held_up_do_not_act() -> None:
-    book = CommandBook(-1.0, 1.0, patience=10.0)
+    book = CommandQueue(-1.0, 1.0, patience=10.0)
     book.arrive(0, 0.1, tick=0)
     for sample in range(1, 41):
         book.arrive(sample, 0.01 * sample, tick=50)
@@ -76,7 +76,7 @@ def test_commands_of_a_link_that_was_held_up_do_not_act() -> None:
 
 
 def test_refused_commands_do_not_keep_the_watch_quiet() -> None:
-    book = CommandBook(-1.0, 1.0, safe_voltage=0.0, ramp=1000.0)
+    book = CommandQueue(-1.0, 1.0, safe_voltage=0.0, ramp=1000.0)
     book.arrive(0, 0.9, tick=0)
     for tick in range(1, 20):
         book.arrive(tick, math.nan, tick)

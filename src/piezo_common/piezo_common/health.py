@@ -1,4 +1,4 @@
-"""How a node is: a level, a sentence, and the numbers behind it; knows no ROS."""
+"""Health of a node: level, sentence, and the numbers behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the number of a sample says about the one who counts them; knows no ROS."""
+"""Filter of sample numbers, and check of stamps against them."""
 
 from piezo_common.stamps import NANOSECONDS
 
@@ -17,7 +17,7 @@ _NONE = -REORDERED - 1
 TOLERANCE = NANOSECONDS // 2
 
 
-class Intake:
+class SequenceFilter:
     """Judges the numbers of one stream of messages and counts what is wrong with them.
 
     A number far from the others is believed once the next message confirms it. A source that
@@ -69,7 +69,7 @@ class Intake:
         return dict(self._counts)
 
 
-class Stamps:
+class StampValidator:
     """Holds time stamps against the numbers of samples, which are the truth.
 
     Parameters

@@ -37,7 +37,7 @@ def write_records(path: Path, records: Sequence[Record]) -> None:
             columns[f'{record.name}/time_s'] = record.time
             columns[f'{record.name}/voltage_V'] = record.voltage
             columns[f'{record.name}/displacement_m'] = record.displacement
-        _replace(path, lambda young: _save(young, columns))
+        _replace(path, lambda temporary: _save(temporary, columns))
     else:
         write_bag(path, records)
 
@@ -70,7 +70,7 @@ def write_labels(path: Path, content: Mapping[str, Any]) -> None:
         text = yaml.safe_dump(dict(content), sort_keys=False)
     else:
         raise SweepError(f'{path}: the labels are written as .json or .yaml')
-    _replace(path, lambda young: young.write_text(text, encoding='utf-8'))
+    _replace(path, lambda temporary: temporary.write_text(text, encoding='utf-8'))
 
 
 def _save(path: Path, columns: Mapping[str, Any]) -> None:
@@ -80,12 +80,12 @@ def _save(path: Path, columns: Mapping[str, Any]) -> None:
 
 def _replace(path: Path, write: Any) -> None:
     """Write beside `path` first, so that it is there whole or not at all."""
-    young = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(young)
-        young.replace(path)
+        write(temporary)
+        temporary.replace(path)
     except OSError as error:
         raise SweepError(f'{path} cannot be written: {error.strerror or error}') from None
     finally:
-        young.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)

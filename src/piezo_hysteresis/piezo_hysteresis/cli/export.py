@@ -39,15 +39,15 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.out)
     if folder.exists():
         raise RecordError(f'{folder} exists already; remove it or choose another name')
-    young = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
+    temporary = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
     try:
-        young.mkdir(parents=True)
-        _write(young, found.records, arguments.unit)
-        young.rename(folder)
+        temporary.mkdir(parents=True)
+        _write(temporary, found.records, arguments.unit)
+        temporary.rename(folder)
     except OSError as error:
         raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
     finally:
-        shutil.rmtree(young, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
     print_survey_notes(found)
     print(f'{len(found.records)} files in {folder}')
     return 0

@@ -153,7 +153,7 @@ def refusal_words(parameter: Parameter, reason: str) -> str:
 
 
 @dataclass(frozen=True)
-class Reach:
+class SliderRange:
     """What a slider spans, in the unit that people read.
 
     Attributes
@@ -171,7 +171,7 @@ class Reach:
         return min(max(value, self.start), self.end)
 
 
-def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> Reach:
+def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> SliderRange:
     """Return a useful range of a slider: the allowed one, cut to the size of what is usual.
 
     Ranges such as 0 .. 500 V hold for any actuator; a slider over all of it would be useless. It
@@ -202,7 +202,7 @@ def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> Reach:
         start, end = low, high
     whole = isinstance(parameter.value, int)
     step = 1.0 if whole else 10.0 ** math.floor(math.log10((end - start) / _STEPS))
-    return Reach(start, max(end, start + step), step)
+    return SliderRange(start, max(end, start + step), step)
 
 
 def round_up(value: float) -> float:

@@ -104,7 +104,7 @@ class Counters:
 
 
 @dataclass(frozen=True)
-class Word:
+class LogLine:
     """What a node said in its log or diagnostics.
 
     Attributes
@@ -210,9 +210,9 @@ class Live:
         self.gaps: deque[Gap] = deque(maxlen=KEPT)
         self.estimates: deque[Estimate] = deque(maxlen=KEPT)
         self.counters: dict[str, Counters] = {}
-        self.diagnostics: dict[str, Word] = {}
+        self.diagnostics: dict[str, LogLine] = {}
         self.working: dict[str, float] = {}  # when a node last said that it starts or compiles
-        self.words: deque[Word] = deque(maxlen=50)
+        self.words: deque[LogLine] = deque(maxlen=50)
         self.nodes: dict[str, NodeState] = {}
         self.sweep = Job()
         self.discovery = Job()

@@ -9,7 +9,7 @@ from bokeh.models import Div, RadioButtonGroup, Row, Select, Toggle
 from piezo_hysteresis.dashboard.live import Live
 from piezo_hysteresis.dashboard.plots import (
     LoopPlot,
-    Scene,
+    PageState,
     SpectrumPlot,
     error_rms,
     new_traces,
@@ -98,7 +98,7 @@ class Pictures:
         if newest != self._drawn[0] or self._seconds != self._drawn[1]:
             self._drawn = (newest, self._seconds)
             window = live.signals.window(max(self._seconds, 4.0))
-            scene = Scene(window, self._seconds, live.fundamental, live.resonance)
+            scene = PageState(window, self._seconds, live.fundamental, live.resonance)
             self._loop.show(scene)
             for trace in self._traces:
                 trace.show(scene)

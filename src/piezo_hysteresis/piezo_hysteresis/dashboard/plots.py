@@ -24,7 +24,7 @@ SMALLEST = 1e-13  # drawn on logarithmic axes instead of zero [m]
 
 
 @dataclass(frozen=True)
-class Scene:
+class PageState:
     """What all plots of one moment are drawn from.
 
     Attributes
@@ -67,7 +67,7 @@ class LoopPlot:
         last = self.figure.line('x', 'y', source=self._last, color=PALETTE[0], line_width=1.8)
         add_legend(self.figure, [('last period', [last]), ('before', [before])])
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: PageState) -> None:
         """Draw the end of the window."""
         seconds = LOOP_SECONDS
         if scene.fundamental > 0.0:
@@ -130,7 +130,7 @@ class TracePlot:
         if len(items) > 1:
             add_legend(self.figure, items)
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: PageState) -> None:
         """Draw the end of the window."""
         window = scene.window.last(scene.seconds)
         pixels = columns_of(self.figure)
@@ -172,7 +172,7 @@ class SpectrumPlot:
                  ('of the first', '@share{0.00} %')]  # fmt: skip
         self.figure.add_tools(HoverTool(renderers=[peaks], tooltips=words))
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: PageState) -> None:
         """Draw the spectrum of the end of the window."""
         window = scene.window.last(SPECTRUM_SECONDS)
         spectrum = live_spectrum(getattr(window, self.signal), window.dt, scene.fundamental)
@@ -190,7 +190,7 @@ class SpectrumPlot:
         self._y.fit(float(np.percentile(y, 10)), high * 3)
         self._mark(scene, spectrum.orders, peaks, end)
 
-    def _end(self, window: Window, scene: Scene) -> float:
+    def _end(self, window: Window, scene: PageState) -> float:
         half = 0.5 / window.dt
         wanted = max(10.0 * scene.fundamental, 1.3 * scene.resonance) or 100.0
         end = min(half, wanted)
@@ -198,7 +198,9 @@ class SpectrumPlot:
             self._x.update(start=0.0, end=end, reset_start=0.0, reset_end=end)
         return end
 
-    def _mark(self, scene: Scene, orders: Sequence[int], peaks: FloatArray, end: float) -> None:
+    def _mark(
+        self, scene: PageState, orders: Sequence[int], peaks: FloatArray, end: float
+    ) -> None:
         shown = [k for k, order in enumerate(orders) if order * scene.fundamental <= end]
         places = [orders[k] * scene.fundamental for k in shown]
         first = peaks[0] if len(peaks) else 1.0

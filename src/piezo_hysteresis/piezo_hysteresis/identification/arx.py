@@ -70,11 +70,11 @@ class TransferFunction:
             'nrmse_percent': self.nrmse_percent,
         }
         target = Path(path)
-        young = target.with_name(f'.{target.name}.tmp')
+        temporary = target.with_name(f'.{target.name}.tmp')
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            young.write_text(yaml.safe_dump(content, sort_keys=False), 'utf-8')
-            young.replace(target)
+            temporary.write_text(yaml.safe_dump(content, sort_keys=False), 'utf-8')
+            temporary.replace(target)
         except OSError as error:
             raise IdentificationError(
                 f'{path}: it cannot be written ({error.strerror or error})'

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from piezo_common import topics
 from piezo_common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_common.order import Intake, Stamps
+from piezo_common.order import SequenceFilter, StampValidator
 from piezo_common.stamps import nanoseconds_of
 from piezo_common.table import Value
 from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport
@@ -41,14 +41,14 @@ class GapMonitorNode(Node):
     def __init__(self) -> None:
         super().__init__('gap_monitor')
         Diagnostics(self, self._judge)
-        self._intake = Intake()
+        self._intake = SequenceFilter()
         self._refused = 0
         self._report: GapReport | None = None
         self._watch = CounterWatch(SENTENCES)
         self._monitor: GapMonitor | None = None
         self._loaded: ModelFile | None = None
         self._params = NodeParameters(self, GAP_MONITOR, self._apply)
-        self._stamps = Stamps(1.0 / self._params.number('rate'))
+        self._stamps = StampValidator(1.0 / self._params.number('rate'))
         self._model_parameters = ModelParameters(self._params)
         self._message = Gap()
         self._publisher = self.create_publisher(Gap, topics.GAP, LATCHED)

@@ -18,8 +18,8 @@ from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.tables import IDENTIFICATION
 from piezo_hysteresis.runtime.identification_plan import (
     SETTINGS,
-    Course,
-    Edge,
+    RecordSegmenter,
+    SegmentEdge,
     forgetting_of,
     new_method,
 )
@@ -56,7 +56,9 @@ class Identification(Node):
         self._marked = 0
         self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
         value = self._params
-        self._course = Course(self._new_method(), value.number('rate'), value.flag('only_records'))
+        self._course = RecordSegmenter(
+            self._new_method(), value.number('rate'), value.flag('only_records')
+        )
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
         self._status = LoopStatus(names='taken,marked', counts=[0, 0])
@@ -93,7 +95,7 @@ class Identification(Node):
     def _on_marker(self, message: RecordMarker) -> None:
         self._marked += 1
         stamp = nanoseconds_of(message.header.stamp)
-        self._course.mark(Edge(stamp, message.record, message.frequency))
+        self._course.mark(SegmentEdge(stamp, message.record, message.frequency))
         self._confirm()
 
     def _confirm(self) -> None:

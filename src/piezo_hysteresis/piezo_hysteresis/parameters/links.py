@@ -1,4 +1,4 @@
-"""The parameter tables of the links of the voltage chain; knows no ROS."""
+"""The parameter tables of the links of the voltage chain."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ _ALL = (
         'control_loop',
         'Holds `feedforward`, `attenuation` and `feedback` in one process, each with its own '
         'name, parameters and life cycle: `-p attenuation:orders:=[3]` sets one of them. The '
-        'voltage goes from hand to hand before it is published.',
+        'voltage goes on within the process before it is published.',
         ParameterTable(()),
         subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
         publishes=(

@@ -75,16 +75,16 @@ def write_bag(
     """
     folder = Path(path)
     _check_request(folder, records, storage)
-    young = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
+    temporary = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
     try:
-        young.mkdir(parents=True)
-        file = young / f'{folder.name}_0{SUFFIXES[storage]}'
-        _fill(young, file, records, storage, namespace)
-        young.rename(folder)
+        temporary.mkdir(parents=True)
+        file = temporary / f'{folder.name}_0{SUFFIXES[storage]}'
+        _fill(temporary, file, records, storage, namespace)
+        temporary.rename(folder)
     except OSError as error:
         raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
     finally:
-        shutil.rmtree(young, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _check_request(folder: Path, records: Sequence[Record], storage: str) -> None:

@@ -300,11 +300,11 @@ def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     text.write(','.join(names) + '\n')
     rows = zip(record.time.tolist(), *[column.tolist() for column in columns], strict=True)
     text.writelines(f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows)
-    young = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
     try:
-        young.write_text(text.getvalue(), 'utf-8')
-        young.rename(path)
+        temporary.write_text(text.getvalue(), 'utf-8')
+        temporary.rename(path)
     except OSError as error:
         raise RecordError(f'{path}: it cannot be written ({error.strerror or error})') from None
     finally:
-        young.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)

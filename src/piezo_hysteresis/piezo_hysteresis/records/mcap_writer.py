@@ -79,16 +79,16 @@ class PaddedFile:
         ending = mcap.record(mcap.DATA_END, bytes(4)) + mcap.tail()
         self._limit = reserve - len(ending)
         self.end = len(head)
-        young = path.with_name(path.name + '.tmp')
-        self._fd = os.open(young, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+        temporary = path.with_name(path.name + '.tmp')
+        self._fd = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
         try:
             os.ftruncate(self._fd, reserve)
             self._write(ending, self._limit)
             self._write(head + self._padding(self.end), 0)
-            young.rename(path)
+            temporary.rename(path)
         except OSError:
             self.abandon()
-            young.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             raise
 
     @property

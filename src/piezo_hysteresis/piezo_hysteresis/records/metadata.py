@@ -101,9 +101,9 @@ class Metadata:
 
     def write(self, folder: Path) -> None:
         """Write ``metadata.yaml`` into `folder`, replacing an older one at once."""
-        young = folder / f'{NAME}.tmp'
-        young.write_text(yaml.safe_dump({ROOT: self.content()}, sort_keys=False), 'utf-8')
-        young.replace(folder / NAME)
+        temporary = folder / f'{NAME}.tmp'
+        temporary.write_text(yaml.safe_dump({ROOT: self.content()}, sort_keys=False), 'utf-8')
+        temporary.replace(folder / NAME)
 
 
 def read_metadata(folder: Path, log: DamageLog) -> Metadata:

@@ -1,8 +1,8 @@
-"""The clock of the actuator, as its states tell it; knows no ROS."""
+"""The clock of the actuator, as its states tell it."""
 
 from __future__ import annotations
 
-from piezo_common.order import Stamps
+from piezo_common.order import StampValidator
 from piezo_common.stamps import NANOSECONDS, tick_nanoseconds
 
 
@@ -19,7 +19,7 @@ class ActuatorClock:
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
-        self._stamps = Stamps(1.0 / rate)
+        self._stamps = StampValidator(1.0 / rate)
         self._offset = 0
         self._early = 0
 

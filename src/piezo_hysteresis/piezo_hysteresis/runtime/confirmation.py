@@ -1,4 +1,4 @@
-"""How far somebody who takes samples and markers in says that it is; knows no ROS.
+"""How far somebody who takes samples and markers in says that it is.
 
 A node that takes them in tells on its latched ``~/status`` by these names what it has taken. A
 recorder tells besides what it holds: from which sample to which it missed none, and the stamp of

@@ -1,4 +1,4 @@
-"""From the last share of one law to the growing share of the next; knows no ROS."""
+"""From the last share of one law to the growing share of the next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the excitation is, from what it does and whom it waits for; knows no ROS."""
+"""How the excitation is, from what it does and whom it waits for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sample of which waveform a tick gets; knows no ROS."""
+"""Which sample of which waveform a tick gets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the identification node does with each sample and marker; knows no ROS."""
+"""What the identification node does with each sample and marker."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezo_common.order import AHEAD, Intake, Stamps
+from piezo_common.order import AHEAD, SequenceFilter, StampValidator
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.online import OnlineMethod, online, settled
@@ -20,7 +20,7 @@ from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.settings import pairs
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
-from piezo_hysteresis.runtime.rollback import Hindsight, Sample
+from piezo_hysteresis.runtime.rollback import RollbackBuffer, Sample
 
 # Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
 LONGEST_RUN = 60.0
@@ -70,7 +70,7 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
 
 
 @dataclass(frozen=True)
-class Edge:
+class SegmentEdge:
     """The start of a record and the frequency of its drive, or its end where it has no name."""
 
     nanoseconds: int
@@ -101,7 +101,7 @@ class State(NamedTuple):
 
 
 @dataclass
-class Course:
+class RecordSegmenter:
     """Feeds a method with the samples that lie in records, each from rest.
 
     Without any marker everything is one record. Samples between the end of a record and the
@@ -126,9 +126,9 @@ class Course:
         Markers that came too late to take back what was made of their samples.
     unseen : int
         Records whose harmonic lies beyond half the sampling rate.
-    intake : Intake
+    intake : SequenceFilter
         Judges the numbers of the samples.
-    stamps : Stamps
+    stamps : StampValidator
         Judges their times.
     """
 
@@ -139,18 +139,18 @@ class Course:
     taken: int = 0
     late: int = 0
     unseen: int = 0
-    intake: Intake = field(default_factory=Intake)
-    _edges: deque[Edge] = field(default_factory=deque)
-    _passed: deque[Edge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
+    intake: SequenceFilter = field(default_factory=SequenceFilter)
+    _edges: deque[SegmentEdge] = field(default_factory=deque)
+    _passed: deque[SegmentEdge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
     _open: bool = True
     _run: Run = field(default_factory=lambda: Run([], []))
     _before: Estimate | None = None
 
     def __post_init__(self) -> None:
-        self.stamps = Stamps(1.0 / self.rate)
-        self._hindsight: Hindsight[State] = Hindsight(self._remember)
+        self.stamps = StampValidator(1.0 / self.rate)
+        self._hindsight: RollbackBuffer[State] = RollbackBuffer(self._remember)
 
-    def mark(self, edge: Edge) -> None:
+    def mark(self, edge: SegmentEdge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
         known = self._edges or self._passed
         # Edges come in order; one that lies further back belongs to an actuator that starts anew.
@@ -198,7 +198,7 @@ class Course:
             self._run.displacement.append(displacement)
         return True
 
-    def _follow(self, edge: Edge) -> None:
+    def _follow(self, edge: SegmentEdge) -> None:
         """Take the harmonic of the drive of a record, where its marker tells one."""
         if edge.record and edge.frequency > 0.0:
             try:
@@ -206,7 +206,7 @@ class Course:
             except IdentificationError:
                 self.unseen += 1
 
-    def _take_back(self, edge: Edge) -> None:
+    def _take_back(self, edge: SegmentEdge) -> None:
         """Make anew what was made of the samples since an edge."""
         found = self._hindsight.back_to(edge.nanoseconds)
         if found is None:

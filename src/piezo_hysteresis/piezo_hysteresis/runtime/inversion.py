@@ -1,4 +1,4 @@
-"""Which inverse answers the reference, and how the next one takes over; knows no ROS."""
+"""Which inverse answers the reference, and how the next one takes over."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a link of the voltage chain is, from its counters; knows no ROS."""
+"""How a link of the voltage chain is, from its counters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Takes samples back that were used before it was known what they belong to; knows no ROS."""
+"""Takes samples back that were used before it was known what they belong to."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Memory(Generic[State]):
+class Checkpoint(Generic[State]):
     """The state of a recursion before the sample that came as number `count`."""
 
     count: int
@@ -33,7 +33,7 @@ class Memory(Generic[State]):
     state: State
 
 
-class Hindsight(Generic[State]):
+class RollbackBuffer(Generic[State]):
     """Remembers the last samples, and now and then the state that they acted on.
 
     Parameters
@@ -44,7 +44,7 @@ class Hindsight(Generic[State]):
 
     def __init__(self, remember: Callable[[], State]) -> None:
         self._remember = remember
-        self._memories: deque[Memory[State]] = deque(maxlen=KEPT)
+        self._memories: deque[Checkpoint[State]] = deque(maxlen=KEPT)
         self._samples: deque[Sample] = deque(maxlen=EVERY * KEPT)
         self._count = 0
 
@@ -56,7 +56,7 @@ class Hindsight(Generic[State]):
     def note(self, sample: Sample) -> None:
         """Remember a sample; call it before the sample acts."""
         if self._count % EVERY == 0:
-            self._memories.append(Memory(self._count, self.newest, self._remember()))
+            self._memories.append(Checkpoint(self._count, self.newest, self._remember()))
         self._samples.append(sample)
         self._count += 1
 
@@ -66,7 +66,7 @@ class Hindsight(Generic[State]):
         self._samples.clear()
         self._count = 0
 
-    def back_to(self, nanoseconds: int) -> tuple[Memory[State], list[Sample]] | None:
+    def back_to(self, nanoseconds: int) -> tuple[Checkpoint[State], list[Sample]] | None:
         """Return the newest memory before a time, and the samples since; None if too long ago.
 
         The memories after that one are forgotten with their samples; note those again.

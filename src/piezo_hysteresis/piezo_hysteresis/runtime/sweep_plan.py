@@ -1,4 +1,4 @@
-"""A sweep laid over the ticks of the loop: record after record, rest in between; knows no ROS."""
+"""A sweep laid over the ticks of the loop: record after record, rest in between."""
 
 from __future__ import annotations
 

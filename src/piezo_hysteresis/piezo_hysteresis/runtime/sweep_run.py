@@ -1,4 +1,4 @@
-"""A sweep as it runs: no record counts before every recorder has confirmed it; knows no ROS.
+"""A sweep as it runs: no record counts before every recorder has confirmed it.
 
 In lock-step the loop stands still while a recorder is waited for. An actuator that keeps its own
 pace rests meanwhile: there the marker of a record is sent some ticks ahead.

@@ -1,4 +1,4 @@
-"""Brings together what belongs to one tick, in whatever order the messages come; knows no ROS."""
+"""Brings together what belongs to one tick, in whatever order the messages come."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Tick(NamedTuple, Generic[Tag]):
     tag: Tag
 
 
-class TickBook(Generic[Tag]):
+class SampleSynchronizer(Generic[Tag]):
     """Holds early messages back until their tick is complete.
 
     Tick k is complete with its reference, its voltage and the measurement of tick k - 1 (for

@@ -1,4 +1,4 @@
-"""Brings the voltage of a link to safety when its input stays away; knows no ROS."""
+"""Brings the voltage of a link to safety when its input stays away."""
 
 from __future__ import annotations
 

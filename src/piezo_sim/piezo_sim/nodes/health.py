@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from piezo_common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_sim.nodes.pacing import CommandBook
+from piezo_sim.nodes.pacing import CommandQueue
 
 _SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'commands are refused: not a number, beyond the range or far ahead'),
@@ -30,12 +30,12 @@ class ActuatorHealth:
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._watch = CounterWatch(_SENTENCES, now)
 
-    def judge(self, book: CommandBook, tick: int, fault: str, waited: float) -> Health:
+    def judge(self, book: CommandQueue, tick: int, fault: str, waited: float) -> Health:
         """Return the health of an actuator.
 
         Parameters
         ----------
-        book : CommandBook
+        book : CommandQueue
             Its commands.
         tick : int
             The next tick.

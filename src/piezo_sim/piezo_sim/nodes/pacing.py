@@ -14,7 +14,7 @@ AHEAD = 1000
 
 
 @dataclass
-class CommandBook:
+class CommandQueue:
     """The commands that arrived and what became of them.
 
     Attributes

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from piezo_common import topics
 from piezo_common.health import Health
-from piezo_common.order import Stamps
+from piezo_common.order import StampValidator
 from piezo_common.stamps import NANOSECONDS, tick_nanoseconds
 from piezo_common.table import Value
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
@@ -27,7 +27,7 @@ from piezo_ros_common.running import run_node
 from piezo_ros_common.timers import wall_timer
 from piezo_sim.errors import SimulationError
 from piezo_sim.nodes.health import ActuatorHealth
-from piezo_sim.nodes.pacing import CommandBook, Pace
+from piezo_sim.nodes.pacing import CommandQueue, Pace
 from piezo_sim.nodes.tables import command_range, plant_table, simulator_table
 from piezo_sim.plant import Plant
 
@@ -56,7 +56,7 @@ class Simulator(Node):
         self._params = NodeParameters(self, self._table, self._apply, self._refuse)
         value = self._params
         self._rate = value.number('rate')
-        self._stamps = Stamps(1.0 / self._rate)
+        self._stamps = StampValidator(1.0 / self._rate)
         self._preset = value.text('preset')
         self._plant = _plant(value.values)
         self._params.extend(plant_table(self._plant), self._apply_plant, self._refuse_plant)
@@ -64,7 +64,7 @@ class Simulator(Node):
         self._plant.exchange(0.0)  # compiles the plant before the first tick
         self._plant.reset()
         low, high = command_range(self._plant)
-        self._book = CommandBook(low, high)
+        self._book = CommandQueue(low, high)
         self._set_book()
         self._pace = Pace(self._rate, value.number('speed_factor'))
         self._lock_step = value.text('clock') == 'lock_step'

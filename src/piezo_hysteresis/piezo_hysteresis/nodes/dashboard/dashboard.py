@@ -20,8 +20,8 @@ from piezo_hysteresis.dashboard.live import Job, Live
 from piezo_hysteresis.dashboard.server import DashboardServer
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.dashboard.jobs import Jobs
-from piezo_hysteresis.nodes.dashboard.node_registry import Directory, shown
-from piezo_hysteresis.nodes.dashboard.topic_collector import CommonEar, Ear
+from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
+from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
 from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
 from piezo_hysteresis.parameters.dashboard import DASHBOARD, configure
 from piezo_ros_common.diagnostics import Diagnostics
@@ -36,14 +36,14 @@ MOST_ACTUATORS = 100
 STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
 
 
-class Desk:
-    """All that serves one actuator."""
+class ActuatorSession:
+    """Topics, nodes, jobs and recorder of one actuator."""
 
     def __init__(self, node: Node, live: Live, folder: Path, later: Later) -> None:
         self.live = live
         self._node = silent_node(node, 'dashboard_recorder', live.actuator)
-        self.ear = Ear(self._node, live)
-        self.directory = Directory(node, live)
+        self.ear = TopicCollector(self._node, live)
+        self.directory = NodeRegistry(node, live)
         self.jobs = Jobs(node, live, self.ear, RecorderReport(self._node), folder, later)
 
     def close(self) -> None:
@@ -76,11 +76,11 @@ class Dashboard(Node):
         self._folder = Path(self._params.text('folder')).expanduser()
         self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._due: list[tuple[float, Callable[[], None]]] = []
-        self._desks: dict[str, Desk] = {}
+        self._desks: dict[str, ActuatorSession] = {}
         self._lives: dict[str, Live] = {}
         self._found: list[str] = []
         self._ear_node = silent_node(self, 'dashboard_ear')
-        self._common = CommonEar(self._ear_node, self._live_of, self._on_event)
+        self._common = SharedTopics(self._ear_node, self._live_of, self._on_event)
         self._look()
         self._server = self._serve()
         self._ticked, self._lags = self._now(), 0
@@ -192,7 +192,7 @@ class Dashboard(Node):
             desk.directory.follow(name, event)
 
     def _open(self, live: Live) -> None:
-        self._desks[live.actuator] = Desk(self, live, self._folder, self._later)
+        self._desks[live.actuator] = ActuatorSession(self, live, self._folder, self._later)
         self._look()
 
     # --- from the threads of the page ----------------------------------------------------------
@@ -224,7 +224,7 @@ class Dashboard(Node):
         self.live(actuator).sweep = Job('asked', 0.0, 'asking the excitation')
         self._wish(actuator, lambda desk: self._rest_then_sweep(desk, order))
 
-    def _rest_then_sweep(self, desk: Desk, order: SweepOrder) -> None:
+    def _rest_then_sweep(self, desk: ActuatorSession, order: SweepOrder) -> None:
         mode = desk.live.parameter('excitation', 'mode')
         answer = Answer()
         if mode is None or mode.value == 'idle':
@@ -260,7 +260,7 @@ class Dashboard(Node):
         desk = self._desks.get(actuator)
         return desk.jobs.bags() if desk is not None else []
 
-    def _wish(self, actuator: str, what: Callable[[Desk], None]) -> None:
+    def _wish(self, actuator: str, what: Callable[[ActuatorSession], None]) -> None:
         self.live(actuator)
         self._wishes.put(lambda: what(self._desks[actuator]))
 

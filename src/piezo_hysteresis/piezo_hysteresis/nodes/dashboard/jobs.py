@@ -18,7 +18,7 @@ from piezo_common import topics
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.live import Job, Live
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.dashboard.topic_collector import Ear
+from piezo_hysteresis.nodes.dashboard.topic_collector import TopicCollector
 from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
 from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
@@ -176,7 +176,7 @@ class Jobs:
         Asks.
     live : Live
         Of which actuator.
-    ear : Ear
+    ear : TopicCollector
         Hears what is recorded.
     report : RecorderReport
         Tells the excitation what has been.
@@ -190,7 +190,7 @@ class Jobs:
         self,
         node: Node,
         live: Live,
-        ear: Ear,
+        ear: TopicCollector,
         report: RecorderReport,
         folder: Path,
         later: Callable[[float, Callable[[], None]], None],

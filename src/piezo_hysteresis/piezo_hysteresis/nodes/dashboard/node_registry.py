@@ -42,7 +42,7 @@ def _plain(value: Any) -> Value:
     return list(value) if value is not None else ''
 
 
-class Directory:
+class NodeRegistry:
     """Watches the nodes of one actuator.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Hears every topic of the page, many messages at a time, and writes down what they say.
+"""Collects what every topic of the page says, many messages at a time.
 
 A callback per message would cost the processor as much as a link of the loop. The subscriptions
 are therefore in no executor: they are emptied some 30 times a second.
@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message
 
 from piezo_common import topics
 from piezo_common.stamps import nanoseconds_of
-from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Live, Word
+from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Live, LogLine
 from piezo_hysteresis.dashboard.signals import State
 from piezo_hysteresis.runtime.confirmation import PLACES
 from piezo_interfaces.msg import (
@@ -70,7 +70,7 @@ class Channel:
             self._take(messages)
 
 
-class Ear:
+class TopicCollector:
     """All topics of one actuator.
 
     Parameters
@@ -165,7 +165,7 @@ class Ear:
         self._live.counters[name] = Counters(self._live.clock(), m.sample, m.rate, counts)
 
 
-class CommonEar:
+class SharedTopics:
     """The topics that all actuators share: log, diagnostics, parameter events.
 
     Parameters
@@ -205,7 +205,7 @@ class CommonEar:
             live, name = self._live_of('/' + message.name.replace('.', '/'))
             if live is not None and message.level >= 30:  # warnings and worse
                 level = 'warning' if message.level < 40 else 'error'
-                live.words.append(Word(live.clock(), name, level, message.msg))
+                live.words.append(LogLine(live.clock(), name, level, message.msg))
 
     def _diagnostics(self, messages: list[DiagnosticArray]) -> None:
         for message in messages:
@@ -213,6 +213,6 @@ class CommonEar:
                 live, name = self._live_of(status.name)
                 if live is not None:
                     level = {b'\x00': 'ok', b'\x01': 'warning'}.get(status.level, 'error')
-                    live.diagnostics[name] = Word(live.clock(), name, level, status.message)
+                    live.diagnostics[name] = LogLine(live.clock(), name, level, status.message)
                     if state_of(status) in WORKS:
                         live.working[name] = live.clock()

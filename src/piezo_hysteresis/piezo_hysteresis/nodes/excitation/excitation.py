@@ -12,7 +12,7 @@ from rclpy.task import Future
 
 from piezo_common import topics
 from piezo_common.health import Health
-from piezo_common.order import Intake
+from piezo_common.order import SequenceFilter
 from piezo_common.stamps import NANOSECONDS
 from piezo_common.table import Value
 from piezo_hysteresis.errors import PiezoError
@@ -75,7 +75,7 @@ class Excitation(Node):
         self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
         self._rate = self._params.number('rate')
         # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
-        self._intake = Intake(anew=False)
+        self._intake = SequenceFilter(anew=False)
         self._times = ActuatorClock(self._rate)
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
         self._voltage_publisher = self.create_publisher(

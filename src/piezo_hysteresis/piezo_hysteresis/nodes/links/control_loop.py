@@ -1,4 +1,4 @@
-"""Feedforward, attenuation and feedback as nodes of one process, from hand to hand."""
+"""Feedforward, attenuation and feedback as nodes of one process, intra-process."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class ControlLoop:
         self.feedback = Feedback(wired=False)
         self.attenuation = Attenuation(output=topics.VOLTAGE_ATTENUATED, wired=False)
         self.feedforward = Feedforward(wired=False)
-        self.attenuation.hand_to(self.feedback.take_voltage)
-        self.feedforward.hand_to(self.attenuation.take_voltage)
+        self.attenuation.deliver_to(self.feedback.take_voltage)
+        self.feedforward.deliver_to(self.attenuation.take_voltage)
         for kind, topic, take in (
             (ActuatorState, topics.STATE, self._on_state),
             (Reference, topics.REFERENCE, self._on_reference),

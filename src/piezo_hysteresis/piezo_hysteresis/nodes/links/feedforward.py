@@ -8,7 +8,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from piezo_common import topics
-from piezo_common.order import Intake
+from piezo_common.order import SequenceFilter
 from piezo_common.table import Value
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
@@ -46,7 +46,7 @@ class Feedforward(LinkNode):
         super().__init__('feedforward', FEEDFORWARD, topics.VOLTAGE_FEEDFORWARD, topics.REFERENCE)
         self._seen = -1
         self._states: Subscription | None = None
-        self._ticks = Intake()
+        self._ticks = SequenceFilter()
         self._estimate: ModelEstimate | None = None
         value = self.parameters.number
         self._gain = value('gain')
@@ -124,7 +124,7 @@ class Feedforward(LinkNode):
             self._states = self.create_subscription(
                 ActuatorState, topics.STATE, self._on_state, LOOP, raw=True
             )
-            self._ticks = Intake()
+            self._ticks = SequenceFilter()
         elif not silent and self._states is not None:
             self.destroy_subscription(self._states)
             self._states = None

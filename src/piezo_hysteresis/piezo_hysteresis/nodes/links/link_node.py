@@ -12,7 +12,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from piezo_common.health import Health
-from piezo_common.order import Intake, Stamps
+from piezo_common.order import SequenceFilter, StampValidator
 from piezo_common.table import ParameterTable, Value
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits
@@ -68,7 +68,7 @@ class LinkNode(LifecycleNode):
         Diagnostics(self, self.health)
         self.active = False
         self.exit_code = 0
-        self.intake = Intake()
+        self.intake = SequenceFilter()
         self._refused = 0
         self._late = 0
         self._sample = -1
@@ -78,7 +78,7 @@ class LinkNode(LifecycleNode):
         self.parameters = NodeParameters(self, table, self.apply, self.refuse)
         value = self.parameters.number
         self.dt = 1.0 / value('rate')
-        self.stamps = Stamps(self.dt)
+        self.stamps = StampValidator(self.dt)
         self._limiter = Limiter(self.limits(), self.dt, energy=self.energy())
         self._watchdog = Watchdog(
             self._limiter, self._patience(), value('safe_voltage'), value('safe_ramp')
@@ -208,7 +208,7 @@ class LinkNode(LifecycleNode):
             self._next(head, sample, voltage)
         self._voltage_publisher.publish(voltage_bytes(head, sample, voltage))
 
-    def hand_to(self, take: Callable[[bytes, int, float], None]) -> None:
+    def deliver_to(self, take: Callable[[bytes, int, float], None]) -> None:
         """Give head, tick and voltage [V] of every command to `take` before it is published."""
         self._next = take
 

@@ -8,14 +8,14 @@ from typing import Protocol
 from std_srvs.srv import Trigger
 
 from piezo_common import topics
-from piezo_common.order import Intake
+from piezo_common.order import SequenceFilter
 from piezo_common.table import ParameterTable, Value
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
 from piezo_hysteresis.runtime.crossfade import CrossFade
-from piezo_hysteresis.runtime.synchronizer import Tick, TickBook
+from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common.flat import nanoseconds_of_head
 from piezo_ros_common.qos import LOOP
@@ -65,10 +65,10 @@ class TrackingNode(LinkNode):
             self._install(self.build({}))
         except PiezoError as error:
             self.give_up(str(error))
-        self._book: TickBook[bytes] = TickBook()
+        self._book: SampleSynchronizer[bytes] = SampleSynchronizer()
         self._begun = False
         self._law_resets = self._refused_references = self._dropped = 0
-        self._references, self._states = Intake(), Intake()
+        self._references, self._states = SequenceFilter(), SequenceFilter()
         self._held = ReferencePoint(0, 0.0, 0.0, 0.0, 0.0, 0.0)
         if wired:
             self._subscribe()
@@ -201,7 +201,7 @@ class TrackingNode(LinkNode):
         """Begin anew, unless another message of the new run has told so already."""
         if sample <= self._book.done:
             self._dropped += self._book.dropped
-            self._book = TickBook()
+            self._book = SampleSynchronizer()
             self._begun = False
             self.begin_anew()
             if self.law is not None:
