@@ -7,12 +7,16 @@ without ``fastmath``: the same inputs give the same bits online and offline.
 from __future__ import annotations
 
 import warnings
+import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 from piezo_kernels import watch
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+
+#: Every kernel of this process that is still in use.
+MADE: weakref.WeakSet[Any] = weakref.WeakSet()
 
 try:
     import numba
@@ -42,6 +46,7 @@ def jit(function: Kernel) -> Kernel:
     compiled = leaf(function)
     if numba is not None and hasattr(compiled, 'enable_caching'):  # not with NUMBA_DISABLE_JIT
         compiled._cache = KernelCache(function)  # type: ignore[attr-defined]
+        MADE.add(compiled)
     return compiled
 
 

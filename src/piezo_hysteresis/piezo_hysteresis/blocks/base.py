@@ -21,7 +21,7 @@ from piezo_hysteresis.errors import ModelError
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
 Tuned = Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float]]
 Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
-Restoring = Callable[[Mapping[str, float], float, float, float, float], tuple[float, float]]
+Restoring = Callable[[FloatArray, float, float, float, float], tuple[float, float]]
 Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
 
 
@@ -236,9 +236,9 @@ class Block:
     predictor : tuple of str
         Parameters by which it predicts from what was measured two and three samples ago.
     restoring : callable or None
-        ``restoring(values, x, before, memory, dt)`` returns the force that acts back on a mode
-        beside its linear spring, in metres of static displacement, at `x` [m] after `before` [m],
-        and its memory.
+        ``restoring(p, x, before, memory, dt)``, compiled, returns the force that acts back on a
+        mode beside its linear spring, in metres of static displacement, at `x` [m] after
+        `before` [m], and its memory.
     tangent : callable or None
         ``tangent(x, y, dx, dy, p, dt)``, compiled: the answer and its derivatives in one pass.
     formers : tuple of Former

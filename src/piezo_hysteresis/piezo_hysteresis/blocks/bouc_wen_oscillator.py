@@ -8,7 +8,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.numerics.linalg import solve_square
 
 _PHASES = 20  # points between two samples at which the force is interpolated
@@ -110,9 +110,11 @@ def kernel(
     finer = max(1, ceil(min(fastest(p) * dt / (_PHASES // 2 * _STRIDE), 10000.0)))
     h = dt / (_PHASES // 2 * finer)
     share = 1.0 / finer
-    q = p.copy()
+    q = scratch(p.size)
+    for i in range(p.size):
+        q[i] = p[i]
     q[0] = 1.0 / p[0]
-    forces = np.empty(_PHASES + 1)
+    forces = scratch(_PHASES + 1)
     position, velocity, z, past = state[0], state[1], state[2], state[3:]
     for k in range(x.size):
         for j in range(_TAPS - 1, 0, -1):
@@ -150,7 +152,9 @@ def along(
     finer = max(1, ceil(min(fastest(p) * dt / (steps * _STRIDE), 10000.0)))
     share = 1.0 / finer
     h = dt / steps * share
-    q = p.copy()
+    q = scratch(p.size)
+    for i in range(p.size):
+        q[i] = p[i]
     q[0] = 1.0 / p[0]
     position, velocity, z = state[0], state[1], state[2]
     for k in range(0, x.size, 3):

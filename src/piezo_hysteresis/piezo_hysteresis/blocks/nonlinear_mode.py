@@ -1,14 +1,15 @@
 """A mode whose spring is not linear and whose guidance rubs."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from math import inf, pi
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _rubbing, _rubbing_tangents
+from piezo_hysteresis.blocks._rubbing import rubbed, spring
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
+from piezo_hysteresis.jit import jit
 
 
 def pace(p: FloatArray) -> float:
@@ -16,21 +17,14 @@ def pace(p: FloatArray) -> float:
     return 2.0 * pi * float(p[0])
 
 
+@jit
 def restoring(
-    values: Mapping[str, float], x: float, before: float, memory: float, dt: float
+    p: FloatArray, x: float, before: float, memory: float, dt: float
 ) -> tuple[float, float]:
     """Return what spring and friction add to the target at `x` [m], and the bristles there."""
-    if values['mode_friction'] > 0.0 and x != before:
-        memory = _rubbing.rubbed(
-            memory,
-            x - before,
-            dt,
-            values['presliding'],
-            values['breakaway'],
-            values['stribeck_speed'],
-        )
-    force = _rubbing.spring(x, values['mode_cubic'], inf) + values['mode_friction'] * memory
-    return force, memory
+    if p[3] > 0.0 and x != before:
+        memory = rubbed(memory, x - before, dt, p[4], p[5], p[6])
+    return spring(x, p[2], inf) + p[3] * memory, memory
 
 
 BLOCK = Block(

@@ -1,10 +1,8 @@
 """Discretised Preisach hysteresis by its Everett function and the reversals still remembered."""
 
-import numpy as np
-
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 
 LEVELS = 8  # cells along either axis of the Preisach plane
 DEPTH = 64  # reversals remembered
@@ -13,18 +11,19 @@ _HEAD = 4
 
 
 @jit
-def everett(weights: FloatArray) -> FloatArray:
-    """Return the Everett function at the corners of the cells, shape (LEVELS+1, LEVELS+1).
+def everett(weights: FloatArray, table: FloatArray) -> None:
+    """Fill the Everett function at the corners of the cells, shape (LEVELS+1, LEVELS+1).
 
     Entry (i, j) is the sum of the weights of all cells above level j and below level i.
     """
-    table = np.zeros((LEVELS + 1, LEVELS + 1))
+    for i in range(LEVELS + 1):
+        for j in range(LEVELS + 1):
+            table[i, j] = 0.0
     for i in range(LEVELS):
         for j in range(i, -1, -1):
             weight = weights[i * (i + 1) // 2 + j]
             inner = table[i, j + 1] if j < i else 0.0
             table[i + 1, j] = weight + table[i + 1, j + 1] + table[i, j] - inner
-    return table
 
 
 @jit
@@ -81,7 +80,8 @@ def kernel(
     the present extreme) the output is half the change between the mirrored inputs.
     """
     half = 0.5 * LEVELS
-    table = everett(p[1:])
+    table = scratch((LEVELS + 1, LEVELS + 1))
+    everett(p[1:], table)
     position, output, rising, count = state[0], state[1], state[2] > 0.0, int(state[3])
     for k in range(x.size):
         new = min(max(x[k] / p[0] * half, -half), half)

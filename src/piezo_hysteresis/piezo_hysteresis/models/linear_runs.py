@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.numerics.exponential import exponential, pace
 from piezo_hysteresis.numerics.linalg import solve_square
 
@@ -164,18 +164,17 @@ def _exponential(matrix: FloatArray) -> FloatArray:
 
 
 @jit
-def reaching(phi: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return which states each state moves, first and behind the last, each of shape (n,).
+def reaching(phi: FloatArray, first: FloatArray, last: FloatArray) -> None:
+    """Fill which states each state moves, first and behind the last, each of shape (n,).
 
     Elements side by side move only themselves: most of `phi` is zero where there are many.
     """
     n = phi.shape[0]
-    first, last = np.full(n, n), np.zeros(n, dtype=np.int64)
     for j in range(n):
+        first[j], last[j] = n, 0.0
         for i in range(n):
             if phi[j, i] != 0.0:
                 first[j], last[j] = min(first[j], i), i + 1
-    return first, last
 
 
 @jit
@@ -190,8 +189,8 @@ def run_held(
 ) -> None:
     """Answer a held input, one value per tick; `state` in place."""
     n = state.size
-    new = np.empty(n)
-    first, last = reaching(phi)
+    new, first, last = scratch(n), scratch(n), scratch(n)
+    reaching(phi, first, last)
     for k in range(x.size):
         u = x[k]
         total = gain * u
@@ -201,7 +200,7 @@ def run_held(
         y[k] = total
         for j in range(n):
             now = state[j]
-            for i in range(first[j], last[j]):
+            for i in range(int(first[j]), int(last[j])):
                 new[i] += phi[j, i] * now
         for i in range(n):
             state[i] = new[i]
@@ -211,13 +210,13 @@ def run_held(
 def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray, gain: FloatArray) -> None:
     """Answer every state alone, `gain` of it at the first tick: rows, shape (q, n)."""
     q = row.size
-    seen, new = row.copy(), np.empty(q)
-    first, last = reaching(phi)
+    seen, new, first, last = row.copy(), scratch(q), scratch(q), scratch(q)
+    reaching(phi, first, last)
     for k in range(rows.shape[1]):
         for j in range(q):
             rows[j, k] = gain[j] * seen[j]
             total = 0.0
-            for i in range(first[j], last[j]):
+            for i in range(int(first[j]), int(last[j])):
                 total += phi[j, i] * seen[i]
             new[j] = total
         for j in range(q):
@@ -236,8 +235,8 @@ def run_path(
 ) -> None:
     """Answer a path, three points to a step; `state` in place."""
     n = state.size
-    new = np.empty(n)
-    first, last = reaching(phi)
+    new, first, last = scratch(n), scratch(n), scratch(n)
+    reaching(phi, first, last)
     for k in range(0, x.size, 3):
         u0, u1, u2 = x[k], x[k + 1], x[k + 2]
         for r in range(3):
@@ -249,7 +248,7 @@ def run_path(
             new[i] = gamma[i, 0] * u0 + gamma[i, 1] * u1 + gamma[i, 2] * u2
         for j in range(n):
             now = state[j]
-            for i in range(first[j], last[j]):
+            for i in range(int(first[j]), int(last[j])):
                 new[i] += phi[j, i] * now
         for i in range(n):
             state[i] = new[i]

@@ -31,7 +31,7 @@ _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes 
 _VALUES = 1 << 14  # values of a path that are followed at a time: what a cache holds
 
 
-class _Piece(NamedTuple):
+class Piece(NamedTuple):
     """Parts that are followed together: linear ones as one system, the others one by one."""
 
     parts: tuple[Part, ...]
@@ -110,14 +110,14 @@ class PathRun:
         ]
         return (*(() if self.ahead or not inside else (0,)), *inside)
 
-    def _pieces(self, layout: Layout) -> list[_Piece]:
+    def pieces(self, layout: Layout) -> list[Piece]:
         """Return the groups with their places in the state."""
         memories = layout.memories
         pieces, first = [], 0
         for parts, linear, turns in self._groups:
             last = first + len(parts)
             own = slice(memories[first].start, memories[last - 1].stop)
-            pieces.append(_Piece(parts, own, linear, turns))
+            pieces.append(Piece(parts, own, linear, turns))
             first = last
         return pieces
 
@@ -139,7 +139,7 @@ class PathRun:
         return known[1]
 
     def _count(self, p: FloatArray, dt: float) -> int:
-        if self._order(p) > 0.0:
+        if self.order(p) > 0.0:
             return JOINED_STEPS
         if self.by_way is not None and self.by_way.fits(p, dt):
             return 0
@@ -156,7 +156,8 @@ class PathRun:
         needed = int(2 ** ceil(log2(max(dt * pace / stride, 1.0))))
         return max(least, min(needed, most))
 
-    def _order(self, p: FloatArray) -> float:
+    def order(self, p: FloatArray) -> float:
+        """Return how an input that is measured goes from tick to tick; 0 where it is held."""
         part = self._joining
         return 0.0 if part is None or part.block.joins is None else part.block.joins(p[part.span])
 
@@ -189,15 +190,15 @@ class PathRun:
         layout = self.layout(dt)
         if steps == 0 and self.by_way is not None:
             return self.by_way.respond(signal, p, dt, state=state, layout=layout)
-        order, points = self._order(p), 3 * steps
-        timing = self._timing(p, dt, order > 0.0)
+        order, points = self.order(p), 3 * steps
+        timing = self.timing(p, dt, order > 0.0)
         if self.delays:
             late = np.empty_like(signal)
             shift(signal, late, state[layout.ring], timing.ticks)
             signal = late
         clock = _Clock(dt, frequency, points, timing.ahead)
         output = np.empty_like(signal)
-        pieces, made = self._pieces(layout), self._made(p, dt, steps)
+        pieces, made = self.pieces(layout), self.made(p, dt, steps)
         at_once = max(1, _VALUES // points)
         for first in range(0, signal.size, at_once):
             x = signal[first : first + at_once]
@@ -211,14 +212,14 @@ class PathRun:
             _read(path, output[first : first + at_once], state, points, timing.part)
         return output
 
-    def _timing(self, p: FloatArray, dt: float, is_joined: bool) -> _Timing:
+    def timing(self, p: FloatArray, dt: float, is_joined: bool) -> Timing:
         """Return when the path is read; one that is joined ends at its tick."""
         ticks, part = delay_of(p[: self.delays], dt, self.ahead or is_joined)
         late = 1.0 - part if self.delays else 0.0
         begun = is_joined or (not self.ahead and self.delays > 0)
-        return _Timing(ticks, part, late - 1.0 if begun else late)
+        return Timing(ticks, part, late - 1.0 if begun else late)
 
-    def _made(self, p: FloatArray, dt: float, steps: int) -> tuple[Step | None, ...]:
+    def made(self, p: FloatArray, dt: float, steps: int) -> tuple[Step | None, ...]:
         """Return the steps of the linear pieces, made anew where the parameters are new."""
         key = (p.tobytes(), dt, steps)
         known: tuple[object, tuple[Step | None, ...]] | None = self.__dict__.get('_last')
@@ -232,7 +233,7 @@ class PathRun:
         return made
 
 
-class _Timing(NamedTuple):
+class Timing(NamedTuple):
     """Ticks by which the input comes late, part of the tick to read, time ahead of it [ticks]."""
 
     ticks: int
@@ -256,7 +257,7 @@ def _pace(parts: Sequence[Part], p: FloatArray) -> float:
 
 
 def _followed(
-    piece: _Piece,
+    piece: Piece,
     step: Step | None,
     path: FloatArray,
     p: FloatArray,

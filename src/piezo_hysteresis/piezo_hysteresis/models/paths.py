@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 
 #: Samples that a joined path looks back, and its steps per tick.
 PAST: int = WEIGHTS.shape[0]
@@ -21,7 +21,7 @@ JOINED_STEPS: int = (WEIGHTS.shape[1] - 1) // 2
 @jit
 def joined(x: FloatArray, path: FloatArray, past: FloatArray, order: float) -> None:
     """Fill the path from the last but one to the last of the samples `x`, one after another."""
-    forces = np.empty(WEIGHTS.shape[1])
+    forces = scratch(WEIGHTS.shape[1])
     points = 3 * JOINED_STEPS
     for k in range(x.size):
         for j in range(PAST - 1, 0, -1):
@@ -34,7 +34,7 @@ def joined(x: FloatArray, path: FloatArray, past: FloatArray, order: float) -> N
 
 
 @jit
-def with_turns(x: FloatArray, wide: FloatArray, late: BoolArray) -> None:
+def with_turns(x: FloatArray, wide: FloatArray, late: FloatArray) -> None:
     """Fill `wide`, four points to a step, with `x` and where its parabola turns.
 
     `late` says of every step whether it turns in its second half. A step that does not turn has
@@ -48,19 +48,20 @@ def with_turns(x: FloatArray, wide: FloatArray, late: BoolArray) -> None:
         if slope * bend < 0.0 and abs(slope) < 2.0 * abs(bend):
             place = -0.5 * slope / bend
         turn = middle if place == 0.5 else start + place * (slope + place * bend)
-        late[step] = place > 0.5
+        turned = place > 0.5
+        late[step] = 1.0 if turned else 0.0
         wide[4 * step] = start
-        wide[4 * step + 1] = middle if late[step] else turn
-        wide[4 * step + 2] = turn if late[step] else middle
+        wide[4 * step + 1] = middle if turned else turn
+        wide[4 * step + 2] = turn if turned else middle
         wide[4 * step + 3] = end
 
 
 @jit
-def without_turns(wide: FloatArray, late: BoolArray, y: FloatArray) -> None:
+def without_turns(wide: FloatArray, late: FloatArray, y: FloatArray) -> None:
     """Fill `y`, three points to a step, with what `wide` has at the points of `with_turns`."""
     for step in range(late.size):
         y[3 * step] = wide[4 * step]
-        y[3 * step + 1] = wide[4 * step + (1 if late[step] else 2)]
+        y[3 * step + 1] = wide[4 * step + (1 if late[step] > 0.0 else 2)]
         y[3 * step + 2] = wide[4 * step + 3]
 
 
@@ -71,7 +72,7 @@ def follow(
     if not turns:
         return block.respond(path, p, dt, state=state)
     wide = np.empty(path.size // 3 * 4)
-    late = np.empty(path.size // 3, dtype=np.bool_)
+    late = np.empty(path.size // 3)
     with_turns(path, wide, late)
     answer = block.respond(wide, p, dt, state=state)
     output = np.empty_like(path)

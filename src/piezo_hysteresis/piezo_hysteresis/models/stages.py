@@ -134,7 +134,7 @@ class LinearStage:
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
     ) -> FloatArray:
         """Answer one number per tick."""
-        whole, hold = self._hold(p, dt)
+        whole, hold = self.hold(p, dt)
         ring = self.delays * ring_size(dt) + 1 if self.delays else 0
         if ring:
             late = np.empty_like(signal)
@@ -158,12 +158,12 @@ class LinearStage:
         count : int
             Ticks.
         """
-        hold = self._hold(p, dt)[1]
+        hold = self.hold(p, dt)[1]
         rows = np.empty((moved.size, count))
         run_free(rows, hold.phi, hold.row, moved)
         return rows
 
-    def _hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
+    def hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
         """Return ticks to wait and the recursion, made anew where the parameters are new."""
         key = (p.tobytes(), dt)
         known: tuple[object, tuple[int, Hold]] | None = self.__dict__.get('_last')

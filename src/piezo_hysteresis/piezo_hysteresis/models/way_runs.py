@@ -87,7 +87,7 @@ class WayRun:
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, layout: Layout
     ) -> Gone:
         """Return how a held signal goes within its ticks, updating `state` in place."""
-        way, places, weights = self._way(p, dt)
+        way, places, weights = self.way(p, dt)
         whole, part = in_ticks(float(p[: self.delays].sum()), dt)
         old = new = signal
         if self.delays:
@@ -124,7 +124,7 @@ class WayRun:
             States, shape (signals, states), and inputs at the end of the last tick, (signals,),
             to go on from, in place; at rest where they are not given.
         """
-        response = self._response(p, dt)
+        response = self.response(p, dt)
         if memory is None:
             memory = np.zeros((len(rows), response.row.size)), np.zeros(len(rows))
         output = np.empty((len(rows), gone.lasts.shape[0]))
@@ -136,7 +136,7 @@ class WayRun:
         )  # fmt: skip
         return output
 
-    def _way(self, p: FloatArray, dt: float) -> tuple[Way, FloatArray, FloatArray]:
+    def way(self, p: FloatArray, dt: float) -> tuple[Way, FloatArray, FloatArray]:
         """Return the way and its Gauss points, made anew where the parameters are new."""
         key = (p.tobytes(), dt)
         known: tuple[object, tuple[Way, FloatArray, FloatArray]] | None
@@ -148,7 +148,7 @@ class WayRun:
             self.__dict__['_last_way'] = known
         return known[1]
 
-    def _response(self, p: FloatArray, dt: float) -> Response:
+    def response(self, p: FloatArray, dt: float) -> Response:
         """Return what takes the way up, made anew where the parameters are new."""
         key = (p.tobytes(), dt)
         known: tuple[object, Response] | None = self.__dict__.get('_last_response')

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System, Way
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.models.linear_runs import decayed, fastest, in_series, settled
 
 #: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
@@ -203,7 +203,7 @@ def take_up(
     """
     signals, n = state.shape
     pieces, count = lasts.shape[1], places.size
-    new, shares = np.empty(n), np.empty((pieces, count + 1, n))
+    new, shares = scratch(n), scratch((pieces, count + 1, n))
     for k in range(lasts.shape[0]):
         same = k > 0
         for piece in range(pieces):

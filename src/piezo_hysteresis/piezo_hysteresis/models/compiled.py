@@ -1,0 +1,64 @@
+"""Blocks as one compiled kernel each, those that stand side by side too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Kernel
+from piezo_hysteresis.jit import jit, scratch
+
+
+def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
+    """Return the kernel of a block; along a path of `points` values per tick where it has one.
+
+    Parameters
+    ----------
+    block : Block
+        Alone, or several side by side.
+    dt : float
+        Sampling interval [s], on which the size of a memory may depend.
+    points : int
+        0 for one value per tick.
+    """
+    if block.parts:
+        return _beside(block.parts, dt, points)
+    if not points or block.along is None:
+        return block.kernel
+    along = block.along
+
+    @jit
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        along(x, y, state, p, dt, frequency, points)
+
+    return follow
+
+
+def _beside(parts: Sequence[Block], dt: float, points: int) -> Kernel:
+    """Return the sum of what several blocks answer to the same input."""
+    whole = kernel_of(parts[0], dt, points)
+    size, values = parts[0].initial_state(dt).size, len(parts[0].parameters)
+    for part in parts[1:]:
+        whole = _with(whole, kernel_of(part, dt, points), size, values)
+        size += part.initial_state(dt).size
+        values += len(part.parameters)
+    return whole
+
+
+def _with(first: Any, other: Any, size: int, values: int) -> Kernel:
+    """Return the sum of two kernels; the memory and parameters of the second come behind."""
+
+    @jit
+    def both(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        first(x, y, state[:size], p[:values], dt, frequency)
+        answer = scratch(x.size)
+        other(x, answer, state[size:], p[values:], dt, frequency)
+        for k in range(y.size):
+            y[k] += answer[k]
+
+    return both
