@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 if not __package__:
@@ -124,6 +125,25 @@ def course(result: LoopResult, order: int, times: FloatArray, window: float) -> 
     return np.array(amplitudes)
 
 
+@dataclass(frozen=True)
+class Signed:
+    """A gain of either sign."""
+
+    right: LinearGain
+    sign: float
+
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers of the gain, the response to a pulse with its sign."""
+        numbers = self.right.packed
+        numbers[2:] *= self.sign
+        return numbers
+
+    def __call__(self, frequency: float) -> complex:
+        """Answer the gain [m/V] at `frequency` [Hz]."""
+        return self.sign * self.right(frequency)
+
+
 def convergence(task: tuple[float, float]) -> tuple[float, float, float]:
     """Return seconds to a tenth, and attenuation in dB, for a frequency and sign of the gain."""
     frequency, sign = task
@@ -131,11 +151,8 @@ def convergence(task: tuple[float, float]) -> tuple[float, float, float]:
     model, values = loops.bimorph_model()
     right = model_gain(model, values, DT)
 
-    def gain(line: float) -> complex:
-        return sign * right(line)
-
     wave = Sine(loops.bimorph_amplitude(frequency), frequency, seconds, ramp=1.0)
-    link = HarmonicAttenuation(AttenuationSettings(orders=(order,)), gain, DT)
+    link = HarmonicAttenuation(AttenuationSettings(orders=(order,)), Signed(right, sign), DT)
     slope = abs(right(0.0))
     straight = loops.Straight(slope * bimorph_rise(right, frequency))
     result = loops.run(

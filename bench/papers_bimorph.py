@@ -84,7 +84,7 @@ def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) ->
     ``y = A1 u - A S(du) + beta S(|du| h) + gamma S(|h| du)``, h by its own recursion with the
     present estimates.
     """
-    x, work = np.zeros(4), np.zeros(4)
+    x, square = np.zeros(4), p.reshape(-1)
     h = last = 0.0
     for k in range(u.size):
         du = u[k] - last
@@ -92,7 +92,7 @@ def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) ->
         x[1] -= du
         x[2] += abs(du) * h
         x[3] += abs(h) * du
-        rls_update(theta, p, x, y[k] - theta @ x, 1.0, work)
+        rls_update(theta, square, x, y[k] - theta @ x, 1.0)
         h += theta[1] * du - theta[3] * abs(h) * du - theta[2] * abs(du) * h
         last = u[k]
 

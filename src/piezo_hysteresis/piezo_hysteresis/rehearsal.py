@@ -23,12 +23,17 @@ DT = 1e-3
 
 
 def blocks() -> None:
-    """Let every block answer a few samples."""
+    """Let every block answer a few samples, and two side by side."""
     from piezo_hysteresis.blocks import BLOCKS
+    from piezo_hysteresis.blocks.parallel import side_by_side
+    from piezo_hysteresis.models.compiled import kernel_of
 
     for block in BLOCKS.values():
         values = block.pack(block.defaults())
         block.respond(np.linspace(0.0, 1.0, 4), values, DT, state=block.initial_state(DT))
+    both = side_by_side(BLOCKS['bouc_wen_exact'], BLOCKS['electrostriction'])
+    x, values, state = np.zeros(2), both.pack(both.defaults()), both.initial_state(DT)
+    kernel_of(both, DT)(x, x.copy(), state, values, DT, 0.0)
 
 
 def between_ticks() -> None:
@@ -43,6 +48,8 @@ def between_ticks() -> None:
         if block.along is not None:
             path, values = np.linspace(0.0, 1.0, 24), block.pack(block.defaults())
             block.along(path, path.copy(), block.initial_state(DT), values, DT, 0.0, 12)
+        if block.restoring is not None:
+            block.restoring(block.pack(block.defaults()), 1e-6, 0.0, 0.0, DT)
     for names in FOLLOWED:
         model = Model('path', tuple(BLOCKS[name] for name in names))
         late = {'delay': 0.3 * DT} if 'delay' in model.parameter_names else {}
@@ -102,10 +109,13 @@ def inverses() -> None:
     values = {**named(BANK).defaults(), **named('modified').defaults()}
     ways: list[InverseLink] = [PhysicalInverse(values, DT, law=law) for law in get_args(Law)]
     for name, law in product(NAMES, INVERSES):
+        if law == 'numeric' and name != 'classical':
+            continue  # a kernel for each chain: those that need it are under `auto`
         model = named(name)
         with contextlib.suppress(PiezoError):  # has no such inverse
             ways.append(inverse_for(model, model.defaults(), DT, law=law))
     for inverse in ways:
+        inverse.respond(np.zeros(3))
         for k in range(3):
             inverse.step(ReferencePoint(k, 1e-6 * k, 0.0, 0.0, 1.0, 0.0))
 
@@ -125,9 +135,51 @@ def laws() -> None:
     for method, fit in product(get_args(Method), get_args(Fit)):
         settings = AttenuationSettings(method=method, fit=fit, orders=(3,))
         law = HarmonicAttenuation(settings, gain, DT)
+        law.set_gain(gain)
         for k in range(700):
             point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 2 * math.pi * 23.0 * k * DT)
             law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
+
+
+def errors() -> None:
+    """Let every law on the error take a few ticks, and change its gains."""
+    from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
+    from piezo_hysteresis.compensation.feedback import hinf
+    from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
+    from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+    from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
+
+    gains, rules = PidGains(1.0, 1.0, 1.0), FuzzyRules(1e-6, 1e-3, 1.0, 1.0)
+    plant = hinf.transfer_function([1e-6], [2.5e-5, 1e-4, 1.0])
+    found = hinf.design(plant, HInfinityWeights(bandwidth=2.0), DT)
+    pid = Pid(gains, DT, limits=Limits())
+    for law in (pid, FuzzyPid(gains, rules, DT), hinf.HInfinity(found.controller, DT)):
+        for k in range(3):
+            point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 0.1 * k)
+            law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
+    pid.set_gains(gains)
+    pid.reset()
+
+
+def limits() -> None:
+    """Limit a voltage, let it go to rest, and change a model smoothly."""
+    from piezo_hysteresis.compensation.base import Limits
+    from piezo_hysteresis.compensation.inverses.choice import inverse_for
+    from piezo_hysteresis.compensation.limiter import Limiter
+    from piezo_hysteresis.compensation.sensor import SensorWatch
+    from piezo_hysteresis.compensation.transition import Transition
+    from piezo_hysteresis.models import named
+
+    limiter = Limiter(Limits(), DT)
+    limiter.apply(0.1)
+    limiter.ramp_to_rest()
+    change = Transition(DT)
+    change.apply(1.0)
+    change.start()
+    change.apply(0.0)
+    SensorWatch(DT).reset()
+    model = named('bouc_wen_mode')
+    inverse_for(model, model.defaults(), DT).set_parameters({'A': 3e-5})
 
 
 def rivals() -> None:
@@ -171,6 +223,8 @@ REHEARSALS = (
     derivatives,
     online_methods,
     laws,
+    errors,
+    limits,
     rivals,
     bags,
     screening,

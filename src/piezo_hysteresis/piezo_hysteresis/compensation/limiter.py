@@ -4,11 +4,96 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.energy import EnergyLimits, EnergyMeter
+from piezo_hysteresis.compensation.energy import EnergyLimits, largest_change, packed_energy
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
 
 COUNTS = ('not_finite', 'out_of_range', 'slew_limited', 'energy_limited')
+
+# Places in the memory: the last voltage [V], the mean power [W], and the counts in their order.
+VOLTAGE, MEAN, _NOT_FINITE, _OUT_OF_RANGE, _SLEW_LIMITED, _ENERGY_LIMITED = range(6)
+LIMITER_SIZE = 6
+# Places in the settings; a power of 0 is none.
+LOW, HIGH, STEP, POWER, SHARE, PER_VOLT = range(6)
+
+
+@jit
+def go(goal: float, memory: FloatArray, settings: FloatArray) -> float:
+    """Go towards `goal` [V] as far as slew and energy allow; answer the voltage."""
+    before, step, reason = memory[VOLTAGE], settings[STEP], _SLEW_LIMITED
+    affordable = largest_change(memory[MEAN], settings[POWER], settings[PER_VOLT])
+    if affordable < step:
+        step, reason = affordable, _ENERGY_LIMITED
+    if abs(goal - before) > step:
+        goal = before + math.copysign(step, goal - before)
+        memory[reason] += 1.0
+    memory[VOLTAGE] = goal
+    spent = settings[PER_VOLT] * abs(goal - before)
+    memory[MEAN] += settings[SHARE] * (spent - memory[MEAN])
+    return goal
+
+
+@jit
+def limit(voltage: float, memory: FloatArray, settings: FloatArray) -> float:
+    """Answer the safe voltage nearest to `voltage` [V]; what is no number is held."""
+    if not math.isfinite(voltage):
+        memory[_NOT_FINITE] += 1.0
+        voltage = memory[VOLTAGE]
+    low, high = settings[LOW], settings[HIGH]
+    if voltage > high or voltage < low:
+        voltage = min(max(voltage, low), high)
+        memory[_OUT_OF_RANGE] += 1.0
+    return go(voltage, memory, settings)
+
+
+@jit
+def ramp(rest: float, pace: float, memory: FloatArray, settings: FloatArray) -> float:
+    """Answer the next voltage on the way to `rest` [V], `pace` [V] a tick or slower."""
+    goal = min(max(rest, settings[LOW]), settings[HIGH])
+    pace = min(pace, settings[STEP])
+    distance = goal - memory[VOLTAGE]
+    if abs(distance) > pace:
+        goal = memory[VOLTAGE] + math.copysign(pace, distance)
+    return go(goal, memory, settings)
+
+
+def require_limits(limits: Limits) -> None:
+    """Refuse limits that are none.
+
+    Raises
+    ------
+    CompensationError
+        If the range is empty, the slew not positive, or any of them not finite.
+    """
+    if not (math.isfinite(limits.low) and math.isfinite(limits.high)):
+        raise CompensationError('the voltage limits must be finite; give low and high in V')
+    if not limits.low < limits.high:
+        raise CompensationError(
+            f'the voltage limits are empty: low = {limits.low:g} V is not below '
+            f'high = {limits.high:g} V; exchange or widen them'
+        )
+    if not limits.slew > 0:
+        raise CompensationError(
+            f'the slew limit must be positive, got {limits.slew:g} V/s; give the largest '
+            'change that the amplifier follows'
+        )
+
+
+def packed_limits(limits: Limits, dt: float, energy: EnergyLimits | None = None) -> FloatArray:
+    """Return the settings of the kernels.
+
+    Raises
+    ------
+    CompensationError
+        If they are impossible.
+    """
+    require_limits(limits)
+    power, share, per_volt = (0.0, 0.0, 0.0) if energy is None else packed_energy(energy, dt)
+    return np.array([limits.low, limits.high, limits.slew * dt, power, share, per_volt])
 
 
 class Limiter:
@@ -41,25 +126,10 @@ class Limiter:
         if not (math.isfinite(dt) and dt > 0):
             raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
         self.dt = dt
-        self._take(limits)
-        self._meter = None if energy is None else EnergyMeter(energy, dt)
+        self._memory = np.zeros(LIMITER_SIZE)
+        self._settings = np.zeros(PER_VOLT + 1)
+        self.retune(limits, energy)
         self.reset(voltage)
-
-    def _take(self, limits: Limits) -> None:
-        if not (math.isfinite(limits.low) and math.isfinite(limits.high)):
-            raise CompensationError('the voltage limits must be finite; give low and high in V')
-        if not limits.low < limits.high:
-            raise CompensationError(
-                f'the voltage limits are empty: low = {limits.low:g} V is not below '
-                f'high = {limits.high:g} V; exchange or widen them'
-            )
-        if not limits.slew > 0:
-            raise CompensationError(
-                f'the slew limit must be positive, got {limits.slew:g} V/s; give the largest '
-                'change that the amplifier follows'
-            )
-        self.limits = limits
-        self._step = limits.slew * self.dt
 
     def retune(self, limits: Limits, energy: EnergyLimits | None = None) -> None:
         """Take other limits over while running; counters and the last voltage stay.
@@ -71,50 +141,38 @@ class Limiter:
         CompensationError
             If they are impossible; the ones before then stay in force.
         """
-        meter = None if energy is None else EnergyMeter(energy, self.dt)
-        self._take(limits)
-        if energy is not None and self._meter is not None:
-            self._meter.limits = energy
-        else:
-            self._meter = meter
+        self._settings[:] = packed_limits(limits, self.dt, energy)
+        self.limits = limits
+        if energy is None:
+            self._memory[MEAN] = 0.0
 
     def reset(self, voltage: float = 0.0) -> None:
         """Start anew at `voltage` [V], clamped to the range, with every counter at 0."""
-        limits = self.limits
         start = voltage if math.isfinite(voltage) else 0.0
-        self._voltage: float = min(max(start, limits.low), limits.high)
-        self._counts: dict[str, int] = dict.fromkeys(COUNTS, 0)
-        if self._meter is not None:
-            self._meter.reset()
+        self._memory[:] = 0.0
+        self._memory[VOLTAGE] = min(max(start, self.limits.low), self.limits.high)
 
     def follow(self, voltage: float) -> None:
         """Take `voltage` [V] for the last one, where something else has moved it meanwhile."""
         if math.isfinite(voltage):
-            self._voltage = voltage
+            self._memory[VOLTAGE] = voltage
 
     @property
     def voltage(self) -> float:
         """The last safe voltage that it answered [V]."""
-        return self._voltage
+        return float(self._memory[VOLTAGE])
 
     @property
     def mean_power(self) -> float:
         """Running mean of the power that the voltage takes [W]; 0 without energy limits."""
-        return 0.0 if self._meter is None else self._meter.mean_power
+        return float(self._memory[MEAN])
 
     def apply(self, voltage: float) -> float:
         """Answer the safe voltage nearest to `voltage` [V].
 
         What is not a number is refused: the last safe voltage is held and ``not_finite`` counted.
         """
-        limits = self.limits
-        if not math.isfinite(voltage):
-            self._counts['not_finite'] += 1
-            voltage = self._voltage
-        if voltage > limits.high or voltage < limits.low:
-            voltage = min(max(voltage, limits.low), limits.high)
-            self._counts['out_of_range'] += 1
-        return self._go(voltage)
+        return limit(float(voltage), self._memory, self._settings)
 
     def ramp_to_rest(self, rest: float = 0.0, duration: float = 1.0) -> float:
         """Answer the next voltage on the way to `rest`; call it once per tick.
@@ -129,34 +187,15 @@ class Limiter:
         span = self.limits.high - self.limits.low
         return self.ramp_to(rest, span / duration if duration > 0 else math.inf)
 
-    def ramp_to(self, rest: float, ramp: float) -> float:
-        """Answer the next voltage on the way to `rest` [V] at `ramp` [V/s]; once per tick.
+    def ramp_to(self, rest: float, rate: float) -> float:
+        """Answer the next voltage on the way to `rest` [V] at `rate` [V/s]; once per tick.
 
         Never faster than the slew limit, and counted as limited only where the energy limit slows
         the ramp.
         """
-        goal = min(max(rest, self.limits.low), self.limits.high)
-        pace = min(ramp * self.dt, self._step)
-        distance = goal - self._voltage
-        if abs(distance) > pace:
-            goal = self._voltage + math.copysign(pace, distance)
-        return self._go(goal)
-
-    def _go(self, goal: float) -> float:
-        """Go towards `goal` as far as slew and energy allow."""
-        before, step, reason = self._voltage, self._step, 'slew_limited'
-        if self._meter is not None:
-            affordable = self._meter.largest_step()
-            if affordable < step:
-                step, reason = affordable, 'energy_limited'
-        if abs(goal - before) > step:
-            goal = before + math.copysign(step, goal - before)
-            self._counts[reason] += 1
-        self._voltage = goal
-        if self._meter is not None:
-            self._meter.note(goal - before)
-        return goal
+        return ramp(float(rest), float(rate) * self.dt, self._memory, self._settings)
 
     def counters(self) -> dict[str, int]:
         """Return how many samples were refused or limited, by the names of `COUNTS`."""
-        return dict(self._counts)
+        own = self._memory[_NOT_FINITE:]
+        return {name: int(count) for name, count in zip(COUNTS, own, strict=True)}

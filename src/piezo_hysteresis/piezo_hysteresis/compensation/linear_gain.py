@@ -2,13 +2,63 @@
 
 from __future__ import annotations
 
-import cmath
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
-LinearGain = Callable[[float], complex]
-"""Answers the gain [m/V] at a frequency [Hz]; negative frequencies give the conjugate."""
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.jit import jit
+
+# Kinds of packed gains, by their first number.
+_MODE, _RECURSION, _PULSE = range(3)
+
+
+class LinearGain(Protocol):
+    """Answers the gain [m/V] at a frequency [Hz]; negative frequencies give the conjugate.
+
+    Attributes
+    ----------
+    packed : ndarray
+        The same as numbers for `gain_at`.
+    """
+
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that `gain_at` reads."""
+
+    def __call__(self, frequency: float) -> complex:
+        """Answer the gain [m/V] at `frequency` [Hz]."""
+
+
+@jit
+def gain_at(frequency: float, packed: FloatArray) -> complex:
+    """Answer the gain [m/V] at `frequency` [Hz] from the numbers of a `LinearGain`."""
+    kind = int(packed[0])
+    if kind == _MODE:
+        answer = complex(packed[1], 0.0)
+        if packed[2] > 0.0:
+            ratio = frequency / packed[2]
+            answer /= complex(1.0 - ratio * ratio, 2.0 * packed[3] * ratio)
+        lag = 2.0 * math.pi * frequency * (0.5 * packed[4] + packed[5])
+        return answer * complex(math.cos(lag), -math.sin(lag))
+    if kind == _RECURSION:
+        turn = 2.0 * math.pi * frequency * packed[4]
+        z = complex(math.cos(turn), -math.sin(turn))
+        return complex(packed[1] / (1.0 - z - packed[2] * z * z - packed[3] * z * z * z))
+    real = imaginary = 0.0
+    for k in range(packed.size - 2):
+        turn = 2.0 * math.pi * frequency * packed[1] * k
+        real += packed[2 + k] * math.cos(turn)
+        imaginary -= packed[2 + k] * math.sin(turn)
+    return complex(real, imaginary)
+
+
+def packed_pulse(pulse: FloatArray, dt: float) -> FloatArray:
+    """Return the numbers of a gain that is known by its response to a pulse, [m/V] per tick."""
+    return np.concatenate([(_PULSE, dt), pulse])
 
 
 @dataclass(frozen=True)
@@ -36,14 +86,16 @@ class ModeGain:
     dt: float = 0.0
     delay: float = 0.0
 
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that `gain_at` reads."""
+        return np.array(
+            [_MODE, self.gain, self.natural_frequency, self.damping_ratio, self.dt, self.delay]
+        )
+
     def __call__(self, frequency: float) -> complex:
         """Answer the gain [m/V] at `frequency` [Hz]."""
-        answer = complex(self.gain)
-        if self.natural_frequency > 0:
-            ratio = frequency / self.natural_frequency
-            answer /= 1.0 - ratio**2 + 2j * self.damping_ratio * ratio
-        lag = 2j * math.pi * frequency * (0.5 * self.dt + self.delay)
-        return answer * cmath.exp(-lag)
+        return complex(gain_at(float(frequency), self.packed))
 
 
 @dataclass(frozen=True)
@@ -65,10 +117,14 @@ class ArGain:
     c2: float
     dt: float
 
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that `gain_at` reads."""
+        return np.array([_RECURSION, self.gain, self.c1, self.c2, self.dt])
+
     def __call__(self, frequency: float) -> complex:
         """Answer the gain [m/V] at `frequency` [Hz]."""
-        z = cmath.exp(-2j * math.pi * frequency * self.dt)
-        return self.gain / (1.0 - z - self.c1 * z**2 - self.c2 * z**3)
+        return complex(gain_at(float(frequency), self.packed))
 
 
 def linear_gain(parameters: Mapping[str, float], dt: float) -> LinearGain:

@@ -4,10 +4,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.jit import jit
+
 # The steepest slope of the quintic smooth step of unit height and length.
 _STEEPEST = 1.875
 
+# Places in the memory of a change: whether one is asked for, what the output would have jumped by,
+# ticks so far, how long it takes [s], the last output and whether there was one.
+PENDING, BUMP, _ELAPSED, _LENGTH, LAST, _BEGUN = range(6)
+FADE_SIZE = 6
 
+
+@jit
 def smooth_step(s: float) -> tuple[float, float, float]:
     """Answer the quintic smooth step at `s` in 0..1 and its first two derivatives."""
     if s <= 0.0:
@@ -19,6 +30,38 @@ def smooth_step(s: float) -> tuple[float, float, float]:
         30.0 * s**2 * (1.0 - s) ** 2,
         60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
     )
+
+
+@jit
+def fade(raw: float, memory: FloatArray, dt: float, duration: float, slew: float) -> float:
+    """Answer the output of this tick [V]; `raw` is what the law in charge wants."""
+    if memory[PENDING] > 0.0 and memory[_BEGUN] > 0.0:
+        memory[PENDING] = 0.0
+        memory[BUMP] = memory[LAST] - raw
+        memory[_ELAPSED] = 0.0
+        memory[_LENGTH] = max(duration, dt, _STEEPEST * abs(memory[BUMP]) / slew)
+    output = raw
+    if memory[BUMP] != 0.0:
+        done = memory[_ELAPSED] * dt / memory[_LENGTH]
+        if done >= 1.0:
+            memory[BUMP] = 0.0
+        else:
+            output += memory[BUMP] * (1.0 - smooth_step(done)[0])
+            memory[_ELAPSED] += 1.0
+    memory[LAST], memory[_BEGUN] = output, 1.0
+    return output
+
+
+@jit
+def begin_fade(memory: FloatArray) -> None:
+    """Make the next output begin where the last one was."""
+    memory[PENDING] = memory[_BEGUN]
+
+
+@jit
+def forget_fade(memory: FloatArray) -> None:
+    """Forget the last output and any change under way."""
+    memory[PENDING] = memory[BUMP] = memory[_BEGUN] = 0.0
 
 
 class Transition:
@@ -35,51 +78,38 @@ class Transition:
         Seconds that a change takes [s].
     slew : float
         Largest rate at which the difference may fade [V/s]; a large one takes longer.
+    memory : ndarray, shape (FADE_SIZE,), optional
+        Where it is kept, for those who hold everything in one array.
     """
 
-    def __init__(self, dt: float, duration: float = 0.2, slew: float = math.inf) -> None:
-        self._dt = dt
-        self._duration = duration
-        self._slew = slew
-        self._pending = False
-        self._bump = 0.0
-        self._elapsed = 0
-        self._length = dt
-        self._last: float | None = None
+    def __init__(
+        self,
+        dt: float,
+        duration: float = 0.2,
+        slew: float = math.inf,
+        memory: FloatArray | None = None,
+    ) -> None:
+        self._dt = float(dt)
+        self._memory = np.zeros(FADE_SIZE) if memory is None else memory
+        self.retune(duration, slew)
 
     def start(self) -> None:
         """Make the next output begin where the last one was."""
-        self._pending = self._last is not None
+        begin_fade(self._memory)
 
     def retune(self, duration: float, slew: float) -> None:
         """Change how long [s] and how fast [V/s] changes may be, from the next one on."""
-        self._duration, self._slew = duration, slew
+        self._duration, self._slew = float(duration), float(slew)
 
     def apply(self, raw: float) -> float:
         """Answer the output for this tick [V]; `raw` is what the law in charge wants."""
-        if self._pending and self._last is not None:
-            self._pending = False
-            self._bump = self._last - raw
-            self._elapsed = 0
-            self._length = max(self._duration, self._dt, _STEEPEST * abs(self._bump) / self._slew)
-        output = raw
-        if self._bump != 0.0:
-            done = self._elapsed * self._dt / self._length
-            if done >= 1.0:
-                self._bump = 0.0
-            else:
-                output += self._bump * (1.0 - smooth_step(done)[0])
-                self._elapsed += 1
-        self._last = output
-        return output
+        return fade(float(raw), self._memory, self._dt, self._duration, self._slew)
 
     @property
     def active(self) -> bool:
         """Whether a change is under way."""
-        return self._pending or self._bump != 0.0
+        return bool(self._memory[PENDING] > 0.0 or self._memory[BUMP] != 0.0)
 
     def reset(self) -> None:
         """Forget the last output and any change under way."""
-        self._pending = False
-        self._bump = 0.0
-        self._last = None
+        forget_fade(self._memory)

@@ -13,9 +13,21 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.base import FeedbackLaw, stepping
+from piezo_hysteresis.compensation.feedback.pid import (
+    GAINS,
+    INTEGRAL,
+    PROPORTIONAL,
+    SLOPE,
+    Pid,
+    PidGains,
+    cut,
+    hold,
+    pid,
+)
 from piezo_hysteresis.compensation.feedback.settings import FuzzyScales
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
 
 LEVELS = ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')
 
@@ -68,23 +80,49 @@ class FuzzyRules(FuzzyScales):
                 raise CompensationError(f'{name} must be a table of 7 x 7 levels')
 
 
-def infer(rules: FloatArray, error: float, rate: float) -> float:
+# Places in the parameters behind the gains, then both tables, row by row.
+_ERROR_SCALE, _RATE_SCALE, _PROPORTIONAL_RANGE, _INTEGRAL_RANGE = range(GAINS, GAINS + 4)
+_PROPORTIONAL_RULES = GAINS + 4
+_INTEGRAL_RULES = _PROPORTIONAL_RULES + 49
+
+
+@jit
+def level(rules: FloatArray, error: float, rate: float) -> float:
     """Answer the level -1..1 that the rules give, for error and rate in -1..1 (clamped).
 
     Seven triangular sets that add up to one everywhere, product inference and weighted mean of
-    the levels: this is bilinear interpolation of the table.
+    the levels: this is bilinear interpolation of the table, whose 49 levels stand row by row.
     """
     x = (min(max(error, -1.0), 1.0) + 1.0) * 3.0
     y = (min(max(rate, -1.0), 1.0) + 1.0) * 3.0
     i, j = min(int(x), 5), min(int(y), 5)
-    a, b = x - i, y - j
-    level = (
-        (1.0 - a) * (1.0 - b) * rules[i, j]
-        + a * (1.0 - b) * rules[i + 1, j]
-        + (1.0 - a) * b * rules[i, j + 1]
-        + a * b * rules[i + 1, j + 1]
+    a, b, place = x - i, y - j, 7 * i + j
+    levels = (
+        (1.0 - a) * (1.0 - b) * rules[place]
+        + a * (1.0 - b) * rules[place + 7]
+        + (1.0 - a) * b * rules[place + 1]
+        + a * b * rules[place + 8]
     )
-    return float(level) / 3.0
+    return float(levels / 3.0)
+
+
+def infer(rules: FloatArray, error: float, rate: float) -> float:
+    """Answer the level -1..1 that a table of 7 x 7 levels gives, see `level`."""
+    return level(np.ravel(rules).astype(np.float64), float(error), float(rate))
+
+
+@jit
+def scheduled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+    """Answer the share of the voltage [V] by gains that follow error and rate."""
+    # The filtered slope of the tick before: the raw one is mostly noise.
+    x, y = error / p[_ERROR_SCALE], memory[SLOPE] / p[_RATE_SCALE]
+    levels = p[_PROPORTIONAL_RULES:_INTEGRAL_RULES]
+    proportional = p[PROPORTIONAL] + p[_PROPORTIONAL_RANGE] * level(levels, x, y)
+    integral = p[INTEGRAL] + p[_INTEGRAL_RANGE] * level(p[_INTEGRAL_RULES:], x, y)
+    return pid(error, max(proportional, 0.0), max(integral, 0.0), memory, p, dt)
+
+
+LAW = FeedbackLaw(scheduled, hold, cut)
 
 
 class FuzzyPid(Pid):
@@ -105,6 +143,8 @@ class FuzzyPid(Pid):
         As in `FeedbackLink`.
     """
 
+    kernel = staticmethod(stepping(LAW))
+
     def __init__(
         self,
         gains: PidGains,
@@ -113,15 +153,13 @@ class FuzzyPid(Pid):
         *,
         limits: Limits | None = None,
     ) -> None:
-        super().__init__(gains, dt, limits=limits)
         self._rules = rules
+        super().__init__(gains, dt, limits=limits)
 
-    def _law(self, error: float) -> float:
-        rules, gains = self._rules, self._gains
-        # The filtered slope of the tick before: the raw one is mostly noise.
-        x, y = error / rules.error_scale, self._slope / rules.rate_scale
-        proportional = gains.proportional + rules.proportional_range * infer(
-            rules.proportional_rules, x, y
-        )
-        integral = gains.integral + rules.integral_range * infer(rules.integral_rules, x, y)
-        return self._pid(error, max(proportional, 0.0), max(integral, 0.0))
+    def _pack(self) -> FloatArray:
+        rules = self._rules
+        scales = (
+            rules.error_scale, rules.rate_scale, rules.proportional_range, rules.integral_range,
+        )  # fmt: skip
+        tables = (np.ravel(rules.proportional_rules), np.ravel(rules.integral_rules))
+        return np.concatenate([super()._pack(), scales, *tables]).astype(np.float64)

@@ -10,7 +10,7 @@ from scipy import linalg, signal
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.base import FeedbackLink
+from piezo_hysteresis.compensation.feedback.base import FeedbackLaw, FeedbackLink, stepping
 from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
     GeneralizedPlant,
     StateSpace,
@@ -19,6 +19,7 @@ from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
 )
 from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.numerics.linalg import failing_as
 
 # Xiao 2014 (4); its DC gain reads as mm per volt at the actuator.
@@ -189,6 +190,50 @@ def _design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinit
     return HInfinityDesign(StateSpace(a, b, c, d), gamma, weights)
 
 
+# The parameters begin with their number of states and the direct path; A row by row, B, C and the
+# gain of the observer follow. The memory is the state.
+_STATES, _DIRECT, _A = range(3)
+
+
+@jit
+def controlled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+    """Answer the share of the voltage [V] and move the state on."""
+    n = int(p[_STATES])
+    entry = _A + n * n
+    share, moved = hold(memory, p) + p[_DIRECT] * error, scratch(n)
+    for i in range(n):
+        total = p[entry + i] * error
+        for j in range(n):
+            total += p[_A + n * i + j] * memory[j]
+        moved[i] = total
+    for i in range(n):
+        memory[i] = moved[i]
+    return float(share)
+
+
+@jit
+def hold(memory: FloatArray, p: FloatArray) -> float:
+    """Answer the share without a measurement: that of the state [V]."""
+    n = int(p[_STATES])
+    row, total = _A + n * n + n, 0.0
+    for i in range(n):
+        total += p[row + i] * memory[i]
+    return total
+
+
+@jit
+def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
+    """Let the state follow what was cut off [V]."""
+    n = int(p[_STATES])
+    gain = _A + n * n + 2 * n
+    if excess != 0.0:
+        for i in range(n):
+            memory[i] += p[gain + i] * excess
+
+
+LAW = FeedbackLaw(controlled, hold, cut)
+
+
 class HInfinity(FeedbackLink):
     """A discrete linear controller on the error as a link of the chain, Xiao 2014 figure 13.
 
@@ -204,6 +249,8 @@ class HInfinity(FeedbackLink):
         What is told of it when it comes into force.
     """
 
+    kernel = staticmethod(stepping(LAW))
+
     def __init__(
         self,
         controller: StateSpace,
@@ -212,29 +259,12 @@ class HInfinity(FeedbackLink):
         limits: Limits | None = None,
         words: str = '',
     ) -> None:
-        super().__init__(dt, limits)
+        k = controller
+        super().__init__(dt, limits, len(k.a))
         self.words = words
-        self._controller = controller
-        self._observer = _observer_gain(controller)
-        self._state: FloatArray = np.zeros(len(controller.a))
-
-    def reset(self) -> None:
-        """Forget everything but the controller."""
-        super().reset()
-        self._state = np.zeros_like(self._state)
-
-    def _law(self, error: float) -> float:
-        k = self._controller
-        share = float(k.c[0] @ self._state + k.d[0, 0] * error)
-        self._state = k.a @ self._state + k.b[:, 0] * error
-        return share
-
-    def _hold(self) -> float:
-        return float(self._controller.c[0] @ self._state)
-
-    def _cut(self, excess: float) -> None:
-        if excess != 0.0:
-            self._state = self._state + self._observer * excess
+        self.packed = np.concatenate(
+            [(len(k.a), k.d[0, 0]), k.a.ravel(), k.b[:, 0], k.c[0], _observer_gain(k)]
+        )
 
 
 def _observer_gain(controller: StateSpace) -> FloatArray:

@@ -2,11 +2,71 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.base import FeedbackLink
+from piezo_hysteresis.compensation.feedback.base import OWN, FeedbackLaw, FeedbackLink, stepping
 from piezo_hysteresis.compensation.feedback.settings import PidGains
+from piezo_hysteresis.jit import jit
 
 __all__ = ['Pid', 'PidGains']
+
+# Places in the memory of the law: integral [V], filtered slope of the error [m/s], the last error
+# [m] and whether there was one.
+_INTEGRAL, SLOPE, _LAST, _BEGUN = range(4)
+PID_SIZE = 4
+# Places in the parameters, in the order of `PidGains`.
+PROPORTIONAL, INTEGRAL, _DERIVATIVE, _FILTER, _TRACKING = range(5)
+GAINS = 5
+
+
+@jit
+def pid(
+    error: float,
+    proportional: float,
+    integral: float,
+    memory: FloatArray,
+    p: FloatArray,
+    dt: float,
+) -> float:
+    """Answer the share of the voltage [V] by gains that may differ from those in `p`."""
+    last = memory[_LAST] if memory[_BEGUN] > 0.0 else error
+    memory[_INTEGRAL] += 0.5 * dt * integral * (error + last)
+    twice = 2.0 * p[_FILTER]
+    memory[SLOPE] = ((twice - dt) * memory[SLOPE] + 2.0 * (error - last)) / (twice + dt)
+    memory[_LAST], memory[_BEGUN] = error, 1.0
+    return float(proportional * error + memory[_INTEGRAL] + p[_DERIVATIVE] * memory[SLOPE])
+
+
+@jit
+def plain(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+    """Answer the share of the voltage [V]."""
+    return pid(error, p[PROPORTIONAL], p[INTEGRAL], memory, p, dt)
+
+
+@jit
+def hold(memory: FloatArray, p: FloatArray) -> float:
+    """Answer the share without a measurement: the integral [V]."""
+    return float(memory[_INTEGRAL])
+
+
+@jit
+def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
+    """Let the integral follow what was cut off [V]."""
+    memory[_INTEGRAL] += excess * min(1.0, dt / p[_TRACKING])
+
+
+@jit
+def take_gains(memory: FloatArray, before: float, proportional: float) -> None:
+    """Let the integral take up a change of the proportional gain, so that nothing jumps."""
+    if memory[_BEGUN] > 0.0:
+        memory[_INTEGRAL] += (before - proportional) * memory[_LAST]
+
+
+LAW = FeedbackLaw(plain, hold, cut)
 
 
 class Pid(FeedbackLink):
@@ -26,6 +86,8 @@ class Pid(FeedbackLink):
         As in `FeedbackLink`.
     """
 
+    kernel = staticmethod(stepping(LAW))
+
     def __init__(
         self,
         gains: PidGains,
@@ -33,9 +95,9 @@ class Pid(FeedbackLink):
         *,
         limits: Limits | None = None,
     ) -> None:
-        super().__init__(dt, limits)
+        super().__init__(dt, limits, PID_SIZE)
         self._gains = gains
-        self._clear()
+        self.packed = self._pack()
 
     @property
     def gains(self) -> PidGains:
@@ -44,37 +106,9 @@ class Pid(FeedbackLink):
 
     def set_gains(self, gains: PidGains) -> None:
         """Change the gains; the integral takes up the difference, so that nothing jumps."""
-        if self._last is not None:
-            change = (self._gains.proportional - gains.proportional) * self._last
-            self._integral += change
+        take_gains(self.memory[OWN:], float(self._gains.proportional), float(gains.proportional))
         self._gains = gains
+        self.packed[:] = self._pack()
 
-    def reset(self) -> None:
-        """Forget everything but the gains."""
-        super().reset()
-        self._clear()
-
-    def _clear(self) -> None:
-        self._integral = 0.0
-        self._slope = 0.0
-        self._last: float | None = None
-
-    def _law(self, error: float) -> float:
-        return self._pid(error, self._gains.proportional, self._gains.integral)
-
-    def _pid(self, error: float, proportional: float, integral: float) -> float:
-        gains, dt = self._gains, self.dt
-        last = error if self._last is None else self._last
-        self._integral += 0.5 * dt * integral * (error + last)
-        filter_time = gains.derivative_filter
-        self._slope = ((2.0 * filter_time - dt) * self._slope + 2.0 * (error - last)) / (
-            2.0 * filter_time + dt
-        )
-        self._last = error
-        return proportional * error + self._integral + gains.derivative * self._slope
-
-    def _hold(self) -> float:
-        return self._integral
-
-    def _cut(self, excess: float) -> None:
-        self._integral += excess * min(1.0, self.dt / self._gains.tracking_time)
+    def _pack(self) -> FloatArray:
+        return np.array(astuple(self._gains), dtype=np.float64)

@@ -1,258 +1,303 @@
-"""Adaptive feedforward cancellation of harmonics by complex gain."""
+"""Adaptive feedforward cancellation of harmonics by complex gain.
+
+In windows locked to the reference's phase, the error of each order, ``Re(E exp(j n phi))``, is
+found by least squares; the correction moves by ``step_size E / G``, and the change that follows
+refines G. A wrong sign, a resonance that has moved or a frequency that steps is thereby followed.
+An error that keeps growing makes the order start anew from 0.
+"""
 
 from __future__ import annotations
 
-import cmath
 import math
-from dataclasses import dataclass
-
-import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import (
+    HIGHEST,
+    MOST,
     Harmonic,
     accumulate,
+    fill_resonant,
+    fill_separable,
     folded,
-    resonant_orders,
-    separable_orders,
-    solve_lines,
+    solve_normal,
 )
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
-from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.harmonics.settings import (
+    ORDERS,
+    RESONANCE,
+    SETTLE,
+    SPAN,
+    WITH_MEAN,
+)
+from piezo_hysteresis.compensation.harmonics.steering import (
+    ERROR,
+    LINE_SIZE,
+    MODELLED,
+    MOVED,
+    ORDER,
+    RISES,
+    SEEN,
+    THETA,
+    begin_line,
+    believed,
+    harmonic_of,
+    move,
+)
+from piezo_hysteresis.compensation.linear_gain import gain_at
+from piezo_hysteresis.jit import jit, scratch
 
-# What was believed before weighs this much against clear observations, which fade by the memory.
-_PRIOR = 0.1
-_MEMORY = 0.6
-# An observation, or an error, is clear where it stands so many deviations out of the noise.
-_SIGNIFICANCE = 4.0
 # Share of the changes of all other lines that may show in one line.
 _COUPLING = 0.005
-# The gain stays within this factor of the modelled magnitude; its phase is free.
-_GAIN_RANGE = 8.0
 # Relative change of the frequency from one tick to the next that is a step, not a chirp.
 _FREQUENCY_STEP = 2e-3
-# So many windows of growth in a row, up to what the correction itself does, are divergence.
-_RISES = 3
-# Orders that are strong in the error of a hysteretic plant, and of an asymmetric one besides.
-_STRONG = (1, 2, 3, 5, 7, 9)
-_STRONG_EVEN = (6,)
+# Orders that are strong in the error of a hysteretic plant, and one that is where a plant is so
+# asymmetric that the second is cancelled. What is strong and not fitted would leak into a short
+# window and pass for noise. Which even ones are fitted moves the error left by 3 % at most.
+_STRONG = (1.0, 2.0, 3.0, 5.0, 7.0, 9.0)
+_STRONG_EVEN = 6.0
+_BESIDES = len(_STRONG) + 1
+
+# Places in the memory: the window, its orders, what was counted, then the mean as a line, the
+# other lines, the orders that are fitted, the basis and the normal equations.
+_FREQUENCY, _TICKS, _SKIP, _LENGTH, _COUNT, _FITTED = range(6)
+WINDOWS, RESTARTS, BOUNDED = range(6, 9)
+_MEAN = 9
+_LINES = _MEAN + LINE_SIZE
 
 
-@dataclass
-class _Line:
-    """One order: its correction theta [V], last error [m] and gain, as modelled times a ratio."""
-
-    theta: complex = 0j
-    error: complex = 0j
-    modelled: complex = 0j
-    ratio: complex = 1.0 + 0j
-    weight: float = _PRIOR
-    moved: complex = 0j
-    rises: int = 0
-    seen: bool = False
-
-    @property
-    def gain(self) -> complex:
-        """Gain [m/V] as it is believed now."""
-        return self.modelled * self.ratio
-
-    def observe(self, change: complex, clearness: float) -> None:
-        """Learn from the change of the error [m] that followed the last step."""
-        if not (self.moved and self.modelled):
-            return
-        seen = -change / self.moved / self.modelled
-        kept = _MEMORY * self.weight
-        self.weight = kept + clearness
-        ratio = (kept * self.ratio + clearness * seen) / self.weight
-        size = abs(ratio)
-        if size > 0.0:
-            self.ratio = ratio * min(max(size, 1.0 / _GAIN_RANGE), _GAIN_RANGE) / size
+@jit
+def room(p: FloatArray) -> int:
+    """Return for how many orders there is room."""
+    return p.size - ORDERS + (MOST if p[RESONANCE] > 0.0 else 0)
 
 
-class ComplexGainCancellation:
-    """Removes chosen orders of the error by sines whose complex gain is found while running.
+@jit
+def fitted_at(p: FloatArray) -> int:
+    """Return where the fitted orders stand in the memory."""
+    return _LINES + LINE_SIZE * room(p)
 
-    In windows locked to the reference's phase, the error of each order, ``Re(E exp(j n phi))``,
-    is found by least squares; the correction moves by ``step_size E / G``, and the change that
-    follows refines G. A wrong sign, a resonance that has moved or a frequency that steps is
-    thereby followed. An error that keeps growing makes the order start anew from 0.
 
-    Parameters
-    ----------
-    settings : AttenuationSettings
-        Method ``afc``.
-    gain : callable
-        Modelled plant gain [m/V] by frequency [Hz].
-    dt : float
-        Sampling interval [s].
+@jit
+def afc_size(p: FloatArray) -> int:
+    """Return the size of the memory for packed settings."""
+    fitted = room(p) + _BESIDES
+    m = 1 + 2 * fitted
+    return fitted_at(p) + fitted + m + (m + 1) * (m + 1)
+
+
+@jit
+def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Forget every correction."""
+    for k in range(memory.size):
+        memory[k] = 0.0
+    begin_line(memory[_MEAN:_LINES], 0.0)
+
+
+@jit
+def update(
+    error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
+    dt: float,
+) -> None:  # fmt: skip
+    """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
+    if frequency <= 0.0:
+        memory[_FREQUENCY] = memory[_TICKS] = 0.0
+        return
+    stepped = abs(frequency - memory[_FREQUENCY]) > _FREQUENCY_STEP * frequency
+    if stepped or memory[_COUNT] == 0.0:
+        drop_window(frequency, False, memory, p, g, dt)
+    memory[_FREQUENCY] = frequency
+    memory[_TICKS] += 1.0
+    if memory[_TICKS] <= memory[_SKIP]:
+        return
+    first, fitted = fitted_at(p), int(memory[_FITTED])
+    m, place = 1 + 2 * fitted, first + room(p) + _BESIDES
+    accumulate(
+        error,
+        phase,
+        memory[first : first + fitted],
+        memory[place : place + m],
+        memory[place + m :],
+    )
+    if memory[_TICKS] >= memory[_SKIP] + memory[_LENGTH]:
+        close_window(memory, p, g, dt)
+
+
+@jit
+def voltage(
+    frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
+) -> float:
+    """Answer what to subtract from the voltage [V] at `phase` [rad]."""
+    total = memory[_MEAN + THETA]
+    for i in range(int(memory[_COUNT])):
+        line = _LINES + LINE_SIZE * i
+        real, imaginary = memory[line + THETA], memory[line + THETA + 1]
+        if real != 0.0 or imaginary != 0.0:
+            angle = memory[line + ORDER] * phase
+            total += real * math.cos(angle) - imaginary * math.sin(angle)
+    return float(total)
+
+
+@jit
+def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Begin the window anew and learn nothing from what the last step seemed to do."""
+    if memory[_FREQUENCY] > 0.0:
+        drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
+
+
+@jit
+def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Take a new model of the plant gain; what was found about its error is kept."""
+    if memory[_FREQUENCY] > 0.0:
+        reschedule(memory[_FREQUENCY], False, memory, p, g, dt)
+
+
+@jit
+def drop_window(
+    frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
+) -> None:
+    """Begin a window; choose its length and orders for `frequency`.
+
+    Where the lines are `kept` what they remember of the last window is valid in the next.
     """
-
-    def __init__(self, settings: AttenuationSettings, gain: LinearGain, dt: float) -> None:
-        self._settings = settings
-        self._gain = gain
-        self._dt = dt
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every correction."""
-        self._lines: dict[int, _Line] = {}
-        self._mean = _Line()
-        self._orders: tuple[int, ...] = ()
-        self._fitted: tuple[int, ...] = ()
-        self._frequency: float = 0.0
-        self._counts: dict[str, int] = {'windows': 0, 'restarts': 0, 'bounded': 0}
-        self._drop_window(0.0)
-
-    def update(self, error: float, frequency: float, phase: float) -> None:
-        """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
-        if frequency <= 0.0:
-            self._drop_window(0.0)
-            return
-        if abs(frequency - self._frequency) > _FREQUENCY_STEP * frequency or not self._orders:
-            self._drop_window(frequency)
-        self._frequency = frequency
-        self._ticks += 1
-        if self._ticks <= self._skip:
-            return
-        accumulate(error, phase, self._numbers, self._basis, self._normal)
-        if self._ticks >= self._skip + self._length:
-            self._close_window()
-
-    def voltage(self, frequency: float, phase: float) -> float:
-        """Answer what to subtract from the voltage [V] at `phase` [rad]."""
-        total = self._mean.theta.real
-        for order in self._orders:
-            theta = self._lines[order].theta
-            if theta:
-                angle = order * phase
-                total += theta.real * math.cos(angle) - theta.imag * math.sin(angle)
-        return total
-
-    def harmonics(self) -> list[Harmonic]:
-        """Return error and correction of every order."""
-        rows = [(0, self._mean)] if 0 in self._settings.orders else []
-        rows += [(order, self._lines[order]) for order in self._orders]
-        return [
-            Harmonic(n, abs(w.error), cmath.phase(w.error), abs(w.theta), cmath.phase(w.theta))
-            for n, w in sorted(rows, key=lambda row: row[0])
-        ]
-
-    def gains(self) -> dict[int, complex]:
-        """Return the plant gain [m/V] as it is believed now, by order."""
-        return {order: self._lines[order].gain for order in self._orders}
-
-    def counters(self) -> dict[str, int]:
-        """Return windows evaluated and orders that were restarted or held at their bound."""
-        return dict(self._counts)
-
-    def set_gain(self, gain: LinearGain) -> None:
-        """Take a new model of the plant gain; what was found about its error is kept."""
-        self._gain = gain
-        self._reschedule(self._frequency)
-
-    def disturb(self) -> None:
-        """Begin the window anew and learn nothing from what the last step seemed to do."""
-        if self._frequency > 0.0:
-            self._drop_window(self._frequency)
-
-    def _drop_window(self, frequency: float) -> None:
-        """Begin a window; choose its length and orders for `frequency`."""
-        settings, dt = self._settings, self._dt
-        periods = max(1, round(settings.span * frequency)) if frequency > 0 else 0
-        self._length = round(periods / (frequency * dt)) if frequency > 0 else 0
-        # Nothing has been changed before the first window, so nothing has to settle.
-        fresh = self._counts['windows'] == 0 and self._frequency == 0.0
-        self._skip = 0 if fresh else max(round(settings.settle / dt), self._length // 2)
-        self._ticks = 0
-        if frequency > 0:
-            self._choose_orders(frequency)
-            self._reschedule(frequency)
-        self._numbers = np.array(self._fitted, dtype=np.float64)
-        m = 1 + 2 * self._numbers.size
-        self._basis: FloatArray = np.zeros(m)
-        self._normal: FloatArray = np.zeros((m + 1, m + 1))
-
-    def _choose_orders(self, frequency: float) -> None:
-        settings, dt = self._settings, self._dt
-        wanted = [order for order in settings.orders if order > 0]
-        if settings.resonance > 0:
-            wanted += resonant_orders(frequency, settings.resonance, dt)
-        span = self._length * dt
-        separable = separable_orders([*wanted, 1], frequency, dt, span)
-        self._orders = tuple(order for order in separable if order in wanted)
-        # Strong lines that are not cancelled would leak into a short window and pass for noise:
-        # what hysteresis makes, and where a plant is so asymmetric that the second is cancelled,
-        # its odd multiple. Which even ones are fitted moves the error left by 3 % at most.
-        others = (*_STRONG, *(_STRONG_EVEN if 2 in wanted else ()))
-        self._fitted = separable_orders([*wanted, *others], frequency, dt, span)
-
-    def _reschedule(self, frequency: float) -> None:
-        """Carry each line to `frequency`: the correction stays, the gain moves as modelled."""
-        for order in self._orders:
-            line = self._lines.setdefault(order, _Line())
-            line.modelled = self._gain(folded(order * frequency, self._dt))
-            line.rises, line.seen, line.moved = 0, False, 0j
-        for order in [order for order in self._lines if order not in self._orders]:
-            del self._lines[order]
-        self._mean.modelled = complex(self._gain(0.0).real)
-
-    def _close_window(self) -> None:
-        mean, phasors, deviation = solve_lines(self._normal, self._ticks - self._skip)
-        if not math.isfinite(deviation):  # a window that tells nothing moves nothing
-            self._drop_window_keep_lines()
-            return
-        self._counts['windows'] += 1
-        errors = dict(zip(self._fitted, map(complex, phasors), strict=True))
-        seen = [(self._lines[order], errors[order]) for order in self._orders]
-        if 0 in self._settings.orders:
-            seen.append((self._mean, complex(mean)))
-        # The hysteresis couples the orders: what one line does may come from the others' moves.
-        changes = [abs(error - line.error) if line.seen else 0.0 for line, error in seen]
-        total = sum(changes)
-        for (line, error), change in zip(seen, changes, strict=True):
-            foreign = math.hypot(deviation, _COUPLING * (total - change))
-            self._move(line, error, deviation, foreign)
-        self._mean.theta = complex(self._mean.theta.real)
-        self._drop_window_keep_lines()
-
-    def _drop_window_keep_lines(self) -> None:
-        """Begin the next window; a chirp may have moved the frequency meanwhile."""
-        before = {order: (w.seen, w.moved, w.rises) for order, w in self._lines.items()}
-        self._drop_window(self._frequency)
-        for order, (seen, moved, rises) in before.items():
-            if order in self._lines:
-                line = self._lines[order]
-                line.seen, line.moved, line.rises = seen, moved, rises
-
-    def _move(self, line: _Line, error: complex, deviation: float, foreign: float) -> None:
-        """Refine the gain from what the last step did, then take the next step."""
-        settings = self._settings
-        if line.seen:
-            change = error - line.error
-            expected = max(abs(change), abs(line.gain * line.moved))
-            line.observe(change, _clearness(expected, foreign))
-        grown = line.seen and abs(error) > 1.1 * abs(line.error) + 3.0 * deviation
-        line.rises = line.rises + 1 if grown else 0
-        line.error, line.seen = error, True
-        before = line.theta
-        if line.rises >= _RISES and abs(error) > 0.5 * abs(line.gain * line.theta):
-            self._counts['restarts'] += 1
-            line.theta, line.rises = 0j, 0
-            line.ratio, line.weight = 1.0 + 0j, _PRIOR
-        elif line.gain:
-            # What may be noise is followed less, so that noise is not fed into the voltage.
-            step = settings.step_size * _clearness(abs(error), deviation) * error / line.gain
-            size = abs(step)
-            if size > settings.largest_step:
-                step *= settings.largest_step / size
-            line.theta += step
-            if abs(line.theta) > settings.largest_correction:
-                line.theta *= settings.largest_correction / abs(line.theta)
-                self._counts['bounded'] += 1
-        line.moved = line.theta - before
+    periods = max(1, round(p[SPAN] * frequency))
+    memory[_LENGTH] = round(periods / (frequency * dt))
+    # Nothing has been changed before the first window, so nothing has to settle.
+    fresh = memory[WINDOWS] == 0.0 and memory[_FREQUENCY] == 0.0
+    settle = max(round(p[SETTLE] / dt), int(memory[_LENGTH]) // 2)
+    memory[_SKIP] = 0.0 if fresh else settle
+    memory[_TICKS] = 0.0
+    choose_orders(frequency, memory, p, dt)
+    reschedule(frequency, kept, memory, p, g, dt)
+    m = 1 + 2 * int(memory[_FITTED])
+    place = fitted_at(p) + room(p) + _BESIDES + m
+    for k in range((m + 1) * (m + 1)):
+        memory[place + k] = 0.0
 
 
-def _clearness(size: float, deviation: float) -> float:
-    """Return 0..1: how clearly an amplitude stands out of the noise."""
-    noise = _SIGNIFICANCE * deviation
-    return size**2 / (size**2 + noise**2) if size > 0.0 else 0.0
+@jit
+def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
+    """Choose the orders that are cancelled and those that are fitted beside them."""
+    most, own = room(p), p.size - ORDERS
+    count, span = own, memory[_LENGTH] * dt
+    every, kept = scratch(most + _BESIDES + 1), scratch(most + _BESIDES + 1)
+    for i in range(own):
+        every[i] = p[ORDERS + i]
+    if p[RESONANCE] > 0.0:
+        count += fill_resonant(frequency, p[RESONANCE], dt, HIGHEST, every[own : own + MOST])
+    wanted = count
+    every[count] = 1.0
+    found = fill_separable(every[: count + 1], frequency, dt, span, kept)
+    take_lines(memory, kept[:found], every[:wanted], most)
+    for order in _STRONG:
+        every[count] = order
+        count += 1
+    for i in range(wanted):
+        if every[i] == 2.0:
+            every[count] = _STRONG_EVEN
+            count += 1
+    first = fitted_at(p)
+    memory[_FITTED] = fill_separable(every[:count], frequency, dt, span, memory[first:])
+
+
+@jit
+def take_lines(memory: FloatArray, kept: FloatArray, wanted: FloatArray, most: int) -> None:
+    """Carry the lines of the orders `kept` that are `wanted` on, and begin those that are new."""
+    before, old = scratch(LINE_SIZE * most), int(memory[_COUNT])
+    for k in range(LINE_SIZE * old):
+        before[k] = memory[_LINES + k]
+    count = 0
+    for order in kept:
+        asked = False
+        for each in wanted:
+            asked = asked or each == order
+        if not asked:
+            continue
+        line = memory[_LINES + LINE_SIZE * count : _LINES + LINE_SIZE * (count + 1)]
+        begin_line(line, order)
+        for i in range(old):
+            if before[LINE_SIZE * i + ORDER] == order:
+                for k in range(LINE_SIZE):
+                    line[k] = before[LINE_SIZE * i + k]
+        count += 1
+    memory[_COUNT] = count
+
+
+@jit
+def reschedule(
+    frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
+) -> None:
+    """Carry each line to `frequency`: the correction stays, the gain moves as modelled."""
+    for i in range(int(memory[_COUNT])):
+        line = memory[_LINES + LINE_SIZE * i : _LINES + LINE_SIZE * (i + 1)]
+        gain = gain_at(folded(line[ORDER] * frequency, dt), g)
+        line[MODELLED], line[MODELLED + 1] = gain.real, gain.imag
+        if not kept:
+            line[RISES] = line[SEEN] = line[MOVED] = line[MOVED + 1] = 0.0
+    memory[_MEAN + MODELLED] = gain_at(0.0, g).real
+    memory[_MEAN + MODELLED + 1] = 0.0
+
+
+@jit
+def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Learn from the window that has ended, and begin the next."""
+    first, fitted = fitted_at(p), int(memory[_FITTED])
+    m, place = 1 + 2 * fitted, first + room(p) + _BESIDES
+    solution = scratch(m)
+    normal = memory[place + m : place + m + (m + 1) * (m + 1)]
+    deviation = solve_normal(normal, memory[_TICKS] - memory[_SKIP], solution)
+    if not math.isfinite(deviation):  # a window that tells nothing moves nothing
+        drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
+        return
+    memory[WINDOWS] += 1.0
+    count = int(memory[_COUNT])
+    with_mean = p[WITH_MEAN] > 0.0
+    errors, changes = scratch((count + 1, 2)), scratch(count + 1)
+    total = 0.0
+    # the mean is the last one
+    for i in range(count + (1 if with_mean else 0)):
+        at = _LINES + LINE_SIZE * i if i < count else _MEAN
+        errors[i, 0], errors[i, 1] = solution[0], 0.0
+        if i < count:
+            for k in range(fitted):
+                if memory[first + k] == memory[at + ORDER]:
+                    errors[i, 0], errors[i, 1] = solution[1 + 2 * k], solution[2 + 2 * k]
+        moved = math.hypot(
+            errors[i, 0] - memory[at + ERROR], errors[i, 1] - memory[at + ERROR + 1]
+        )
+        changes[i] = moved if memory[at + SEEN] > 0.0 else 0.0
+        total += changes[i]
+    # The hysteresis couples the orders: what one line does may come from the others' moves.
+    for i in range(count + (1 if with_mean else 0)):
+        at = _LINES + LINE_SIZE * i if i < count else _MEAN
+        foreign = math.hypot(deviation, _COUPLING * (total - changes[i]))
+        happened = move(
+            memory[at : at + LINE_SIZE], complex(errors[i, 0], errors[i, 1]), deviation, foreign, p
+        )
+        memory[RESTARTS] += 1.0 if happened == 1 else 0.0
+        memory[BOUNDED] += 1.0 if happened == 2 else 0.0
+    memory[_MEAN + THETA + 1] = 0.0
+    drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
+
+
+# --- what people ask -----------------------------------------------------------------------------
+
+
+def harmonics(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> list[Harmonic]:
+    """Return error and correction of every order."""
+    rows = [_MEAN] if p[WITH_MEAN] > 0.0 else []
+    rows += [_LINES + LINE_SIZE * i for i in range(int(memory[_COUNT]))]
+    found = [harmonic_of(memory[row : row + LINE_SIZE]) for row in rows]
+    return sorted(found, key=lambda each: each.order)
+
+
+def gains(memory: FloatArray) -> dict[int, complex]:
+    """Return the plant gain [m/V] as it is believed now, by order."""
+    rows = (_LINES + LINE_SIZE * i for i in range(int(memory[_COUNT])))
+    lines = (memory[row : row + LINE_SIZE] for row in rows)
+    return {int(line[ORDER]): complex(believed(line)) for line in lines}
+
+
+def counters(memory: FloatArray) -> dict[str, int]:
+    """Return windows evaluated and orders that were restarted or held at their bound."""
+    names = ('windows', 'restarts', 'bounded')
+    counts = memory[WINDOWS : BOUNDED + 1]
+    return {name: int(count) for name, count in zip(names, counts, strict=True)}

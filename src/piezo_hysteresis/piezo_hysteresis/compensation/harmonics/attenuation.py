@@ -3,81 +3,150 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
-from piezo_hysteresis.compensation.harmonics.afc import ComplexGainCancellation
-from piezo_hysteresis.compensation.harmonics.filtered_rls import FilteredReferenceRls
+from piezo_hysteresis.compensation.harmonics import afc, filtered_rls, rls
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
-from piezo_hysteresis.compensation.harmonics.rls import HarmonicRls
 from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
 from piezo_hysteresis.compensation.linear_gain import LinearGain
-from piezo_hysteresis.compensation.sensor import SensorWatch
+from piezo_hysteresis.compensation.sensor import (
+    ACCELERATION,
+    DISPLACEMENT,
+    FREQUENCY,
+    PHASE,
+    POINT_SIZE,
+    READ_DISPLACEMENT,
+    READ_SIZE,
+    VELOCITY,
+    WATCH_SIZE,
+    SensorWatch,
+    frozen_ticks,
+    partner_of,
+    write_point,
+    write_read,
+)
+from piezo_hysteresis.jit import jit
 
 __all__ = ['AttenuationSettings', 'Harmonic', 'HarmonicAttenuation']
-
-
-class HarmonicLaw(Protocol):
-    """What every way to attenuate harmonics answers."""
-
-    def update(self, error: float, frequency: float, phase: float) -> None:
-        """Take the error y - d [m] of one tick, with the reference's frequency and phase."""
-
-    def voltage(self, frequency: float, phase: float) -> float:
-        """Answer what to subtract from the voltage [V]."""
-
-    def harmonics(self) -> list[Harmonic]:
-        """Return error and correction of every order."""
-
-    def counters(self) -> dict[str, int]:
-        """Return what happened so far, by name."""
-
-    def set_gain(self, gain: LinearGain) -> None:
-        """Take a new model of the plant gain."""
-
-    def disturb(self) -> None:
-        """Take what was seen of this window for a transient: nothing is to be learned from it."""
-
-    def reset(self) -> None:
-        """Forget every correction."""
-
 
 # Change of the reference's amplitude from period to period that counts as a ramp.
 RAMP = 0.02
 
+# Places in the memory, behind that of the watch: the period of the reference, its largest
+# amplitude so far and that of the one before.
+_TURN, _LARGEST, _BEFORE = range(WATCH_SIZE, WATCH_SIZE + 3)
+OWN = WATCH_SIZE + 3  # where the memory of the law begins
 
-class RampWatch:
-    """Tells when the amplitude of the reference changes, as it does while it is eased in.
+# Places in the settings of the link.
+DT, FROZEN = range(2)
 
-    The error then changes with the reference, and a law that learns from changes of the error
-    would learn nonsense. The amplitude is that of velocity and acceleration, so that the mean of
-    the reference has no part in it; its largest value per period is compared with the period
-    before, so that a reference of several tones is no ramp.
+
+class HarmonicLaw(NamedTuple):
+    """A way to attenuate harmonics as kernels.
+
+    All take its `memory`, packed settings `p` and packed gain `g`, and dt [s].
+
+    Attributes
+    ----------
+    size : callable
+        ``size(p)``: numbers that it remembers.
+    forget : callable
+        Puts every correction to 0.
+    update : callable
+        ``update(error, frequency, phase, ...)``: takes the error y - d [m] of one tick.
+    voltage : callable
+        ``voltage(frequency, phase, ...)``: what to subtract from the voltage [V].
+    disturb : callable
+        Takes what was seen of this window for a transient: nothing is to be learned from it.
+    regain : callable
+        Takes a new model of the plant gain.
+    harmonics, counters : callable
+        What people ask; no kernels.
     """
 
-    def __init__(self) -> None:
-        self._turn = -1
-        self._largest = 0.0
-        self._before = 0.0
+    size: Callable[[FloatArray], int]
+    forget: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    update: Callable[..., None]
+    voltage: Callable[..., float]
+    disturb: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    regain: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    harmonics: Callable[[FloatArray, FloatArray, FloatArray, float], list[Harmonic]]
+    counters: Callable[[FloatArray], dict[str, int]]
 
-    def changed(self, point: ReferencePoint) -> bool:
-        """Take the reference of one tick; tell whether a period ended that differs."""
-        if point.frequency <= 0.0:
-            self.reset()
-            return False
-        omega = 2.0 * math.pi * point.frequency
-        size = math.hypot(point.velocity / omega, point.acceleration / omega**2)
-        turn = math.floor(point.phase / (2.0 * math.pi))
-        if turn == self._turn:
-            self._largest = max(self._largest, size)
-            return False
-        before, now = self._before, self._largest
-        self._turn, self._before, self._largest = turn, now, size
-        return before > 0.0 and abs(now - before) > RAMP * max(now, before)
 
-    def reset(self) -> None:
-        """Forget the periods before."""
-        self._turn, self._largest, self._before = -1, 0.0, 0.0
+def _law(module: Any, size: Callable[[FloatArray], int]) -> HarmonicLaw:
+    return HarmonicLaw(
+        size, module.forget, module.update, module.voltage, module.disturb, module.regain,
+        module.harmonics, module.counters,
+    )  # fmt: skip
+
+
+LAWS: dict[str, HarmonicLaw] = {
+    'afc': _law(afc, afc.afc_size),
+    'rls': _law(rls, rls.rls_size),
+    'filtered_rls': _law(filtered_rls, filtered_rls.filtered_size),
+}
+
+
+@jit
+def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
+    """Take the reference of one tick; tell whether a period ended whose amplitude differs.
+
+    While the reference is eased in, the error changes with it, and a law that learns from changes
+    of the error would learn nonsense. The amplitude is that of velocity and acceleration, so that
+    the mean of the reference has no part in it; its largest value per period is compared with the
+    period before, so that a reference of several tones is no ramp.
+    """
+    if point[FREQUENCY] <= 0.0:
+        forget_ramp(memory)
+        return False
+    omega = 2.0 * math.pi * point[FREQUENCY]
+    size = math.hypot(point[VELOCITY] / omega, point[ACCELERATION] / (omega * omega))
+    turn = math.floor(point[PHASE] / (2.0 * math.pi))
+    if turn == memory[_TURN]:
+        memory[_LARGEST] = max(memory[_LARGEST], size)
+        return False
+    before, now = memory[_BEFORE], memory[_LARGEST]
+    memory[_TURN], memory[_BEFORE], memory[_LARGEST] = turn, now, size
+    return bool(before > 0.0 and abs(now - before) > RAMP * max(now, before))
+
+
+@jit
+def forget_ramp(memory: FloatArray) -> None:
+    """Forget the periods before."""
+    memory[_TURN], memory[_LARGEST], memory[_BEFORE] = -1.0, 0.0, 0.0
+
+
+def stepping(law: HarmonicLaw) -> Callable[..., float]:
+    """Return the kernel of a link: ``step(point, read, received, memory, settings, p, g)``.
+
+    It answers `received` minus the correction [V].
+    """
+    update, voltage, disturb = law.update, law.voltage, law.disturb
+
+    @jit
+    def step(
+        point: FloatArray, read: FloatArray, received: float, memory: FloatArray,
+        settings: FloatArray, p: FloatArray, g: FloatArray,
+    ) -> float:  # fmt: skip
+        dt, own = settings[DT], memory[OWN:]
+        if ramp_ended(point, memory):
+            disturb(own, p, g, dt)
+        place = partner_of(point, read, memory, settings[FROZEN])
+        if place >= 0:
+            error = read[READ_DISPLACEMENT] - memory[place + DISPLACEMENT]
+            update(error, memory[place + FREQUENCY], memory[place + PHASE], own, p, g, dt)
+        return received - voltage(point[FREQUENCY], point[PHASE], own, p, g, dt)
+
+    return step
+
+
+STEPS = {method: stepping(law) for method, law in LAWS.items()}
 
 
 class HarmonicAttenuation:
@@ -104,45 +173,42 @@ class HarmonicAttenuation:
 
     def __init__(self, settings: AttenuationSettings, gain: LinearGain, dt: float) -> None:
         self.settings = settings
-        self._law = build_law(settings, gain, dt)
-        self._sensor = SensorWatch(dt)
-        self._ramp = RampWatch()
+        self.dt = float(dt)
+        #: Settings and gain, as the kernels read them.
+        self.packed, self.packed_gain = settings.packed, gain.packed
+        self.numbers = np.array([self.dt, frozen_ticks(dt)])
+        self._law, self._step = LAWS[settings.method], STEPS[settings.method]
+        self.memory = np.zeros(OWN + self._law.size(self.packed))
+        self._watch = SensorWatch(dt, memory=self.memory)
+        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
+        self.reset()
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
         """Answer `received` minus the correction [V]."""
-        if self._ramp.changed(point):
-            self._law.disturb()
-        pair = self._sensor.pair(point, measured)
-        if pair is not None:
-            partner, displacement = pair
-            self._law.update(displacement - partner.displacement, partner.frequency, partner.phase)
-        return received - self._law.voltage(point.frequency, point.phase)
+        write_point(self._point, point)
+        write_read(self._read, measured)
+        return self._step(
+            self._point, self._read, float(received), self.memory, self.numbers, self.packed,
+            self.packed_gain,
+        )  # fmt: skip
 
     def harmonics(self) -> list[Harmonic]:
         """Return order, error [m, rad] and correction [V, rad] of every order."""
-        return self._law.harmonics()
+        return self._law.harmonics(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
 
     def set_gain(self, gain: LinearGain) -> None:
         """Take a new model of the plant gain while running."""
-        self._law.set_gain(gain)
+        self.packed_gain = gain.packed
+        self._law.regain(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
 
     def counters(self) -> dict[str, int]:
         """Return what the law and the watch over the sensor counted."""
-        return {**self._law.counters(), **self._sensor.counters()}
+        return {**self._law.counters(self.memory[OWN:]), **self._watch.counters()}
 
     def reset(self) -> None:
         """Forget everything but the settings."""
-        self._law.reset()
-        self._sensor.reset()
-        self._ramp.reset()
-
-
-def build_law(settings: AttenuationSettings, gain: LinearGain, dt: float) -> HarmonicLaw:
-    """Return the law that `settings` name."""
-    if settings.method == 'afc':
-        return ComplexGainCancellation(settings, gain, dt)
-    if settings.method == 'filtered_rls':
-        return FilteredReferenceRls(settings, gain, dt)
-    return HarmonicRls(settings, gain, dt)
+        self._watch.reset()
+        forget_ramp(self.memory)
+        self._law.forget(self.memory[OWN:], self.packed, self.packed_gain, self.dt)

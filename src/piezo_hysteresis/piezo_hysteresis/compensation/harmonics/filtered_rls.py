@@ -1,108 +1,141 @@
-"""Harmonic cancellation by recursive least squares on the filtered reference (FxRLS)."""
+"""Harmonic cancellation by recursive least squares on the filtered reference (FxRLS).
+
+Sines whose complex amplitude follows the error through the modelled plant gain. The fastest and
+deepest of the methods where the model is right; it has no way to find out that the phase of the
+gain is wrong by more than 90 degrees and then diverges up to its bound. A forgetting factor near
+0.998 at 1 kHz suits it.
+"""
 
 from __future__ import annotations
 
 import cmath
+import math
 
-import numpy as np
-
-from piezo_hysteresis.arrays import ComplexArray, FloatArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic, folded
 from piezo_hysteresis.compensation.harmonics.rls import rls_update
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
-from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.harmonics.settings import FORGETTING, LARGEST, ORDERS
+from piezo_hysteresis.compensation.linear_gain import gain_at
+from piezo_hysteresis.jit import jit, scratch
+
+# Places in the memory: frequency, what was counted, then of each order two numbers of the
+# correction [V], the gain [m/V], the error [m] and the share; the covariance comes last.
+_FREQUENCY, BOUNDED, _THETA = range(3)
 
 
-class FilteredReferenceRls:
-    """Sines whose complex amplitude follows the error through the modelled plant gain.
+@jit
+def filtered_size(p: FloatArray) -> int:
+    """Return the size of the memory for packed settings."""
+    m = 2 * (p.size - ORDERS)
+    return _THETA + 4 * m + m * m
 
-    The fastest and deepest of the methods where the model is right; it has no way to find out
-    that the phase of the gain is wrong by more than 90 degrees and then diverges up to its bound.
 
-    Parameters
-    ----------
-    settings : AttenuationSettings
-        Method ``filtered_rls``; a forgetting factor near 0.998 at 1 kHz.
-    gain : callable
-        Modelled plant gain [m/V] by frequency [Hz].
-    dt : float
-        Sampling interval [s].
-    """
+@jit
+def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Forget every correction; the covariance begins where it settles for unit sines."""
+    m = 2 * (p.size - ORDERS)
+    level = 2.0 * (1.0 - p[FORGETTING])
+    if level == 0.0:
+        level = 1e-3
+    for k in range(memory.size):
+        memory[k] = 0.0
+    for i in range(m):
+        memory[_THETA + 4 * m + i * m + i] = level
 
-    def __init__(self, settings: AttenuationSettings, gain: LinearGain, dt: float) -> None:
-        self._settings = settings
-        self._gain = gain
-        self._dt = dt
-        self._orders = np.array(settings.orders, dtype=np.float64)
-        # The level at which the covariance settles for unit sines.
-        self._level = 2.0 * (1.0 - settings.forgetting) or 1e-3
-        self.reset()
 
-    def disturb(self) -> None:
-        """Go on: the recursion forgets a transient by itself."""
+@jit
+def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Look the gains of the orders up at the frequency of today."""
+    m, frequency = 2 * (p.size - ORDERS), memory[_FREQUENCY]
+    if frequency <= 0.0:
+        return
+    for i in range(p.size - ORDERS):
+        gain = gain_at(folded(p[ORDERS + i] * frequency, dt), g)
+        memory[_THETA + m + 2 * i], memory[_THETA + m + 2 * i + 1] = gain.real, gain.imag
 
-    def reset(self) -> None:
-        """Forget every correction."""
-        count = self._orders.size
-        self._share: FloatArray = np.zeros(2 * count)
-        self._covariance: FloatArray = self._level * np.eye(2 * count)
-        self._work: FloatArray = np.zeros(2 * count)
-        self._regressor: FloatArray = np.zeros(2 * count)
-        self._theta: ComplexArray = np.zeros(count, dtype=np.complex128)
-        self._plant: ComplexArray = np.ones(count, dtype=np.complex128)
-        self._error: ComplexArray = np.zeros(count, dtype=np.complex128)
-        self._frequency = 0.0
-        self._bounded = 0
 
-    def update(self, error: float, frequency: float, phase: float) -> None:
-        """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
-        if frequency <= 0.0:
-            return
-        if frequency != self._frequency:
-            self._frequency = frequency
-            self._look_up_gains()
-        turns = np.exp(1j * self._orders * phase)
-        filtered = turns * self._plant / np.abs(self._plant)
-        x = self._regressor
-        x[0::2], x[1::2] = filtered.real, -filtered.imag
-        before = self._share.copy()
-        rls_update(self._share, self._covariance, x, error, self._settings.forgetting, self._work)
-        moved = (self._share - before)[0::2] + 1j * (self._share - before)[1::2]
-        self._theta += moved / np.abs(self._plant)
+@jit
+def update(
+    error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
+    dt: float,
+) -> None:  # fmt: skip
+    """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
+    if frequency <= 0.0:
+        return
+    if frequency != memory[_FREQUENCY]:
+        memory[_FREQUENCY] = frequency
+        regain(memory, p, g, dt)
+    count = p.size - ORDERS
+    m = 2 * count
+    theta, plant = memory[_THETA : _THETA + m], memory[_THETA + m : _THETA + 2 * m]
+    errors, share = (
+        memory[_THETA + 2 * m : _THETA + 3 * m],
+        memory[_THETA + 3 * m : _THETA + 4 * m],
+    )
+    covariance = memory[_THETA + 4 * m : _THETA + 4 * m + m * m]
+    x, before = scratch(m), scratch(m)
+    for i in range(count):
+        angle = p[ORDERS + i] * phase
+        cosine, sine = math.cos(angle), math.sin(angle)
+        real, imaginary = plant[2 * i], plant[2 * i + 1]
+        size = math.hypot(real, imaginary)
+        x[2 * i] = (cosine * real - sine * imaginary) / size
+        x[2 * i + 1] = -(cosine * imaginary + sine * real) / size
         # Slow demodulation, for the report only.
-        self._error += 5.0 * self._dt * (2.0 * error * turns.conj() - self._error)
-        self._bound()
+        errors[2 * i] += 5.0 * dt * (2.0 * error * cosine - errors[2 * i])
+        errors[2 * i + 1] += 5.0 * dt * (-2.0 * error * sine - errors[2 * i + 1])
+    for i in range(m):
+        before[i] = share[i]
+    rls_update(share, covariance, x, error, p[FORGETTING])
+    over = False
+    for i in range(count):
+        size = math.hypot(plant[2 * i], plant[2 * i + 1])
+        for k in range(2 * i, 2 * i + 2):
+            theta[k] += (share[k] - before[k]) / size
+        size = math.hypot(theta[2 * i], theta[2 * i + 1])
+        if size > p[LARGEST]:
+            over = True
+            theta[2 * i] *= p[LARGEST] / size
+            theta[2 * i + 1] *= p[LARGEST] / size
+    if over:
+        memory[BOUNDED] += 1.0
 
-    def _look_up_gains(self) -> None:
-        lines = (float(order) * self._frequency for order in self._orders)
-        self._plant = np.array([self._gain(folded(line, self._dt)) for line in lines])
 
-    def _bound(self) -> None:
-        size = np.abs(self._theta)
-        over = size > self._settings.largest_correction
-        if over.any():
-            self._theta[over] *= self._settings.largest_correction / size[over]
-            self._bounded += 1
+@jit
+def voltage(
+    frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
+) -> float:
+    """Answer what to subtract from the voltage [V] at `phase` [rad]."""
+    if frequency <= 0.0:
+        return 0.0
+    total = 0.0
+    for i in range(p.size - ORDERS):
+        angle, at = p[ORDERS + i] * phase, _THETA + 2 * i
+        total += memory[at] * math.cos(angle) - memory[at + 1] * math.sin(angle)
+    return total
 
-    def voltage(self, frequency: float, phase: float) -> float:
-        """Answer what to subtract from the voltage [V] at `phase` [rad]."""
-        if frequency <= 0.0:
-            return 0.0
-        return float(np.sum((self._theta * np.exp(1j * self._orders * phase)).real))
 
-    def harmonics(self) -> list[Harmonic]:
-        """Return error and correction of every order."""
-        return [
-            Harmonic(int(n), abs(e), cmath.phase(e), abs(t), cmath.phase(t))
-            for n, e, t in zip(self._orders, self._error, self._theta, strict=True)
-        ]
+@jit
+def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Go on: the recursion forgets a transient by itself."""
 
-    def counters(self) -> dict[str, int]:
-        """Return how often a correction was held at its bound."""
-        return {'bounded': self._bounded}
 
-    def set_gain(self, gain: LinearGain) -> None:
-        """Take a new model of the plant gain."""
-        self._gain = gain
-        if self._frequency > 0.0:
-            self._look_up_gains()
+# --- what people ask -----------------------------------------------------------------------------
+
+
+def harmonics(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> list[Harmonic]:
+    """Return error and correction of every order."""
+    m, rows = 2 * (p.size - ORDERS), []
+    for i, order in enumerate(p[ORDERS:].tolist()):
+        at = _THETA + 2 * i
+        theta = complex(memory[at], memory[at + 1])
+        error = complex(memory[at + 2 * m], memory[at + 2 * m + 1])
+        rows.append(
+            Harmonic(int(order), abs(error), cmath.phase(error), abs(theta), cmath.phase(theta))
+        )
+    return rows
+
+
+def counters(memory: FloatArray) -> dict[str, int]:
+    """Return how often a correction was held at its bound."""
+    return {'bounded': int(memory[BOUNDED])}

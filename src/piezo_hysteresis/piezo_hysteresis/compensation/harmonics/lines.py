@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
-from piezo_hysteresis.jit import jit
-from piezo_hysteresis.numerics.linalg import solve_least_squares, solve_square
+from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 
 class Harmonic(NamedTuple):
@@ -37,14 +37,67 @@ class Harmonic(NamedTuple):
     correction_phase: float
 
 
+# Highest order that a resonance is looked for at, and how many orders it adds at most.
+HIGHEST, MOST = 75, 6
+
+
+@jit
 def folded(frequency: float, dt: float) -> float:
     """Return the signed frequency in -1/(2 dt) .. 1/(2 dt) that sampling makes of `frequency`."""
     rate = 1.0 / dt
     return frequency - rate * round(frequency / rate)
 
 
+@jit
+def fill_resonant(
+    frequency: float, natural_frequency: float, dt: float, highest: int, orders: FloatArray
+) -> int:
+    """Fill the orders that a resonance amplifies, most amplified first; answer how many."""
+    count, most = 0, orders.size
+    if frequency <= 0.0 or natural_frequency <= 0.0:
+        return 0
+    distances = scratch(most)
+    for order in range(2, highest + 1):
+        distance = abs(abs(folded(order * frequency, dt)) - natural_frequency)
+        distance *= 1.0 if order % 2 else 1.25
+        if not distance < 0.3 * natural_frequency:
+            continue
+        place = count
+        while place > 0 and distances[place - 1] > distance:
+            place -= 1
+        if place >= most:
+            continue
+        count = min(count + 1, most)
+        for k in range(count - 1, place, -1):
+            distances[k], orders[k] = distances[k - 1], orders[k - 1]
+        distances[place], orders[place] = distance, order
+    return count
+
+
+@jit
+def fill_separable(
+    orders: FloatArray, frequency: float, dt: float, span: float, kept: FloatArray
+) -> int:
+    """Fill those of `orders` that a fit over `span` seconds can tell apart; answer how many."""
+    resolution, nyquist = 0.6 / span, 0.5 / dt
+    count = 0
+    lines = scratch(orders.size + 1)
+    for i in range(orders.size):
+        line = abs(folded(orders[i] * frequency, dt)) if orders[i] > 0.0 else 0.0
+        apart = orders[i] == 0.0 or (line <= nyquist - resolution and line >= resolution)
+        for k in range(count):
+            if kept[k] == orders[i] and orders[i] > 0.0:
+                apart = False
+            if orders[i] > 0.0 and kept[k] > 0.0 and not abs(line - lines[k]) >= resolution:
+                apart = False
+        if apart:
+            kept[count], lines[count] = orders[i], line
+            count += 1
+    return count
+
+
 def resonant_orders(
-    frequency: float, natural_frequency: float, dt: float, highest: int = 75, most: int = 6
+    frequency: float, natural_frequency: float, dt: float, highest: int = HIGHEST, most: int = MOST
 ) -> tuple[int, ...]:
     """Return the orders of `frequency` that a resonance amplifies, most amplified first.
 
@@ -65,15 +118,9 @@ def resonant_orders(
     most : int
         Largest number of orders returned.
     """
-    if frequency <= 0 or natural_frequency <= 0:
-        return ()
-    found = {}
-    for order in range(2, highest + 1):
-        distance = abs(abs(folded(order * frequency, dt)) - natural_frequency)
-        distance *= 1.0 if order % 2 else 1.25
-        if distance < 0.3 * natural_frequency:
-            found[order] = distance
-    return tuple(sorted(found, key=lambda order: (found[order], order))[:most])
+    orders = np.empty(most)
+    count = fill_resonant(float(frequency), float(natural_frequency), dt, highest, orders)
+    return tuple(int(order) for order in orders[:count])
 
 
 def separable_orders(
@@ -84,21 +131,9 @@ def separable_orders(
     Two orders whose sampled images fall closer together than one line of the span, or an order on
     0 or the Nyquist frequency, would make the fit singular.
     """
-    resolution = 0.6 / span
-    nyquist = 0.5 / dt
-    kept: list[int] = []
-    lines = [0.0]
-    for order in orders:
-        if order == 0:
-            kept.append(0)
-            continue
-        line = abs(folded(order * frequency, dt))
-        if line > nyquist - resolution or order in kept:
-            continue
-        if min(abs(line - other) for other in lines) >= resolution:
-            kept.append(order)
-            lines.append(line)
-    return tuple(kept)
+    given, kept = np.array(orders, dtype=np.float64), np.empty(len(orders))
+    count = fill_separable(given, float(frequency), dt, float(span), kept)
+    return tuple(int(order) for order in kept[:count])
 
 
 @jit
@@ -107,26 +142,98 @@ def fill_basis(phase: float, orders: FloatArray, basis: FloatArray) -> None:
     basis[0] = 1.0
     for i in range(orders.size):
         angle = orders[i] * phase
-        basis[1 + 2 * i] = np.cos(angle)
-        basis[2 + 2 * i] = -np.sin(angle)
+        basis[1 + 2 * i] = math.cos(angle)
+        basis[2 + 2 * i] = -math.sin(angle)
 
 
 @jit
 def accumulate(
     error: float, phase: float, orders: FloatArray, basis: FloatArray, normal: FloatArray
 ) -> None:
-    """Add one sample to the normal equations; the last row and column of `normal` hold y."""
+    """Add one sample to the normal equations of m unknowns.
+
+    `normal` holds the rows of a square of m + 1, one after another; the last one those of the
+    error.
+    """
     fill_basis(phase, orders, basis)
     m = basis.size
+    last = m * (m + 1)
+    for i in range(m):
+        row, value = i * (m + 1), basis[i]
+        for j in range(i + 1):
+            normal[row + j] += value * basis[j]
+        normal[last + i] += value * error
+    normal[last + m] += error * error
+
+
+@jit
+def solve_normal(normal: FloatArray, count: float, solution: FloatArray) -> float:
+    """Fill the unknowns of normal equations as `accumulate` leaves them.
+
+    Returns
+    -------
+    float
+        Standard deviation of each, from the residual of the fit; infinite, and the unknowns 0,
+        where there is no solution.
+    """
+    m = solution.size
+    last = m * (m + 1)
+    a = scratch((m, m + 1))
     for i in range(m):
         for j in range(i + 1):
-            normal[i, j] += basis[i] * basis[j]
-        normal[m, i] += basis[i] * error
-    normal[m, m] += error * error
+            a[i, j] = a[j, i] = normal[i * (m + 1) + j]
+        a[i, m] = normal[last + i]
+    for i in range(m):
+        # A slight ridge: a window cut short by a frequency step must not fail.
+        a[i, i] += 1e-12 * count
+    sound = eliminate(a, solution)
+    explained = 0.0
+    for i in range(m):
+        explained += normal[last + i] * solution[i]
+    if not (sound and math.isfinite(explained)):
+        for i in range(m):
+            solution[i] = 0.0
+        return math.inf
+    residual = max(normal[last + m] - explained, 0.0) / max(count - m, 1.0)
+    return math.sqrt(residual * 2.0 / max(count, 1.0))
+
+
+@jit
+def eliminate(a: FloatArray, solution: FloatArray) -> bool:
+    """Solve the square system whose last column is the right side, in place; tell if it can be."""
+    m = solution.size
+    for k in range(m):
+        best = k
+        for i in range(k + 1, m):
+            if abs(a[i, k]) > abs(a[best, k]):
+                best = i
+        if not abs(a[best, k]) > 0.0:
+            return False
+        if best != k:
+            for j in range(k, m + 1):
+                a[k, j], a[best, j] = a[best, j], a[k, j]
+        for i in range(k + 1, m):
+            factor = a[i, k] / a[k, k]
+            if factor != 0.0:
+                for j in range(k + 1, m + 1):
+                    a[i, j] -= factor * a[k, j]
+    for i in range(m - 1, -1, -1):
+        total = a[i, m]
+        for j in range(i + 1, m):
+            total -= a[i, j] * solution[j]
+        solution[i] = total / a[i, i]
+    return True
 
 
 def solve_lines(normal: FloatArray, count: int) -> tuple[float, ComplexArray, float]:
     """Solve accumulated normal equations.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (m + 1, m + 1)
+        As `accumulate` fills it.
+    count : int
+        Samples.
 
     Returns
     -------
@@ -138,18 +245,9 @@ def solve_lines(normal: FloatArray, count: int) -> tuple[float, ComplexArray, fl
         Standard deviation of each real part, from the residual of the fit; infinite where there
         is none.
     """
-    m = normal.shape[0] - 1
-    matrix = np.tril(normal[:m, :m])
-    matrix = matrix + np.tril(matrix, -1).T
-    right = normal[m, :m]
-    # A slight ridge: a window cut short by a frequency step must not throw.
-    solved = solve_square(matrix + 1e-12 * count * np.eye(m), right)
-    solution = solved.values
-    if not solved.sound:
-        return 0.0, solution[1::2] + 1j * solution[2::2], math.inf
-    residual = max(normal[m, m] - float(right @ solution), 0.0) / max(count - m, 1)
-    phasors = solution[1::2] + 1j * solution[2::2]
-    return float(solution[0]), phasors, math.sqrt(residual * 2.0 / max(count, 1))
+    solution = np.empty(normal.shape[0] - 1)
+    deviation = solve_normal(np.ravel(normal), float(count), solution)
+    return float(solution[0]), solution[1::2] + 1j * solution[2::2], deviation
 
 
 def line_amplitudes(

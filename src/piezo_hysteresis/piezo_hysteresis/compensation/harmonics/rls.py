@@ -1,21 +1,41 @@
-"""Fujii 2018 (18)-(23): the error's harmonic is found by recursive least squares."""
+"""Fujii 2018 (18)-(23): the error's harmonic is found by recursive least squares.
+
+The error e (y - d, or d - y by the printed rule), in V by ``settings.gain``, is fitted as Fujii
+2018's third equation of (6): ``e[k] - e[k-1] = c3 e[k-2] + c4 e[k-3] + alpha . u3[k]``; the
+correction is ``alpha . u3``. For steady errors this is proportional feedback of the harmonic with
+the factor ``kappa = 1 - z^-1 - c3 z^-2 - c4 z^-3``; with G the plant gain it attenuates by
+``1 / |1 + s kappa G|`` and is stable where ``|arg(s kappa G)|`` is below 90 degrees. The computed
+rule turns the correction so that this angle is 0 at every order.
+"""
 
 from __future__ import annotations
 
 import cmath
 import math
 
-import numpy as np
-
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
-from piezo_hysteresis.compensation.linear_gain import LinearGain
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.compensation.harmonics.settings import (
+    COMPUTED,
+    ERROR_GAIN,
+    FORGETTING,
+    LARGEST,
+    ORDERS,
+    PRINTED,
+    RECURSIVE,
+    SIGN_RULE,
+    SWITCH,
+)
+from piezo_hysteresis.compensation.linear_gain import gain_at
+from piezo_hysteresis.jit import jit, scratch
 
 # Above this trace per parameter the covariance is scaled down: forgetting without excitation
 # would let it grow for ever.
 _LARGEST_COVARIANCE = 1e6
+
+# Places in the memory: the frequency of the last error, what was counted, past errors, the
+# frequency that the gains below belong to; then gains, unknowns, covariance.
+_FREQUENCY, BOUNDED, _PAST, _GAINS_OF, _GAINS = 0, 1, 2, 5, 6
 
 
 @jit
@@ -25,143 +45,175 @@ def rls_update(
     regressor: FloatArray,
     error: float,
     forgetting: float,
-    work: FloatArray,
 ) -> None:
-    """Take one equation by RLS; `error` is what the regressor does not explain so far."""
+    """Take one equation by RLS; `error` is what the regressor does not explain so far.
+
+    The covariance is a square, its rows one after another.
+    """
     m = theta.size
     power = forgetting
+    work = scratch(m)
     for i in range(m):
         total = 0.0
         for j in range(m):
-            total += covariance[i, j] * regressor[j]
+            total += covariance[i * m + j] * regressor[j]
         work[i] = total
         power += regressor[i] * total
     trace = 0.0
     for i in range(m):
         theta[i] += work[i] / power * error
         for j in range(i + 1):
-            value = (covariance[i, j] - work[i] * work[j] / power) / forgetting
-            covariance[i, j] = value
-            covariance[j, i] = value
-        trace += covariance[i, i]
+            value = (covariance[i * m + j] - work[i] * work[j] / power) / forgetting
+            covariance[i * m + j] = value
+            covariance[j * m + i] = value
+        trace += covariance[i * m + i]
     if trace > _LARGEST_COVARIANCE * m:
         scale = _LARGEST_COVARIANCE * m / trace
-        for i in range(m):
-            for j in range(m):
-                covariance[i, j] *= scale
+        for i in range(m * m):
+            covariance[i] *= scale
 
 
-class HarmonicRls:
-    """Fujii 2018 (18)-(21) with the printed sign rule, the computed factor, or neither.
+@jit
+def unknowns(p: FloatArray) -> int:
+    """Return how many unknowns there are."""
+    return (2 if p[RECURSIVE] > 0.0 else 0) + 2 * (p.size - ORDERS)
 
-    The error e (y - d, or d - y by the printed rule), in V by ``settings.gain``, is fitted as
-    Fujii 2018's third equation of (6): ``e[k] - e[k-1] = c3 e[k-2] + c4 e[k-3] + alpha . u3[k]``;
-    the correction is ``alpha . u3``. For steady errors this is proportional feedback of the
-    harmonic with the factor ``kappa = 1 - z^-1 - c3 z^-2 - c4 z^-3``; with G the plant gain it
-    attenuates by ``1 / |1 + s kappa G|`` and is stable where ``|arg(s kappa G)|`` is below 90
-    degrees. The computed rule turns the correction so that this angle is 0 at every order.
 
-    Parameters
-    ----------
-    settings : AttenuationSettings
-        Method ``rls``.
-    gain : callable
-        Modelled plant gain [m/V] by frequency [Hz]; used by the computed rule.
-    dt : float
-        Sampling interval [s].
-    """
+@jit
+def unknowns_at(p: FloatArray) -> int:
+    """Return where the unknowns stand in the memory."""
+    return _GAINS + 2 * (p.size - ORDERS)
 
-    def __init__(self, settings: AttenuationSettings, gain: LinearGain, dt: float) -> None:
-        self._settings = settings
-        self._gain = gain
-        self._dt = dt
-        self._orders = np.array(settings.orders, dtype=np.float64)
-        self._recursive = 2 if settings.fit == 'recursion' else 0
-        self.reset()
 
-    def update(self, error: float, frequency: float, phase: float) -> None:
-        """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
-        if frequency <= 0.0:
-            return
-        self._frequency = frequency
-        value = error * self._settings.gain
-        x, past, first = self._regressor, self._past, self._recursive
-        if first:
-            x[0], x[1] = past[1], past[2]
-        angles = self._orders * phase
-        x[first::2], x[first + 1 :: 2] = np.sin(angles), np.cos(angles)
-        target = value - past[0] if first else value
-        missed = target - float(self._theta @ x)
-        rls_update(self._theta, self._covariance, x, missed, self._settings.forgetting, self._work)
-        past[0], past[1], past[2] = value, past[0], past[1]
+@jit
+def rls_size(p: FloatArray) -> int:
+    """Return the size of the memory for packed settings."""
+    m = unknowns(p)
+    return unknowns_at(p) + m + m * m
 
-    def voltage(self, frequency: float, phase: float) -> float:
-        """Answer what to subtract from the voltage [V] at `phase` [rad]."""
-        if frequency <= 0.0:
-            return 0.0
-        return sum(
-            (self._correction(i, frequency) * cmath.exp(1j * order * phase)).real
-            for i, order in enumerate(self._orders)
+
+@jit
+def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Forget every correction; the covariance is the identity, as in Fujii 2018."""
+    m, place = unknowns(p), unknowns_at(p)
+    for k in range(memory.size):
+        memory[k] = 0.0
+    for i in range(m):
+        memory[place + m + i * m + i] = 1.0
+
+
+@jit
+def update(
+    error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
+    dt: float,
+) -> None:  # fmt: skip
+    """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
+    if frequency <= 0.0:
+        return
+    memory[_FREQUENCY] = frequency
+    value = error * p[ERROR_GAIN]
+    m, place = unknowns(p), unknowns_at(p)
+    first = m - 2 * (p.size - ORDERS)
+    x, target = scratch(m), value
+    if first:
+        x[0], x[1] = memory[_PAST + 1], memory[_PAST + 2]
+        target = value - memory[_PAST]
+    for i in range(p.size - ORDERS):
+        angle = p[ORDERS + i] * phase
+        x[first + 2 * i], x[first + 2 * i + 1] = math.sin(angle), math.cos(angle)
+    theta = memory[place : place + m]
+    missed = target
+    for i in range(m):
+        missed -= theta[i] * x[i]
+    rls_update(theta, memory[place + m : place + m + m * m], x, missed, p[FORGETTING])
+    memory[_PAST + 2], memory[_PAST + 1] = memory[_PAST + 1], memory[_PAST]
+    memory[_PAST] = value
+
+
+@jit
+def voltage(
+    frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
+) -> float:
+    """Answer what to subtract from the voltage [V] at `phase` [rad]."""
+    if frequency <= 0.0:
+        return 0.0
+    if p[SIGN_RULE] == COMPUTED and memory[_GAINS_OF] != frequency:
+        memory[_GAINS_OF] = frequency
+        for i in range(p.size - ORDERS):
+            gain = gain_at(p[ORDERS + i] * frequency, g)
+            memory[_GAINS + 2 * i], memory[_GAINS + 2 * i + 1] = gain.real, gain.imag
+    total = 0.0
+    for i in range(p.size - ORDERS):
+        theta = correction(i, frequency, memory, p, dt)
+        angle = p[ORDERS + i] * phase
+        total += theta.real * math.cos(angle) - theta.imag * math.sin(angle)
+    return total
+
+
+@jit
+def kappa(frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> complex:
+    """Return the factor of the recursion at a frequency [Hz]."""
+    if p[RECURSIVE] == 0.0:
+        return complex(1.0, 0.0)
+    angle, place = 2.0 * math.pi * frequency * dt, unknowns_at(p)
+    z = complex(math.cos(angle), -math.sin(angle))
+    return complex(1.0 - z - memory[place] * z * z - memory[place + 1] * z * z * z)
+
+
+@jit
+def alpha(i: int, memory: FloatArray, p: FloatArray) -> complex:
+    """Return alpha of order i as a phasor [V]: sin goes with -j in Re(. exp(j n phi))."""
+    first = unknowns_at(p) + unknowns(p) - 2 * (p.size - ORDERS) + 2 * i
+    return complex(memory[first + 1], -memory[first])
+
+
+@jit
+def correction(i: int, frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> complex:
+    """Return the correction of order i as a phasor [V], counted where it is held at its bound."""
+    line, theta = p[ORDERS + i] * frequency, alpha(i, memory, p)
+    if p[SIGN_RULE] == PRINTED and line <= p[SWITCH]:
+        theta = -theta
+    elif p[SIGN_RULE] == COMPUTED:
+        gain = complex(memory[_GAINS + 2 * i], memory[_GAINS + 2 * i + 1])
+        loop = kappa(line, memory, p, dt) * gain
+        size = abs(loop)
+        if size > 0.0:
+            theta *= complex(loop.real, -loop.imag) / size
+    size = abs(theta)
+    if size > p[LARGEST]:
+        theta *= p[LARGEST] / size
+        memory[BOUNDED] += 1.0
+    return theta
+
+
+@jit
+def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Go on: the recursion forgets a transient by itself."""
+
+
+@jit
+def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Take a new model of the plant gain."""
+    memory[_GAINS_OF] = 0.0
+
+
+# --- what people ask -----------------------------------------------------------------------------
+
+
+def harmonics(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> list[Harmonic]:
+    """Return error and correction of every order."""
+    rows = []
+    frequency, seen = float(memory[_FREQUENCY]), memory.copy()  # asking counts nothing
+    for i, order in enumerate(p[ORDERS:].tolist()):
+        factor = kappa(order * frequency, memory, p, dt)
+        error = alpha(i, memory, p) / factor / p[ERROR_GAIN] if factor else 0j
+        theta = correction(i, frequency, seen, p, dt)
+        rows.append(
+            Harmonic(int(order), abs(error), cmath.phase(error), abs(theta), cmath.phase(theta))
         )
+    return rows
 
-    def harmonics(self) -> list[Harmonic]:
-        """Return error and correction of every order."""
-        rows = []
-        for i, order in enumerate(self._orders):
-            kappa = self._kappa(order * self._frequency)
-            error = self._alpha(i) / kappa / self._settings.gain if kappa else 0j
-            theta = self._correction(i, self._frequency)
-            rows.append(
-                Harmonic(
-                    int(order), abs(error), cmath.phase(error), abs(theta), cmath.phase(theta)
-                )
-            )
-        return rows
 
-    def counters(self) -> dict[str, int]:
-        """Return how often a correction was held at its bound."""
-        return dict(self._counts)
-
-    def set_gain(self, gain: LinearGain) -> None:
-        """Take a new model of the plant gain."""
-        self._gain = gain
-
-    def disturb(self) -> None:
-        """Go on: the recursion forgets a transient by itself."""
-
-    def reset(self) -> None:
-        """Forget every correction; the covariance is the identity, as in Fujii 2018."""
-        size = self._recursive + 2 * self._orders.size
-        self._theta: FloatArray = np.zeros(size)
-        self._covariance: FloatArray = np.eye(size)
-        self._regressor: FloatArray = np.zeros(size)
-        self._work: FloatArray = np.zeros(size)
-        self._past = [0.0, 0.0, 0.0]
-        self._frequency = 0.0
-        self._counts = {'bounded': 0}
-
-    def _alpha(self, i: int) -> complex:
-        """Return alpha of order i as a phasor [V]: sin goes with -j in Re(. exp(j n phi))."""
-        first = self._recursive + 2 * i
-        return complex(self._theta[first + 1], -self._theta[first])
-
-    def _kappa(self, frequency: float) -> complex:
-        if not self._recursive:
-            return 1.0 + 0j
-        z = cmath.exp(-2j * math.pi * frequency * self._dt)
-        return 1.0 - z - float(self._theta[0]) * z**2 - float(self._theta[1]) * z**3
-
-    def _correction(self, i: int, frequency: float) -> complex:
-        settings = self._settings
-        line = float(self._orders[i]) * frequency
-        theta = self._alpha(i)
-        if settings.sign_rule == 'printed' and line <= settings.switch_frequency:
-            theta = -theta
-        elif settings.sign_rule == 'computed':
-            loop = self._kappa(line) * self._gain(line)
-            if loop:
-                theta *= loop.conjugate() / abs(loop)
-        if abs(theta) > settings.largest_correction:
-            theta *= settings.largest_correction / abs(theta)
-            self._counts['bounded'] += 1
-        return theta
+def counters(memory: FloatArray) -> dict[str, int]:
+    """Return how often a correction was held at its bound."""
+    return {'bounded': int(memory[BOUNDED])}

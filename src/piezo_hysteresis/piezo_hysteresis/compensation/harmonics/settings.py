@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+import numpy as np
+
 from piezo_common.settings import documented, judge, setting
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import CompensationError
 
 Method = Literal['afc', 'rls', 'filtered_rls']
@@ -127,3 +130,22 @@ class AttenuationSettings:
                 'write them into orders, or take method afc'
             )
         return ''
+
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that the kernels of the laws read, by the places below; the orders come last."""
+        own = [
+            self.settle, self.span, self.step_size, self.largest_step, self.largest_correction,
+            self.forgetting, self.gain, float(self.fit == 'recursion'),
+            float(get_args(SignRule).index(self.sign_rule)), self.switch_frequency, self.resonance,
+            float(0 in self.orders),
+        ]  # fmt: skip
+        return np.array([*own, *(order for order in self.orders if order > 0)], dtype=np.float64)
+
+
+# Places in the packed settings.
+(
+    SETTLE, SPAN, STEP_SIZE, LARGEST_STEP, LARGEST, FORGETTING, ERROR_GAIN, RECURSIVE, SIGN_RULE,
+    SWITCH, RESONANCE, WITH_MEAN, ORDERS,
+) = range(13)  # fmt: skip
+COMPUTED, PRINTED = 0.0, 1.0

@@ -6,26 +6,39 @@ array version and the one-sample version give the same bits.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.compensation.sensor import POINT_SIZE, write_point
+from piezo_hysteresis.compensation.transition import FADE_SIZE, Transition, fade
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 
-# Places in the state of the conditioning kernel.
-_TICK, _LAST, _REFUSED = 0, 1, 2
+#: Kernel of an inverse: ``run(reference, voltage, memory, p, dt, low, high)``, rows of the
+#: reference displacement, velocity and acceleration.
+Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
+
+# Places in the state of the conditioning kernel, which comes first in the memory of a link; that
+# of a change follows, then that of the inverse.
+_TICK, _LAST, REFUSED = 0, 1, 2
+FADING = 3
+OWN = FADING + FADE_SIZE
+
+# Places in the settings.
+DT, LOW, HIGH, OFFSET, EASING, DURATION, SLEW = range(7)
 
 # No actuator moves by kilometres; beyond these sizes the arithmetic would overflow.
 _ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 
 @jit
-def _condition(
+def condition(
     reference: FloatArray,
     conditioned: FloatArray,
     state: FloatArray,
@@ -42,7 +55,7 @@ def _condition(
         d, v, a = reference[0, k], reference[1, k], reference[2, k]
         if not (abs(d) < _ABSURD and abs(v) < _ABSURD_RATE and abs(a) < _ABSURD_RATE):
             d, v, a = state[_LAST], 0.0, 0.0
-            state[_REFUSED] += 1.0
+            state[REFUSED] += 1.0
         state[_LAST] = d
         d -= offset
         s = state[_TICK] / ticks if ticks > 0.0 else 1.0
@@ -57,10 +70,33 @@ def _condition(
         conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
 
 
+@functools.cache
+def stepping(run: Run) -> Callable[..., float]:
+    """Return the kernel of a link: ``step(point, received, memory, settings, p)``.
+
+    It answers `received` plus the voltage of the inverse [V].
+    """
+
+    @jit
+    def step(
+        point: FloatArray, received: float, memory: FloatArray, settings: FloatArray, p: FloatArray
+    ) -> float:
+        row, eased, answer = scratch((3, 1)), scratch((3, 1)), scratch(1)
+        row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
+        dt = settings[DT]
+        condition(row, eased, memory[:FADING], settings[OFFSET], settings[EASING], dt)
+        run(eased, answer, memory[OWN:], p, dt, settings[LOW], settings[HIGH])
+        changing = memory[FADING:OWN]
+        return received + fade(answer[0], changing, dt, settings[DURATION], settings[SLEW])
+
+    return step
+
+
 class InverseLink:
     """Base of the feedforward links; the first of a chain.
 
-    Subclasses set `counter_names`, give the size of their memory and run their kernel.
+    Subclasses set `counter_names` and their kernel, give the size of its memory and order its
+    parameters.
 
     Parameters
     ----------
@@ -83,7 +119,9 @@ class InverseLink:
     """
 
     counter_names: tuple[str, ...] = ('clamped_slopes', 'out_of_stroke')
-    memory_size = 8
+    memory_size: int = 8
+    #: Kernel of the inverse.
+    run: Any
 
     def __init__(
         self,
@@ -97,17 +135,18 @@ class InverseLink:
         if not (math.isfinite(dt) and dt > 0):
             raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
         self.dt = dt
-        self._ticks = float(round(start / dt))
-        self._low = -math.inf if limits is None else limits.low
-        self._high = math.inf if limits is None else limits.high
-        slew = math.inf if limits is None else limits.slew
-        self._transition = Transition(dt, transition, slew)
+        bound = Limits(-math.inf, math.inf, math.inf) if limits is None else limits
+        self._point = np.zeros(POINT_SIZE)
+        self.memory = np.zeros(OWN + self.memory_size)
+        self._transition = Transition(dt, transition, bound.slew, self.memory[FADING:OWN])
         self._parameters = dict(parameters)
-        self._packed = self._pack(self._parameters)
-        self._offset = float(self._parameters.get('offset', 0.0))
-        self._point = np.zeros((3, 1))
-        self._eased = np.zeros((3, 1))
-        self._answer = np.zeros(1)
+        self.packed = self._pack(self._parameters)
+        offset = float(self._parameters.get('offset', 0.0))
+        ease = float(round(start / dt))
+        self.settings = np.array(
+            [dt, bound.low, bound.high, offset, ease, transition, bound.slew], dtype=np.float64
+        )
+        self._step = stepping(self.run)
         self.reset()
 
     @property
@@ -119,11 +158,8 @@ class InverseLink:
         self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
     ) -> float:
         """Answer the voltage for this tick: `received` plus that of the inverse [V]."""
-        place = self._point
-        place[0, 0], place[1, 0], place[2, 0] = point[1], point[2], point[3]
-        _condition(place, self._eased, self._ease, self._offset, self._ticks, self.dt)
-        self._run(self._eased, self._answer, self._memory)
-        return received + self._transition.apply(float(self._answer[0]))
+        write_point(self._point, point)
+        return self._step(self._point, float(received), self.memory, self.settings, self.packed)
 
     def respond(
         self,
@@ -148,9 +184,10 @@ class InverseLink:
             if column is not None:
                 reference[row] = column
         conditioned = np.empty_like(reference)
-        _condition(reference, conditioned, np.zeros(3), self._offset, self._ticks, self.dt)
+        dt, low, high, offset, ease = self.settings[: EASING + 1].tolist()
+        condition(reference, conditioned, np.zeros(3), offset, ease, dt)
         voltage = np.empty(reference.shape[1])
-        self._run(conditioned, voltage, self._initial_memory())
+        self.run(conditioned, voltage, self.initial_memory(), self.packed, dt, low, high)
         return voltage
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
@@ -168,32 +205,35 @@ class InverseLink:
         """
         merged = {**self._parameters, **parameters}
         packed = self._pack(merged)
-        self._carry_over(self._packed, packed)
-        self._packed = packed
+        self._carry_over(self.packed, packed)
+        self.packed = packed
         self._parameters = merged
-        self._offset = float(merged.get('offset', 0.0))
+        self.settings[OFFSET] = float(merged.get('offset', 0.0))
         self._transition.start()
 
     def counters(self) -> dict[str, int]:
         """Return what went wrong so far, by name."""
-        own = self._memory[: len(self.counter_names)]
+        own = self.memory[OWN : OWN + len(self.counter_names)]
         counts = {name: int(n) for name, n in zip(self.counter_names, own, strict=True)}
-        counts['refused_references'] = int(self._ease[_REFUSED])
+        counts['refused_references'] = int(self.memory[REFUSED])
         return counts
 
     def reset(self) -> None:
         """Forget everything but the parameters."""
-        self._ease = np.zeros(3)
-        self._memory = self._initial_memory()
+        self.memory[:FADING] = 0.0
+        self.memory[OWN:] = self.initial_memory()
         self._transition.reset()
 
-    def _initial_memory(self) -> FloatArray:
+    @property
+    def own(self) -> FloatArray:
+        """Memory of the inverse itself."""
+        return self.memory[OWN:]
+
+    def initial_memory(self) -> FloatArray:
+        """Return the memory of the inverse itself at rest."""
         return np.zeros(self.memory_size)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
-        raise NotImplementedError
-
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
         raise NotImplementedError
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:

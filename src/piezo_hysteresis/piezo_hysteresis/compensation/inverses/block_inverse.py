@@ -1,141 +1,265 @@
-"""One block with feedthrough, solved for its input sample by sample."""
+"""One block with feedthrough, solved for its input sample by sample, as kernels."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.models.compiled import kernel_of
 from piezo_hysteresis.models.linear_runs import run_path, step_of
 
 # The share of the first slope below which a slope counts as none.
 _LEAST_SLOPE = 0.1
 _BRACKETS = 40
+_HALVINGS = 100
+# Relative width at which a root counts as found.
+_CLOSE = 1e-14
+
+# Places in the memory of a block, before its state: how often its slope was too small, last input.
+CLAMPED, LAST, _STATE = range(3)
+# Places before its parameters: slope at rest, and the change of the input by which slopes are
+# measured.
+FIRST_SLOPE, SCALE, _OWN = range(3)
+
+#: ``answer(x, memory, p, dt)``: a number for an input.
+Answer = Callable[[float, FloatArray, FloatArray, float], float]
 
 
-class BlockInverse:
-    """Solves one block with feedthrough for its input, one sample at a time, by bracketing.
+class BlockInverse(NamedTuple):
+    """Kernels that solve one block for its input; memory and parameters are handed to them.
+
+    Attributes
+    ----------
+    solve : callable
+        Answers the input nearest to the last one whose output is the target. Where the output does
+        not reach it within what the least slope allows, that bound is answered and counted.
+    commit : callable
+        Answers the output for an input and remembers it.
+    shape : callable
+        ``shape(x, memory, p, dt)``: first and second derivative of output over input.
+    start : ndarray
+        Memory at rest.
+    """
+
+    solve: Answer
+    commit: Answer
+    shape: Callable[[float, FloatArray, FloatArray, float], tuple[float, float]]
+    start: FloatArray
+
+
+def block_inverse(block: Block, dt: float, joined: bool) -> BlockInverse:
+    """Return the inverse of a block with feedthrough.
 
     Parameters
     ----------
     block : Block
         Its output at a sample must rise with its input at the same sample.
-    values : ndarray
-        Its packed parameters.
     dt : float
         Sampling interval [s].
+    joined : bool
+        Whether it is a linear block behind a moving structure, whose input goes from sample to
+        sample by lines.
+    """
+    start = np.concatenate([np.zeros(_STATE), block.initial_state(dt)])
+    if joined:
+        trial, commit = _joined(start.size - _STATE)
+    else:
+        trial, commit = _held(kernel_of(block, dt), start.size - _STATE, len(block.parameters))
+    return BlockInverse(_solving(trial), commit, _shaping(trial), start)
+
+
+def packed_block(
+    block: Block, own: FloatArray, dt: float, scale: float, joined: bool
+) -> FloatArray:
+    """Return the parameters of the kernels; the slope at rest is the first.
+
+    Parameters
+    ----------
+    block, dt, joined
+        As for `block_inverse`.
+    own : ndarray
+        Packed parameters of the block.
     scale : float
         Small change of the input by which slopes are measured.
     """
+    numbers = own
+    if joined:
+        assert block.system is not None
+        numbers = np.concatenate([np.ravel(each) for each in step_of(block.system(own), dt)])
+    p = np.concatenate([(0.0, scale), numbers])
+    above, below = (from_rest(block, p, x, dt, joined) for x in (scale, -scale))
+    p[FIRST_SLOPE] = (above - below) / (2.0 * scale)
+    return p
 
-    def __init__(self, block: Block, values: FloatArray, dt: float, scale: float) -> None:
-        # SciPy takes long to import and few chains need it; at the first sample it is too late.
-        from scipy.optimize import brentq
 
-        self._root = brentq
-        self.block = block
-        self._values = values
-        self._dt = dt
-        self._scale = scale
-        self._x, self._y = np.zeros(1), np.zeros(1)
-        self.clamped = 0
-        self.reset()
-        self.first_slope = (self.trial(scale) - self.trial(-scale)) / (2.0 * scale)
+def from_rest(block: Block, p: FloatArray, x: float, dt: float, joined: bool) -> float:
+    """Return the output of a block at rest for its first input `x`; `p` from `packed_block`."""
+    state, answer = block.initial_state(dt), np.zeros(3)
+    if joined:
+        n = state.size
+        run_path(np.array([0.0, 0.5 * x, x]), answer, state, *_step(p[_OWN:], n))
+        return float(answer[2])
+    block.kernel(np.array([x]), answer[:1], state, p[_OWN:], dt, 0.0)
+    return float(answer[0])
 
-    def reset(self) -> None:
-        """Go back to rest."""
-        self._state = self.block.initial_state(self._dt)
-        self._scratch = self._state.copy()
-        self._last = 0.0
-        self.clamped = 0
 
-    def take_over(self, other: BlockInverse) -> None:
-        """Go on with the memory of `other`, a block of the same kind."""
-        self._state[:] = other._state
-        self._last = other._last
-        self.clamped = other.clamped
+def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
+    """Return the step of a linear block from its numbers, see `linear_runs.Step`."""
+    phi, gamma, rows, gains = np.split(numbers, np.cumsum([n * n, 3 * n, 3 * n]))
+    return (
+        phi.reshape(n, n),
+        gamma.reshape(n, 3),
+        rows.reshape(3, n),
+        gains.reshape(3, 3),
+    )
 
-    def trial(self, x: float) -> float:
-        """Answer the output for the input `x` without remembering it."""
-        self._scratch[:] = self._state
-        self._x[0] = x
-        self.block.kernel(self._x, self._y, self._scratch, self._values, self._dt, 0.0)
-        return float(self._y[0])
 
-    def commit(self, x: float) -> float:
-        """Answer the output for the input `x` and remember it."""
-        self._last = x
-        self._x[0] = x
-        self.block.kernel(self._x, self._y, self._state, self._values, self._dt, 0.0)
-        return float(self._y[0])
+def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, Answer]:
+    """Return trial and commit of a block whose input is held."""
+    last, memory_end = _OWN + values, _STATE + size
 
-    def shape(self, x: float) -> tuple[float, float]:
-        """Answer first and second derivative of output over input at `x`."""
-        step = self._scale
-        above, here, below = self.trial(x + step), self.trial(x), self.trial(x - step)
+    @jit
+    def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        given, answer, state = scratch(1), scratch(1), scratch(size)
+        given[0] = x
+        for i in range(size):
+            state[i] = memory[_STATE + i]
+        kernel(given, answer, state, p[_OWN:last], dt, 0.0)
+        return float(answer[0])
+
+    @jit
+    def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        given, answer = scratch(1), scratch(1)
+        given[0] = x
+        kernel(given, answer, memory[_STATE:memory_end], p[_OWN:last], dt, 0.0)
+        memory[LAST] = x
+        return float(answer[0])
+
+    return trial, commit
+
+
+def _joined(n: int) -> tuple[Answer, Answer]:
+    """Return trial and commit of a linear block of n states, its input joined by lines."""
+
+    @jit
+    def along(x: float, last: float, state: FloatArray, p: FloatArray) -> float:
+        phi, gamma, rows, gains = (
+            scratch((n, n)), scratch((n, 3)), scratch((3, n)), scratch((3, 3)),
+        )  # fmt: skip
+        place = _OWN
+        for i in range(n):
+            for j in range(n):
+                phi[i, j] = p[place + i * n + j]
+        place += n * n
+        for i in range(n):
+            for j in range(3):
+                gamma[i, j] = p[place + 3 * i + j]
+        place += 3 * n
+        for i in range(3):
+            for j in range(n):
+                rows[i, j] = p[place + i * n + j]
+        place += 3 * n
+        for i in range(3):
+            for j in range(3):
+                gains[i, j] = p[place + 3 * i + j]
+        line, answer = scratch(3), scratch(3)
+        line[0], line[1], line[2] = last, 0.5 * (last + x), x
+        run_path(line, answer, state, phi, gamma, rows, gains)
+        return float(answer[2])
+
+    @jit
+    def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        state = scratch(n)
+        for i in range(n):
+            state[i] = memory[_STATE + i]
+        return along(x, memory[LAST], state, p)
+
+    @jit
+    def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        answer = along(x, memory[LAST], memory[_STATE : _STATE + n], p)
+        memory[LAST] = x
+        return answer
+
+    return trial, commit
+
+
+def _shaping(trial: Answer) -> Callable[..., tuple[float, float]]:
+    @jit
+    def shape(x: float, memory: FloatArray, p: FloatArray, dt: float) -> tuple[float, float]:
+        step = p[SCALE]
+        above, below = trial(x + step, memory, p, dt), trial(x - step, memory, p, dt)
+        here = trial(x, memory, p, dt)
         return (above - below) / (2.0 * step), (above - 2.0 * here + below) / step**2
 
-    def solve(self, target: float) -> float:
-        """Answer the input nearest to the last one whose output is `target`.
+    return shape
 
-        Where the output does not reach it within what the least slope allows, that bound is
-        answered and counted.
-        """
-        start = self._last
-        missing = target - self.trial(start)
+
+def _solving(trial: Answer) -> Answer:
+    between = _bracketing(trial)
+
+    @jit
+    def solve(target: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        start = memory[LAST]
+        missing = target - trial(start, memory, p, dt)
         if missing == 0.0:
-            return start
-        least = _LEAST_SLOPE * self.first_slope
-        furthest = missing / least
-        near, far = start, start + missing / self.first_slope
+            return float(start)
+        furthest = missing / (_LEAST_SLOPE * p[FIRST_SLOPE])
+        near, far = start, start + missing / p[FIRST_SLOPE]
         for _ in range(_BRACKETS):
-            over = (self.trial(far) - target) * missing
+            over = (trial(far, memory, p, dt) - target) * missing
             if over == 0.0:
-                return far
+                return float(far)
             if over > 0.0:
-                return self._between(near, far, target)
+                return between(near, far, target, memory, p, dt)
             if abs(far - start) >= abs(furthest):
                 break
             near = far
             far = start + 1.5 * (far - start)
             if abs(far - start) > abs(furthest):
                 far = start + furthest
-        self.clamped += 1
-        return start + furthest
+        memory[CLAMPED] += 1.0
+        return float(start + furthest)
 
-    def _between(self, near: float, far: float, target: float) -> float:
-        return float(
-            self._root(lambda x: self.trial(x) - target, near, far, xtol=1e-18, rtol=1e-14)
-        )
+    return solve
 
 
-class JoinedInverse(BlockInverse):
-    """The same for a linear block behind a moving structure, whose input is joined by lines.
+def _bracketing(trial: Answer) -> Callable[..., float]:
+    """Return the search for a root between two inputs: secants, kept safe by halving (Ridders)."""
 
-    Parameters
-    ----------
-    block, values, dt, scale
-        As for `BlockInverse`.
-    """
+    @jit
+    def between(
+        near: float, far: float, target: float, memory: FloatArray, p: FloatArray, dt: float
+    ) -> float:
+        low, high = near, far
+        f_low, f_high = trial(low, memory, p, dt) - target, trial(high, memory, p, dt) - target
+        if f_low == 0.0:
+            return low
+        best = high
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            f_middle = trial(middle, memory, p, dt) - target
+            if f_middle == 0.0:
+                return middle
+            root = (f_middle * f_middle - f_low * f_high) ** 0.5
+            side = 1.0 if f_low > f_high else -1.0
+            found = middle + (middle - low) * side * f_middle / root if root > 0.0 else middle
+            f_found = trial(found, memory, p, dt) - target
+            if f_found == 0.0 or abs(found - best) <= _CLOSE * abs(found):
+                return found
+            best = found
+            if f_middle * f_found < 0.0:
+                low, f_low, high, f_high = middle, f_middle, found, f_found
+            elif f_low * f_found < 0.0:
+                high, f_high = found, f_found
+            else:
+                low, f_low = found, f_found
+            if low == high:
+                return found
+        return best
 
-    def __init__(self, block: Block, values: FloatArray, dt: float, scale: float) -> None:
-        assert block.system is not None
-        self._step = step_of(block.system(values), dt)
-        self._line, self._answer = np.zeros(3), np.zeros(3)
-        super().__init__(block, values, dt, scale)
-
-    def trial(self, x: float) -> float:
-        """Answer the output for the input `x` without remembering it."""
-        self._scratch[:] = self._state
-        return self._along(x, self._scratch)
-
-    def commit(self, x: float) -> float:
-        """Answer the output for the input `x` and remember it."""
-        answer = self._along(x, self._state)
-        self._last = x
-        return answer
-
-    def _along(self, x: float, state: FloatArray) -> float:
-        self._line[:] = self._last, 0.5 * (self._last + x), x
-        run_path(self._line, self._answer, state, *self._step)
-        return float(self._answer[2])
+    return between

@@ -5,24 +5,33 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Restoring, Slot, System
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.inverses.base import InverseLink
-from piezo_hysteresis.compensation.inverses.block_inverse import BlockInverse, JoinedInverse
-from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
-from piezo_hysteresis.compensation.inverses.structure_inverse import (
-    CORNERS,
-    STATE_SIZE,
-    carry_ahead,
-    lift_droop,
+from piezo_hysteresis.compensation.inverses.base import OFFSET, InverseLink
+from piezo_hysteresis.compensation.inverses.block_inverse import (
+    FIRST_SLOPE,
+    from_rest,
+    packed_block,
 )
+from piezo_hysteresis.compensation.inverses.chain_kernel import REST, STRUCTURE, chain_kernel
+from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
+from piezo_hysteresis.compensation.inverses.structure_inverse import CORNERS
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.numerics.linalg import solve_square
+
+
+class _Solver(NamedTuple):
+    """A block to be solved: whether its input is joined by lines, and its packed numbers."""
+
+    block: Block
+    joined: bool
+    packed: FloatArray
 
 
 @dataclass
@@ -31,9 +40,7 @@ class _Stages:
 
     Attributes
     ----------
-    dt : float
-        Sampling interval [s].
-    front, back : list of BlockInverse
+    front, back : list
         Blocks before and behind the dynamic structure.
     k1, k2, lead : float
         Structure [s], [s^2] and lead [s].
@@ -41,40 +48,28 @@ class _Stages:
         Reading at rest [m].
     restoring : Restoring or None
         What acts back on a mode beside its linear spring.
-    values : mapping of str to float
+    values : ndarray
         Parameters of that block.
-    memory, moved : float
-        Memory of that force, and the displacement it belongs to [m].
     """
 
-    dt: float
-    front: list[BlockInverse] = field(default_factory=list)
-    back: list[BlockInverse] = field(default_factory=list)
+    front: list[_Solver] = field(default_factory=list)
+    back: list[_Solver] = field(default_factory=list)
     k1: float = 0.0
     k2: float = 0.0
     lead: float = 0.0
     rest: float = 0.0
     restoring: Restoring | None = None
-    values: Mapping[str, float] = field(default_factory=dict)
-    memory: float = 0.0
-    moved: float = 0.0
+    values: FloatArray = field(default_factory=lambda: np.zeros(0))
 
-    def restoring_force(self, x: float) -> float:
-        """Return what acts back on the mode, to be added to the target at `x` [m]."""
-        if self.restoring is None:
-            return 0.0
-        force, self.memory = self.restoring(self.values, x, self.moved, self.memory, self.dt)
-        self.moved = x
-        return force
-
-    @property
-    def solvers(self) -> list[BlockInverse]:
-        """Every block, from the voltage to the reading."""
-        return [*self.front, *self.back]
+    def packed(self) -> FloatArray:
+        """Return the parameters of the kernel."""
+        own = [self.k1, self.k2, self.lead, self.rest]
+        solvers = (each.packed for each in (*self.front, *self.back))
+        return np.concatenate([own, self.values, *solvers])
 
 
 def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _Stages:
-    stages = _Stages(dt)
+    stages = _Stages()
     inertia = any(block.inertia for block in model.blocks)
     first = 0
     for block in model.blocks:
@@ -91,19 +86,20 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
             _take_structure(stages, block, own, values, held)
         else:
             behind = stages.k2 > 0.0 or block.slot in (Slot.SLOW, Slot.SENSOR)
-            moves = behind and inertia and block.between is Between.LINEAR
-            solver = (JoinedInverse if moves else BlockInverse)(block, own, dt, 1e-4 * scale)
-            if not (math.isfinite(solver.first_slope) and solver.first_slope > 0.0):
+            joined = behind and inertia and block.between is Between.LINEAR
+            numbers = packed_block(block, own, dt, 1e-4 * scale, joined)
+            slope = float(numbers[FIRST_SLOPE])
+            if not (math.isfinite(slope) and slope > 0.0):
                 raise CompensationError(
                     f'block {block.name} does not rise with its input at rest (slope '
-                    f'{solver.first_slope:g}), so the model has no inverse; identify with bounds '
+                    f'{slope:g}), so the model has no inverse; identify with bounds '
                     'that keep it rising'
                 )
             if inertia and block.way is not None and block.system is not None:
                 stages.lead += _end_before_mean(block.system(own), dt)
-            (stages.back if behind else stages.front).append(solver)
-            stages.rest = solver.trial(stages.rest)
-            scale *= solver.first_slope
+            (stages.back if behind else stages.front).append(_Solver(block, joined, numbers))
+            stages.rest = from_rest(block, numbers, stages.rest, dt, joined)
+            scale *= slope
     return stages
 
 
@@ -116,7 +112,7 @@ def _take_structure(
     frequency over natural frequency for more. `held` is the lead that the hold asks for [s].
     """
     if block.restoring is not None:
-        stages.restoring, stages.values = block.restoring, values
+        stages.restoring, stages.values = block.restoring, own
     # what goes past a mode, straight through, is not held up
     share = 1.0 - block.system(own).d if block.system is not None and not block.inertia else 1.0
     k1, k2 = _inverse_of(block, own, values)
@@ -177,8 +173,6 @@ class ChainInverse(InverseLink):
         If a block falls or stands still where its input rises.
     """
 
-    memory_size = 2 + STATE_SIZE
-
     def __init__(
         self,
         model: Model,
@@ -192,73 +186,31 @@ class ChainInverse(InverseLink):
     ) -> None:
         self._model = model
         self._scale = scale
-        self._stages = self._fresh = _Stages(dt)
+        self._dt = dt
+        stages = _take_apart(model, model.pack(values), dt, scale)
+        kinds = [(each.block, each.joined) for each in stages.front]
+        behind = [(each.block, each.joined) for each in stages.back]
+        sizes = [each.packed.size for each in (*stages.front, *stages.back)]
+        restoring = (stages.restoring, stages.values.size)
+        self._kernel = chain_kernel(kinds, behind, sizes, restoring, dt)
+        self.run = self._kernel.run
+        self.memory_size = self._kernel.start.size
         super().__init__(values, dt, limits=limits, start=start, transition=transition)
-
-    def reset(self) -> None:
-        """Forget everything but the parameters."""
-        self._stages = _take_apart(self._model, self._packed, self.dt, self._scale)
-        self._offset = self._stages.rest
-        super().reset()
+        self.settings[OFFSET] = self.packed[REST]
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
         """Change parameters while running; the output goes over smoothly, the memory is kept."""
         super().set_parameters(parameters)
-        self._offset = self._stages.rest
-
-    def respond(
-        self,
-        displacement: FloatArray,
-        velocity: FloatArray | None = None,
-        acceleration: FloatArray | None = None,
-    ) -> FloatArray:
-        """Answer the voltage [V] to a whole reference from rest; see `InverseLink.respond`."""
-        running = self._stages
-        self._stages = _take_apart(self._model, self._packed, self.dt, self._scale)
-        try:
-            return super().respond(displacement, velocity, acceleration)
-        finally:
-            self._stages = running
+        self.settings[OFFSET] = self.packed[REST]
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         packed = self._model.pack(parameters)
-        self._fresh = _take_apart(self._model, packed, self.dt, self._scale)
-        return packed
+        return _take_apart(self._model, packed, self._dt, self._scale).packed()
 
-    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        self._fresh.memory, self._fresh.moved = self._stages.memory, self._stages.moved
-        for before, after in zip(self._stages.solvers, self._fresh.solvers, strict=True):
-            after.take_over(before)
-        self._stages = self._fresh
-
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        stages = self._stages
-        ahead = np.empty((3, 1))
-        for k in range(voltage.size):
-            carry_ahead(reference[:, k : k + 1], ahead, memory[2:], stages.lead, self.dt)
-            d, v, a = (float(value) for value in ahead[:, 0])
-            d += stages.rest
-            for solver in reversed(stages.back):
-                d = solver.solve(d)
-                slope, bend = solver.shape(d)
-                solver.commit(d)
-                v /= slope or solver.first_slope
-                a = (a - bend * v * v) / (slope or solver.first_slope)
-            place = voltage[k : k + 1]
-            place[0] = d + stages.k1 * v + stages.k2 * a
-            if stages.lead > 0.0:
-                lift_droop(place, memory[2:])
-            u = float(place[0]) + stages.restoring_force(d)
-            for solver in reversed(stages.front):
-                u = solver.solve(u)
-            if u > self._high or u < self._low:
-                u = min(max(u, self._low), self._high)
-                memory[1] += 1.0
-            voltage[k] = u
-            for solver in stages.front:
-                u = solver.commit(u)
-        memory[0] = sum(solver.clamped for solver in stages.solvers)
+    def initial_memory(self) -> FloatArray:
+        """Return the memory of every block at rest."""
+        return self._kernel.start.copy()
 
     def counters(self) -> dict[str, int]:
         """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
-        return {**super().counters(), 'corners': int(self._memory[2 + CORNERS])}
+        return {**super().counters(), 'corners': int(self.own[STRUCTURE + CORNERS])}

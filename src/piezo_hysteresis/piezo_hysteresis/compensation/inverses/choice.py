@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from typing import NamedTuple, TypedDict
 
@@ -19,7 +18,7 @@ from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
 from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
-from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.linear_gain import LinearGain, gain_at, packed_pulse
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
@@ -226,15 +225,15 @@ class ModelGain:
         rest = small.respond(np.zeros_like(pulse), packed, dt)
         self._dt = dt
         self._pulse: FloatArray = (response - rest) / pulse[0]
-        self._at = functools.lru_cache(maxsize=512)(self._transform)
+
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that `gain_at` reads."""
+        return packed_pulse(self._pulse, self._dt)
 
     def __call__(self, frequency: float) -> complex:
         """Answer the gain [m/V] at `frequency` [Hz]."""
-        return self._at(float(frequency))
-
-    def _transform(self, frequency: float) -> complex:
-        turns = np.exp(-2j * np.pi * frequency * self._dt * np.arange(self._pulse.size))
-        return complex(self._pulse @ turns)
+        return complex(gain_at(float(frequency), self.packed))
 
 
 def _for_small_tones(

@@ -9,10 +9,11 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverses.base import InverseLink, take
+from piezo_hysteresis.compensation.inverses.physical import saturation
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
 
-_NAMES = ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')
+NAMES = ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')
 
 # Places in the memory; the counters come first.
 _CLAMPED, _STROKE, _U, _H, _D1, _D2, _D3 = range(7)
@@ -24,6 +25,7 @@ def _invert_extended(
     voltage: FloatArray,
     memory: FloatArray,
     p: FloatArray,
+    dt: float,
     low: float,
     high: float,
 ) -> None:
@@ -59,6 +61,7 @@ def _invert_printed(
     voltage: FloatArray,
     memory: FloatArray,
     p: FloatArray,
+    dt: float,
     low: float,
     high: float,
 ) -> None:
@@ -133,13 +136,13 @@ class ExtendedInverse(InverseLink):
             raise CompensationError(
                 f'there is no inverse {law!r} of the extended model; choose solved or printed'
             )
-        self._kernel = _KERNELS[law]
+        self.run = _KERNELS[law]
         self._minimum_slope = minimum_slope
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         with_defaults = {'A0': 0.0, **parameters}
-        packed = take(with_defaults, _NAMES, 'the inverse of the extended model')
+        packed = take(with_defaults, NAMES, 'the inverse of the extended model')
         if not packed[0] > 0:
             raise CompensationError(
                 f'A1 = {packed[0]:g} m/V is not positive, so the model has no inverse; check the '
@@ -150,14 +153,5 @@ class ExtendedInverse(InverseLink):
             raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
         return np.array([*packed, minimum])
 
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        self._kernel(reference, voltage, memory, self._packed, self._low, self._high)
-
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        self._memory[_H] *= saturation(new) / max(saturation(old), 1e-300)
-
-
-def saturation(packed: FloatArray) -> float:
-    """Return the level at which h saturates [m], with which h is scaled when parameters change."""
-    a, a0, beta, gamma = (float(value) for value in packed[1:5])
-    return max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3)
+        self.own[_H] *= saturation(new) / max(saturation(old), 1e-300)

@@ -11,7 +11,7 @@ from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.compensation.inverses.base import InverseLink, take
 from piezo_hysteresis.compensation.inverses.structure_inverse import STATE_SIZE, invert_structure
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 
 _NAMES = ('mass', 'damping', 'stiffness', 'z_alpha', 'z_beta', 'z_gamma', 'z_exponent')
 _CLAMPED, _STROKE, _X, _Z, _OWN = range(5)
@@ -38,6 +38,26 @@ def _add_restoring_force(
         force[k] = total
 
 
+@jit
+def invert_oscillator(
+    reference: FloatArray,
+    voltage: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    dt: float,
+    low: float,
+    high: float,
+) -> None:
+    """Answer the force that moves the oscillator along the reference, sample by sample."""
+    own, x = _OWN + STATE_SIZE, scratch(1)
+    k1, k2 = p[1] / p[2], p[0] / p[2]
+    for k in range(voltage.size):
+        row, force = reference[:, k : k + 1], voltage[k : k + 1]
+        invert_structure(row, x, memory[_OWN:own], 0.0, 0.0, p[7], dt)
+        invert_structure(row, force, memory[own:], k1, k2, p[7], dt)
+        _add_restoring_force(x, force, memory, p, low, high)
+
+
 class OscillatorInverse(InverseLink):
     """Feedforward for ``m x'' + c x' + k x + z = F`` with z a Bouc-Wen force of x.
 
@@ -60,6 +80,7 @@ class OscillatorInverse(InverseLink):
     """
 
     memory_size = _OWN + 2 * STATE_SIZE
+    run = staticmethod(invert_oscillator)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         packed = take({'z_exponent': 1.0, **parameters}, _NAMES, 'the inverse of the oscillator')
@@ -67,11 +88,3 @@ class OscillatorInverse(InverseLink):
             raise CompensationError('mass, stiffness and stiffness + z_alpha must be positive')
         held = parameters.get('interpolation', 2.0) == 0.0
         return np.array([*packed, 0.5 * self.dt if held else 0.0])
-
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        p, own = self._packed, _OWN + STATE_SIZE
-        x = np.empty(voltage.size)
-        invert_structure(reference, x, memory[_OWN:own], 0.0, 0.0, p[7], self.dt)
-        k1, k2 = p[1] / p[2], p[0] / p[2]
-        invert_structure(reference, voltage, memory[own:], k1, k2, p[7], self.dt)
-        _add_restoring_force(x, voltage, memory, p, self._low, self._high)

@@ -12,7 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import COUNT
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis
-from piezo_hysteresis.compensation.inverses.base import InverseLink, take
+from piezo_hysteresis.compensation.inverses.base import InverseLink, Run, take
 from piezo_hysteresis.compensation.inverses.structure_inverse import (
     CORNERS,
     STATE_SIZE,
@@ -20,6 +20,7 @@ from piezo_hysteresis.compensation.inverses.structure_inverse import (
     mode_coefficients,
 )
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 _Kernel = Callable[
@@ -37,8 +38,27 @@ _KERNELS: dict[str, _Kernel] = {
 BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
 PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
 
-# Places of the numbers before those of the hysteresis.
-_MINIMUM, _K1, _K2, _LEAD, _FIRST = range(5)
+# Places of the numbers before those of the hysteresis, and in the memory: that of the structure
+# comes behind that of the hysteresis.
+MINIMUM, K1, K2, LEAD, FIRST = range(5)
+
+
+def _behind_structure(invert: _Kernel, size: int) -> Run:
+    """Return the inverse of a hysteresis, whose memory is so large, behind a structure."""
+
+    @jit
+    def run(
+        reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
+        low: float, high: float,
+    ) -> None:  # fmt: skip
+        invert_structure(reference, voltage, memory[size:], p[K1], p[K2], p[LEAD], dt)
+        invert(voltage, voltage, memory[:size], p[FIRST:], p[MINIMUM], low, high)
+
+    return run
+
+
+_SIZES = {law: hysteresis.H + (COUNT if law == 'plays' else 1) for law in _KERNELS}
+_RUNS = {law: _behind_structure(kernel, _SIZES[law]) for law, kernel in _KERNELS.items()}
 
 
 class PhysicalInverse(InverseLink):
@@ -90,16 +110,16 @@ class PhysicalInverse(InverseLink):
             raise CompensationError(
                 f'there is no inverse {law!r} of a hysteresis; choose one of {", ".join(_KERNELS)}'
             )
-        self._law = law
-        self._kernel = _KERNELS[law]
+        self.law = law
+        self.run = _RUNS[law]
         self._minimum_slope = minimum_slope
         self._lead_given = lead
-        self.memory_size = hysteresis.H + (COUNT if law == 'plays' else 1)
+        self.memory_size = _SIZES[law] + STATE_SIZE
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         packed = self._pack_hysteresis(parameters)
-        steepest = packed[1] if self._law == 'plays' else packed[0]
+        steepest = packed[1] if self.law == 'plays' else packed[0]
         minimum = 0.1 * steepest if self._minimum_slope is None else self._minimum_slope
         if not minimum > 0:
             raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
@@ -111,8 +131,8 @@ class PhysicalInverse(InverseLink):
         return np.array([minimum, k1, k2, lead, *packed])
 
     def _pack_hysteresis(self, parameters: Mapping[str, float]) -> list[float]:
-        what = f'the inverse {self._law!r}'
-        if self._law == 'plays':
+        what = f'the inverse {self.law!r}'
+        if self.law == 'plays':
             packed = take(parameters, PLAYS, what)
             if not (packed[0] > 0 and packed[1] > 0):
                 raise CompensationError(
@@ -120,33 +140,24 @@ class PhysicalInverse(InverseLink):
                     'inverse; identify again with that bound'
                 )
             return packed
-        if self._law == 'gain':
+        if self.law == 'gain':
             packed = take(parameters, ('A1',), what)
             packed += [0.0] * 4
         else:
             packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
         # The delayed law solves no slope; it only divides by A1.
-        check_rising(packed if self._law != 'delayed' else [packed[0], 0.0, 0.0])
+        check_rising(packed if self.law != 'delayed' else [packed[0], 0.0, 0.0])
         return packed
-
-    def _initial_memory(self) -> FloatArray:
-        return np.zeros(self.memory_size + STATE_SIZE)
-
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        p, own = self._packed, self.memory_size
-        target = np.empty(voltage.size)
-        invert_structure(reference, target, memory[own:], p[_K1], p[_K2], p[_LEAD], self.dt)
-        self._kernel(target, voltage, memory[:own], p[_FIRST:], p[_MINIMUM], self._low, self._high)
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
         # The plays remember voltages, which stay what they were.
-        if self._law != 'plays':
-            ratio = saturation(new[_FIRST:]) / max(saturation(old[_FIRST:]), 1e-300)
-            self._memory[hysteresis.H] *= ratio
+        if self.law != 'plays':
+            ratio = saturation(new[FIRST:]) / max(saturation(old[FIRST:]), 1e-300)
+            self.own[hysteresis.H] *= ratio
 
     def counters(self) -> dict[str, int]:
         """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
-        return {**super().counters(), 'corners': int(self._memory[self.memory_size + CORNERS])}
+        return {**super().counters(), 'corners': int(self.own[_SIZES[self.law] + CORNERS])}
 
 
 def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
@@ -178,10 +189,11 @@ def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, floa
     return mode_coefficients(frequency, ratio)
 
 
+@jit
 def saturation(bouc_wen: FloatArray) -> float:
     """Return the level at which h saturates [m], with which h is scaled on a change."""
-    a, a0, beta, gamma = (float(value) for value in bouc_wen[1:5])
-    return max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3)
+    a, a0, beta, gamma = bouc_wen[1], bouc_wen[2], bouc_wen[3], bouc_wen[4]
+    return float(max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3))
 
 
 def check_rising(bouc_wen: list[float]) -> None:

@@ -21,27 +21,28 @@ def _select(
     reference: FloatArray,
     voltage: FloatArray,
     memory: FloatArray,
-    table: FloatArray,
+    p: FloatArray,
     dt: float,
     low: float,
     high: float,
 ) -> None:
-    """Add up Xiao 2014's segments; rows of `table` are slope, c, a, b, g, slopes ascending."""
+    """Add up Xiao 2014's segments; `p` holds rows of slope, c, a, b, g, slopes ascending."""
     last, u, h = memory[_D], memory[_U], memory[_H]
-    rows = table.shape[0]
+    rows = p.size // 5
     for k in range(voltage.size):
         step = reference[0, k] - last
         slope = max(abs(reference[1, k]), abs(step) / dt)
         row = 0
-        while row < rows - 2 and slope > table[row + 1, 0]:
+        while row < rows - 2 and slope > p[5 * (row + 1)]:
             row += 1
-        share = (slope - table[row, 0]) / (table[row + 1, 0] - table[row, 0])
+        at = 5 * row
+        share = (slope - p[at]) / (p[at + 5] - p[at])
         share = min(max(share, 0.0), 1.0)
         c, a, b, g = (
-            table[row, 1] + share * (table[row + 1, 1] - table[row, 1]),
-            table[row, 2] + share * (table[row + 1, 2] - table[row, 2]),
-            table[row, 3] + share * (table[row + 1, 3] - table[row, 3]),
-            table[row, 4] + share * (table[row + 1, 4] - table[row, 4]),
+            p[at + 1] + share * (p[at + 6] - p[at + 1]),
+            p[at + 2] + share * (p[at + 7] - p[at + 2]),
+            p[at + 3] + share * (p[at + 8] - p[at + 3]),
+            p[at + 4] + share * (p[at + 9] - p[at + 4]),
         )
         moved = exact_step(h, step, a, 0.0, b, g)
         rise = c * step - (moved - h)
@@ -76,18 +77,16 @@ class SlopeSelectedInverse(InverseLink):
     """
 
     memory_size = _OWN
+    run = staticmethod(_select)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         what = 'the inverse Bouc-Wen law'
         if 'selector_slope' not in parameters:
             row = take(parameters, _NAMES, what)
-            return np.array([[0.0, *row], [1.0, *row]])
+            return np.array([0.0, *row, 1.0, *row])
         (span,) = take(parameters, ('selector_slope',), what)
-        rows = []
+        rows: list[float] = []
         for i in range(1, KNOTS + 1):
             row = take(parameters, tuple(f'{name}_at{i}' for name in _NAMES), what)
-            rows.append([span * i / KNOTS, *row])
+            rows += [span * i / KNOTS, *row]
         return np.array(rows)
-
-    def _run(self, reference: FloatArray, voltage: FloatArray, memory: FloatArray) -> None:
-        _select(reference, voltage, memory, self._packed, self.dt, self._low, self._high)

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 
 # Places in the state; the number of corners comes first.
 CORNERS, _SEEN, _D, _V, _A, _SMOOTH, _W1, _W2 = range(8)
@@ -86,7 +84,7 @@ def invert_structure(
     The reference, rows displacement, velocity and acceleration, is carried ahead by `lead`
     seconds; where there is a lead the droop of the hold is lifted too.
     """
-    ahead = np.empty((3, 1))
+    ahead = scratch((3, 1))
     for k in range(target.size):
         carry_ahead(reference[:, k : k + 1], ahead, state, lead, dt)
         target[k] = ahead[0, 0] + k1 * ahead[1, 0] + k2 * ahead[2, 0]
@@ -94,7 +92,8 @@ def invert_structure(
             lift_droop(target[k : k + 1], state)
 
 
+@jit
 def mode_coefficients(natural_frequency: float, damping_ratio: float) -> tuple[float, float]:
     """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for one mode of unit DC gain."""
     omega = 2.0 * math.pi * natural_frequency
-    return 2.0 * damping_ratio / omega, 1.0 / omega**2
+    return 2.0 * damping_ratio / omega, 1.0 / (omega * omega)

@@ -1,0 +1,199 @@
+"""The numeric inverse of a chain as one kernel, put together from those of its blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Block, Restoring
+from piezo_hysteresis.compensation.inverses.base import Run
+from piezo_hysteresis.compensation.inverses.block_inverse import (
+    CLAMPED,
+    FIRST_SLOPE,
+    BlockInverse,
+    block_inverse,
+)
+from piezo_hysteresis.compensation.inverses.structure_inverse import (
+    STATE_SIZE,
+    carry_ahead,
+    lift_droop,
+)
+from piezo_hysteresis.jit import jit, scratch
+
+# Places in the parameters: structure, lead, reading at rest; what acts back and the blocks follow.
+_K1, _K2, _LEAD, REST, _BACK = range(5)
+# Places in the memory: the counters, the structure, memory of what acts back, and where that was.
+_CLAMPED, _STROKE, STRUCTURE = range(3)
+_FORCE = STRUCTURE + STATE_SIZE
+_MOVED = _FORCE + 1
+_MEMORIES = _MOVED + 1
+
+#: ``through(signal, memory, p, dt)``: a row of blocks on displacement, velocity, acceleration.
+_Through = Callable[[FloatArray, FloatArray, FloatArray, float], None]
+
+
+class ChainKernel(NamedTuple):
+    """The kernel of an inverse and its memory at rest."""
+
+    run: Run
+    start: FloatArray
+
+
+def chain_kernel(
+    front: Sequence[tuple[Block, bool]],
+    back: Sequence[tuple[Block, bool]],
+    sizes: Sequence[int],
+    restoring: tuple[Restoring | None, int],
+    dt: float,
+) -> ChainKernel:
+    """Return the inverse of a chain.
+
+    Parameters
+    ----------
+    front, back : sequence of (Block, bool)
+        What stands before and behind the structure, and whether its input is joined by lines.
+    sizes : sequence of int
+        How many packed numbers each has, see `packed_block`.
+    restoring : (Restoring or None, int)
+        What acts back on a mode, and how many parameters it has.
+    dt : float
+        Sampling interval [s].
+    """
+    solved: Any = _nothing
+    undone: Any = _nothing
+    kept: Any = _nothing
+    start = [np.zeros(_MEMORIES)]
+    memory, numbers = _MEMORIES, _BACK + restoring[1]
+    clamped: Any = _no_count
+    for i, (block, joined) in enumerate((*front, *back)):
+        inverse = block_inverse(block, dt, joined)
+        if i < len(front):
+            solved = _before(_solve(inverse, memory, numbers), solved)
+            kept = _before(kept, _keep(inverse, memory, numbers))
+        else:
+            undone = _before(_undo(inverse, memory, numbers), undone)
+        clamped = _counting(clamped, memory)
+        start.append(inverse.start)
+        memory += inverse.start.size
+        numbers += sizes[i]
+    acting = _nothing_back if restoring[0] is None else _acting_back(*restoring)
+    return ChainKernel(_whole(undone, solved, kept, clamped, acting), np.concatenate(start))
+
+
+def _whole(undone: _Through, solved: _Through, kept: _Through, clamped: Any, back: Any) -> Run:
+    @jit
+    def run(
+        reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
+        low: float, high: float,
+    ) -> None:  # fmt: skip
+        ahead, signal, structure = scratch((3, 1)), scratch(3), memory[STRUCTURE:_FORCE]
+        for k in range(voltage.size):
+            carry_ahead(reference[:, k : k + 1], ahead, structure, p[_LEAD], dt)
+            signal[0], signal[1], signal[2] = ahead[0, 0] + p[REST], ahead[1, 0], ahead[2, 0]
+            undone(signal, memory, p, dt)
+            place = voltage[k : k + 1]
+            place[0] = signal[0] + p[_K1] * signal[1] + p[_K2] * signal[2]
+            if p[_LEAD] > 0.0:
+                lift_droop(place, structure)
+            signal[0] = place[0] + back(signal[0], memory, p, dt)
+            solved(signal, memory, p, dt)
+            u = signal[0]
+            if u > high or u < low:
+                u = min(max(u, low), high)
+                memory[_STROKE] += 1.0
+            voltage[k] = signal[0] = u
+            kept(signal, memory, p, dt)
+        memory[_CLAMPED] = clamped(memory)
+
+    return run
+
+
+@jit
+def _nothing_back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+    return 0.0
+
+
+def _acting_back(restoring: Any, count: int) -> Any:
+    """Return what acts back on the mode, to be added to the target at `x` [m]."""
+    last = _BACK + count
+
+    @jit
+    def back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        force, memory[_FORCE] = restoring(p[_BACK:last], x, memory[_MOVED], memory[_FORCE], dt)
+        memory[_MOVED] = x
+        return float(force)
+
+    return back
+
+
+@jit
+def _nothing(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
+    return
+
+
+@jit
+def _no_count(memory: FloatArray) -> float:
+    return 0.0
+
+
+def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
+    @jit
+    def total(memory: FloatArray) -> float:
+        return float(before(memory) + memory[place + CLAMPED])
+
+    return total
+
+
+def _before(one: _Through, other: _Through) -> _Through:
+    """Return `one` and then `other`."""
+
+    @jit
+    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
+        one(signal, memory, p, dt)
+        other(signal, memory, p, dt)
+
+    return through
+
+
+def _solve(inverse: BlockInverse, place: int, numbers: int) -> _Through:
+    """Return the step from the output of a block to its input."""
+    solve = inverse.solve
+
+    @jit
+    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
+        signal[0] = solve(signal[0], memory[place:], p[numbers:], dt)
+
+    return through
+
+
+def _keep(inverse: BlockInverse, place: int, numbers: int) -> _Through:
+    """Return the step from the input of a block to its output, which it remembers."""
+    commit = inverse.commit
+
+    @jit
+    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
+        signal[0] = commit(signal[0], memory[place:], p[numbers:], dt)
+
+    return through
+
+
+def _undo(inverse: BlockInverse, place: int, numbers: int) -> _Through:
+    """Return the step from the output of a block to its input with both derivatives."""
+    solve, commit, shape = inverse.solve, inverse.commit, inverse.shape
+
+    @jit
+    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
+        own, numbers_of_it = memory[place:], p[numbers:]
+        d = solve(signal[0], own, numbers_of_it, dt)
+        slope, bend = shape(d, own, numbers_of_it, dt)
+        commit(d, own, numbers_of_it, dt)
+        if slope == 0.0:
+            slope = numbers_of_it[FIRST_SLOPE]
+        v = signal[1] / slope
+        signal[0], signal[1] = d, v
+        signal[2] = (signal[2] - bend * v * v) / slope
+
+    return through
