@@ -39,7 +39,7 @@ setup(
     name=package,
     version='0.1.0',
     packages=find_packages(),
-    package_data={package: ['py.typed']},
+    package_data={package: ['py.typed', 'export/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),

@@ -25,7 +25,8 @@ ALLOWED = {
     'parameters': NEUTRAL | {'models', 'compensation'},
     'runtime': NEUTRAL | {'models', 'identification', 'compensation', 'parameters'},
     'nodes': NEUTRAL | CORE_ROOMS | {'reporting', 'dashboard', 'parameters', 'runtime'},
-    'cli': NEUTRAL | CORE_ROOMS | {'reporting', 'batch', 'parameters', 'nodes'},
+    'export': NEUTRAL | {'models', 'compensation', 'parameters'},
+    'cli': NEUTRAL | CORE_ROOMS | {'reporting', 'batch', 'parameters', 'nodes', 'export'},
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION = {'inverses': set(), 'harmonics': set(), 'feedback': set()}

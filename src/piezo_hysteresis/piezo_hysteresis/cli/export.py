@@ -1,4 +1,7 @@
-"""Write every record of the data as a CSV file, with what is known of it in records.yaml."""
+"""Write every record of the data as a CSV file, with what is known of it in records.yaml.
+
+A MODEL.yaml becomes a C library instead: compensator and plant with the same bits.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,23 @@ from pathlib import Path
 
 import yaml
 
+from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, survey, write_csv
 from piezo_hysteresis.records.csv_files import INFO_FILE, LENGTHS
 
-HELP = 'records back to CSV files'
+# What is a model and no data.
+MODELS = ('.yaml', '.yml')
+
+HELP = 'records back to CSV files; a model as a C library'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
-    parser.add_argument('data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV')
+    parser.add_argument(
+        'data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV; or MODEL.yaml'
+    )
     parser.add_argument('--out', required=True, metavar='DIR', help='folder to create')
     parser.add_argument(
         '--unit', choices=('m', 'mm', 'um', 'nm'), default='um',
@@ -31,10 +40,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--salvage', action='store_true', help='keep what is readable of damaged data'
     )
+    export_library.configure(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the files, all or none."""
+    if any(Path(each).suffix in MODELS for each in arguments.data):
+        return export_library.run(arguments)
     found = survey(arguments.data, salvage=arguments.salvage, actuator=arguments.actuator)
     folder = Path(arguments.out)
     if folder.exists():

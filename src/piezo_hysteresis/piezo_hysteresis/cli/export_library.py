@@ -1,0 +1,119 @@
+"""The words of ``export`` for a model: which loop, which limits, which target."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Sequence
+
+from piezo_hysteresis.cli import compensate_links as chain
+from piezo_hysteresis.cli.compensate_links import Builder
+from piezo_hysteresis.compensation.base import Limits, Link
+from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
+from piezo_hysteresis.compensation.inverses.reach import reach_of
+from piezo_hysteresis.compensation.limiter import require_limits
+from piezo_hysteresis.compensation.linear_gain import ModeGain
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.reporting.folder import check_folder, write_folder
+
+TARGETS = ('x86_64-linux', 'aarch64-linux')
+# Share of what the model reaches that the sine of example and vectors takes.
+_SHARE = 0.8
+_WORD = re.compile(r'[A-Za-z_]\w*')
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of a library."""
+    add = parser.add_argument_group(
+        'C library of a model (MODEL.yaml in the place of DATA)'
+    ).add_argument
+    add('--rate', type=float, help='steps per second [Hz]; that of the model data, or 1000')
+    add(
+        '--limits',
+        type=float,
+        nargs=3,
+        metavar=('LOW', 'HIGH', 'SLEW'),
+        default=[-1.2, 1.2, 2000.0],
+        help='of the voltage [V], [V], [V/s] (-1.2 1.2 2000); they cannot be switched off',
+    )
+    add('--target', default=TARGETS[0], metavar='TARGET', help=f'one of {", ".join(TARGETS)}')
+    add('--name', default='piezo', help='of the library and of everything in it (piezo)')
+    add('--frequency', type=float, default=23.0, help='of the sine of the example [Hz] (23)')
+    add('--only', choices=('plant',), help='the model alone, without a compensator')
+    chain.configure(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the library, whole or not at all."""
+    from piezo_hysteresis.export.library import Request, files_of
+    from piezo_hysteresis.export.native import known_target
+    from piezo_hysteresis.export.programs import Drive
+
+    check_folder(arguments.out, 'export')
+    known_target(arguments.target)
+    model = ModelFile.load(arguments.data[0])
+    rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
+    _require_numbers(arguments, rate)
+    limits = Limits(*arguments.limits)
+    require_limits(limits)
+    dt = 1.0 / rate
+    reach = reach_of(model.model, model.values, dt, limits)
+    build = Builder(model, None, arguments.law, arguments.switch, dt, limits)
+    gain = abs(build.gain()(0.0))
+    centre = 0.5 * (limits.low + limits.high)
+    drive = Drive(arguments.frequency, _SHARE * reach.half, reach.middle, gain, centre)
+    asked = Request(
+        arguments.name, model, lambda: _links(arguments, build, gain), limits, dt,
+        arguments.target, drive,
+    )  # fmt: skip
+    files = files_of(asked)
+    write_folder(arguments.out, files, 'export')
+    size = len(files[f'lib{arguments.name}.a'])
+    print(f'lib{arguments.name}.a for {arguments.target} at {rate:g} Hz: {size / 1000:.0f} kB')
+    print(f'written to {arguments.out}; make -C {arguments.out} test run')
+    return 0
+
+
+def _links(arguments: argparse.Namespace, build: Builder, gain: float) -> Sequence[Link]:
+    """Return the chain that the words ask for, at rest."""
+    if arguments.only:
+        return []
+    links = [build.inverse()]
+    settings = chain.attenuation_of(arguments)
+    if settings is not None:
+        links.append(HarmonicAttenuation(settings, _mode_gain(build, gain), build.dt))
+    feedback = chain.feedback_of(arguments)
+    if feedback is not None:
+        links.append(build.feedback(feedback))
+    return links
+
+
+def _mode_gain(build: Builder, gain: float) -> ModeGain:
+    """Return the gain that attenuation begins with, as the node has it: a mode and a delay."""
+    values = build.model.model.unpack(build.model.packed)
+    k1, k2 = structure_coefficients(values)
+    if k2 == 0.0:
+        return ModeGain(gain, 0.0, 1.0, build.dt, values.get('delay', 0.0))
+    frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
+    return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), build.dt, values.get('delay', 0.0))
+
+
+def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
+    if len(arguments.data) != 1:
+        raise CompensationError('a library is of one model; give one MODEL.yaml')
+    if not (math.isfinite(rate) and 0.0 < rate <= 1e6):
+        raise CompensationError(f'the rate must be above 0 and up to 1 MHz, got {rate:g} Hz')
+    if not 0.0 < arguments.frequency < 0.25 * rate:
+        raise CompensationError(
+            f'a sine of {arguments.frequency:g} Hz is not followed at {rate:g} Hz; give '
+            '--frequency below a quarter of the rate'
+        )
+    if not _WORD.fullmatch(arguments.name):
+        raise CompensationError(f'{arguments.name!r} is no name in C; give letters and digits')
+    if arguments.slow_model is not None:
+        raise CompensationError(
+            'the switch between a slow and a fast model is not exported; leave --slow-model out'
+        )

@@ -1,0 +1,260 @@
+"""A chain of links and the limiter as one function of the library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.limiter import LIMITER_SIZE
+from piezo_hysteresis.compensation.sensor import POINT_SIZE, READ_SIZE
+from piezo_hysteresis.export.fields import IMPOSSIBLE, OK, UNBEGUN, Field, checking
+from piezo_hysteresis.export.sections import Section
+from piezo_hysteresis.jit import leaf, scratch
+
+# Places in the memory: the mark of one that was begun, ticks so far, the last voltage, the last
+# displacement that was asked for; then the sections.
+_MARK, _TICK, _VOLTAGE, _ASKED = range(4)
+HEAD = 4
+# Places in the input: reference and its derivatives, frequency, phase, measurement, its age
+# [ticks].
+D, V, A, F, PHI, MEASURED, AGE = range(7)
+INPUT_SIZE = 7
+
+# What a step tells, as bits.
+REFERENCE_REFUSED, NOT_USED, OUT_OF_RANGE, SLEW_LIMITED, NOT_FINITE = 1, 2, 4, 8, 16
+
+# As in `condition`: no actuator moves so far or so fast.
+_ABSURD, _ABSURD_RATE = 1e3, 1e9
+
+
+class Compensator(NamedTuple):
+    """What the library needs of a chain.
+
+    Attributes
+    ----------
+    step : callable
+        ``step(s, x, voltage)``: one tick; answers the bits above.
+    begin, change : callable
+        ``begin(s, values)`` and ``change(s, values)``: 0, or why not.
+    reset : callable
+        ``reset(s)``.
+    size : int
+        Numbers in the state.
+    fields : tuple of Field
+        What may be set.
+    rows : tuple of (str, int)
+        Sections of the state and their sizes.
+    """
+
+    step: Callable[[FloatArray, FloatArray, FloatArray], int]
+    begin: Callable[[FloatArray, FloatArray], int]
+    change: Callable[[FloatArray, FloatArray], int]
+    reset: Callable[[FloatArray], int]
+    size: int
+    fields: tuple[Field, ...]
+    rows: tuple[tuple[str, int], ...]
+
+
+def compensator_of(
+    sections: Sequence[Section], limits: Sequence[Field], dt: float, mark: float
+) -> Compensator:
+    """Return the chain of `sections`, of which the last is the limiter.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        First to last.
+    limits : sequence of Field
+        Low, high, slew; the first fields of the struct.
+    dt : float
+        Sampling interval [s].
+    mark : float
+        By which the library knows a state that it has begun.
+    """
+    fields = (*limits, *(field for section in sections for field in section.fields))
+    step: Any = _pass
+    reset: Any = _forget
+    take: Any = _take_nothing
+    size, place = HEAD, len(limits)
+    for section in sections:
+        end, last = size + section.start.size, place + len(section.fields)
+        step = _then(step, section, size, end)
+        reset = _and(reset, section, size, end)
+        take = _taking(take, section, (size, end), (place, last))
+        size, place = end, last
+    rest = fields[0].value, fields[1].value
+    safe = min(max(0.0, rest[0]), rest[1])
+    check = checking(fields)
+    count = len(fields)
+    return Compensator(
+        _stepping(step, size, 0.5 / dt, mark, safe),
+        _beginning(check, reset, take, sections, size, count, mark),
+        _changing(check, take, size, count, mark),
+        _resetting(reset, mark),
+        size,
+        fields,
+        (('head', HEAD), *((section.name, section.start.size) for section in sections)),
+    )
+
+
+@leaf
+def _pass(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
+    return received
+
+
+@leaf
+def _forget(s: FloatArray) -> None:
+    return
+
+
+@leaf
+def _take_nothing(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
+    return OK
+
+
+def _then(before: Any, section: Section, begin: int, end: int) -> Any:
+    step = section.step
+
+    @leaf
+    def both(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
+        passed = before(point, read, received, s)
+        return step(point, read, passed, s[begin:end])
+
+    return both
+
+
+def _and(before: Any, section: Section, begin: int, end: int) -> Any:
+    reset = section.reset
+
+    @leaf
+    def both(s: FloatArray) -> None:
+        before(s)
+        reset(s[begin:end])
+
+    return both
+
+
+def _taking(
+    before: Any, section: Section, own: tuple[int, int], values_of: tuple[int, int]
+) -> Any:
+    take, (begin, end), (first_value, last_value) = section.take, own, values_of
+
+    @leaf
+    def both(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
+        # a section that refuses comes first: the model; what follows takes everything
+        code = before(values, bounds, s, first)
+        if code != OK:
+            return int(code)
+        return take(values[first_value:last_value], bounds, s[begin:end], first)
+
+    return both
+
+
+def _stepping(
+    chain: Any, size: int, nyquist: float, mark: float, safe: float
+) -> Callable[[FloatArray, FloatArray, FloatArray], int]:
+    counts = size - LIMITER_SIZE + 2
+
+    @leaf
+    def step(s: FloatArray, x: FloatArray, voltage: FloatArray) -> int:
+        if s[_MARK] != mark:
+            voltage[0] = safe
+            return UNBEGUN
+        point, read, code = scratch(POINT_SIZE), scratch(READ_SIZE), 0
+        tick = s[_TICK]
+        point[0] = tick
+        for k in range(5):
+            point[1 + k] = x[k]
+        if not (abs(x[D]) < _ABSURD and abs(x[V]) < _ABSURD_RATE and abs(x[A]) < _ABSURD_RATE):
+            point[1], point[2], point[3] = s[_ASKED], 0.0, 0.0
+            code |= REFERENCE_REFUSED
+        if not (x[F] >= 0.0 and x[F] < nyquist and abs(x[PHI]) < 1e15):
+            point[4] = point[5] = 0.0
+            code |= REFERENCE_REFUSED
+        s[_ASKED] = point[1]
+        read[0], read[1], read[2] = np.nan, s[_VOLTAGE], x[MEASURED]
+        if x[AGE] >= 0.5 and x[AGE] <= tick:
+            read[0] = tick - np.floor(x[AGE] + 0.5)
+        if not abs(x[MEASURED]) < _ABSURD:
+            read[2] = np.nan
+            code |= NOT_USED
+        out, slowed, refused = s[counts + 1], s[counts + 2], s[counts]
+        given = chain(point, read, 0.0, s)
+        if s[counts] != refused:
+            code |= NOT_FINITE
+        if s[counts + 1] != out:
+            code |= OUT_OF_RANGE
+        if s[counts + 2] != slowed:
+            code |= SLEW_LIMITED
+        s[_TICK], s[_VOLTAGE] = tick + 1.0, given
+        voltage[0] = given
+        return code
+
+    return step
+
+
+def _beginning(
+    check: Any, reset: Any, take: Any, sections: Sequence[Section], size: int, count: int,
+    mark: float,
+) -> Callable[[FloatArray, FloatArray], int]:  # fmt: skip
+    """Return what begins a state; the packed numbers of every section are copied."""
+    copies = [np.trim_zeros(np.concatenate([section.start, [0.0]]), 'b') for section in sections]
+    starts = np.cumsum([HEAD, *(section.start.size for section in sections)])[:-1]
+    places = np.concatenate(
+        [np.arange(start, start + copy.size) for start, copy in zip(starts, copies, strict=True)]
+    ).astype(np.int64)
+    numbers = np.concatenate(copies)
+    total = numbers.size
+
+    @leaf
+    def begin(s: FloatArray, values: FloatArray) -> int:
+        s[_MARK] = 0.0
+        code = check(values)
+        if code == OK and not values[0] < values[1]:
+            code = IMPOSSIBLE
+        if code != OK:
+            return int(code)
+        for k in range(size):
+            s[k] = 0.0
+        for k in range(total):
+            s[places[k]] = numbers[k]
+        code = take(values, values[:3], s, True)
+        if code != OK:
+            return int(code)
+        reset(s)
+        s[_MARK] = mark
+        return OK
+
+    return begin
+
+
+def _changing(
+    check: Any, take: Any, size: int, count: int, mark: float
+) -> Callable[[FloatArray, FloatArray], int]:
+    @leaf
+    def change(s: FloatArray, values: FloatArray) -> int:
+        if s[_MARK] != mark:
+            return UNBEGUN
+        code = check(values)
+        if code == OK and not values[0] < values[1]:
+            code = IMPOSSIBLE
+        if code != OK:
+            return int(code)
+        return int(take(values, values[:3], s, False))
+
+    return change
+
+
+def _resetting(reset: Any, mark: float) -> Callable[[FloatArray], int]:
+    @leaf
+    def forget(s: FloatArray) -> int:
+        if s[_MARK] != mark:
+            return UNBEGUN
+        reset(s)
+        s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
+        return OK
+
+    return forget

@@ -1,0 +1,116 @@
+"""The header of a library: its structs with units and ranges, and its functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from piezo_hysteresis.export.compensator import Compensator
+from piezo_hysteresis.export.fields import Field
+from piezo_hysteresis.export.plant import Plant
+from piezo_hysteresis.export.programs import template
+
+
+@dataclass(frozen=True)
+class About:
+    """What a library says of itself.
+
+    Attributes
+    ----------
+    name : str
+        Of the library, and the beginning of every name in it.
+    model : str
+        Of the model.
+    chain : str
+        Its blocks.
+    fingerprint : str
+        Of the model file.
+    version : str
+        Of the suite.
+    rate : float
+        Sampling rate [Hz].
+    target : str
+        Machine.
+    links : str
+        What the loop is made of, in words.
+    """
+
+    name: str
+    model: str
+    chain: str
+    fingerprint: str
+    version: str
+    rate: float
+    target: str
+    links: str
+
+
+def header(about: About, chain: Compensator | None, plant: Plant) -> str:
+    """Return the text of the header."""
+    n, whole = about.name, f'{about.name}_plant'
+    words = {
+        'UPPER': n.upper(), 'RATE': repr(about.rate), 'SHORT_RATE': f'{about.rate:.10g}',
+        **{key.upper(): _harmless(v) for key, v in vars(about).items() if key != 'rate'},
+    }  # fmt: skip
+    parts = [_filled('head.h', words)]
+    if chain is not None:
+        text = f'What may be set, with {n}_init and between steps with {n}_set.'
+        parts += [
+            _struct(f'{n}_parameters', text, chain.fields),
+            _filled('input.h', words),
+            _state(f'{n}_state', chain.rows),
+            _filled('loop.h', words),
+            _filled('common.h', words),
+        ]
+    plain = {**words, 'NAME': whole}
+    parts += [
+        _struct(f'{whole}_parameters', 'The model as a plant: what may be set.', plant.fields),
+        _state(f'{whole}_state', plant.rows),
+        _filled('plant.h', plain),
+        _filled('common.h', plain),
+        _filled('foot.h', words),
+    ]
+    return '\n'.join(parts)
+
+
+def _harmless(value: object) -> str:
+    """Return a word that cannot end a comment."""
+    return ' '.join(str(value).replace('*/', '* /').split())
+
+
+def _filled(name: str, words: Mapping[str, str]) -> str:
+    text = template(name)
+    for word, value in words.items():
+        text = text.replace(f'${word}$', value)
+    return text
+
+
+def _struct(name: str, text: str, fields: Sequence[Field]) -> str:
+    rows = [f'/* {text} */', 'typedef struct {']
+    for k, field in enumerate(fields):
+        rows.append(f'    double {field.name}; /* {k}: {_words(field)} */')
+    return '\n'.join([*rows, f'}} {name};', ''])
+
+
+def _words(field: Field) -> str:
+    text = field.text.rstrip('.')
+    if field.fixed:
+        return f'[{field.unit}] {text}; only a new export changes it'
+    if math.isinf(field.low) and math.isinf(field.high):
+        span = 'any number'
+    else:
+        first = 'above ' if field.above else ''
+        span = f'{first}{field.low:g} .. {field.high:g}'
+    return f'[{field.unit}] {text}; {span}'
+
+
+def _state(name: str, rows: Sequence[tuple[str, int]]) -> str:
+    lines = [
+        '/* Everything that is remembered; place it where you like, copies are independent. */',
+        'typedef struct {',
+        *(f'    double {row}[{size}];' for row, size in rows if size),
+        f'}} {name};',
+        '',
+    ]
+    return '\n'.join(lines)

@@ -1,0 +1,134 @@
+"""How the packed numbers of an inverse follow from the parameters of its model, as kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis
+from piezo_hysteresis.compensation.inverses.base import InverseLink
+from piezo_hysteresis.compensation.inverses.feedforward import NAMES as EXTENDED
+from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.physical import (
+    BOUC_WEN,
+    FIRST,
+    K1,
+    K2,
+    LEAD,
+    MINIMUM,
+    PLAYS,
+    PhysicalInverse,
+    saturation,
+)
+from piezo_hysteresis.compensation.inverses.structure_inverse import mode_coefficients
+from piezo_hysteresis.export.fields import IMPOSSIBLE, OK
+from piezo_hysteresis.jit import leaf, scratch
+
+#: ``repack(values, p, own, first)``: fills the packed numbers `p` from the parameters of the model
+#: and carries the memory `own` over where it is not the `first` time; answers 0 or why not.
+Repack = Callable[[FloatArray, FloatArray, FloatArray, bool], int]
+
+_MODE, _MASS, _RIGID = range(3)
+
+
+class Numbers(NamedTuple):
+    """What an inverse makes of parameters.
+
+    Attributes
+    ----------
+    repack : callable
+        See `Repack`.
+    live : tuple of str
+        Parameters that it follows; the others are worked into the code.
+    """
+
+    repack: Repack
+    live: tuple[str, ...]
+
+
+def numbers_of(link: InverseLink, names: Sequence[str], dt: float) -> Numbers:
+    """Return how the numbers of `link` follow from parameters in the order of `names`."""
+    place = {name: k for k, name in enumerate(names)}
+    if isinstance(link, PhysicalInverse) and link.law != 'gain':
+        return _physical(link.law, place, dt)
+    if isinstance(link, ExtendedInverse):
+        return _extended(place)
+    return Numbers(_nothing, ())
+
+
+@leaf
+def _nothing(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+    return OK
+
+
+def _physical(law: str, place: Mapping[str, int], dt: float) -> Numbers:
+    plays = law == 'plays'
+    known = tuple(name for name in (PLAYS if plays else BOUC_WEN) if name in place)
+    at = tuple(place.get(name, -1) for name in (PLAYS if plays else BOUC_WEN))
+    delay = place.get('delay', -1)
+    if 'mass' in place:
+        kind, structure = _MASS, tuple(place[n] for n in ('mass', 'damping', 'stiffness'))
+    elif 'natural_frequency' in place:
+        kind, structure = _MODE, (place['natural_frequency'], place['damping_ratio'], 0)
+    else:
+        kind, structure = _RIGID, (0, 0, 0)
+    count, solved = len(at), law != 'delayed'
+
+    @leaf
+    def repack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+        new, k1, k2 = scratch(count), 0.0, 0.0
+        for k in range(count):
+            new[k] = values[at[k]] if at[k] >= 0 else 0.0
+        if kind == _MODE:
+            k1, k2 = mode_coefficients(values[structure[0]], values[structure[1]])
+        elif kind == _MASS:
+            stiffness = values[structure[2]]
+            k1, k2 = values[structure[1]] / stiffness, values[structure[0]] / stiffness
+        if not (new[0] > 0.0 and k1 >= 0.0 and k2 >= 0.0):
+            return IMPOSSIBLE
+        if plays and not new[1] > 0.0:
+            return IMPOSSIBLE
+        if solved and not plays and not new[0] - new[1] - abs(new[2]) > 0.0:
+            return IMPOSSIBLE
+        if not (plays or first):
+            own[hysteresis.H] *= saturation(new) / max(saturation(p[FIRST:]), 1e-300)
+        lead = 0.5 * dt if k2 > 0.0 else 0.0
+        p[MINIMUM] = 0.1 * (new[1] if plays else new[0])
+        p[K1], p[K2] = k1, k2
+        p[LEAD] = lead + (values[delay] if delay >= 0 else 0.0)
+        for k in range(count):
+            p[FIRST + k] = new[k]
+        return OK
+
+    names = (
+        'natural_frequency',
+        'damping_ratio',
+        'mass',
+        'damping',
+        'stiffness',
+        'delay',
+        'offset',
+    )
+    return Numbers(repack, (*known, *(name for name in names if name in place)))
+
+
+def _extended(place: Mapping[str, int]) -> Numbers:
+    at = tuple(place.get(name, -1) for name in EXTENDED)
+    count = len(EXTENDED)
+
+    @leaf
+    def repack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+        new = scratch(count)
+        for k in range(count):
+            new[k] = values[at[k]] if at[k] >= 0 else 0.0
+        if not new[0] > 0.0:
+            return IMPOSSIBLE
+        if not first:
+            own[hysteresis.H] *= saturation(new) / max(saturation(p), 1e-300)
+        for k in range(count):
+            p[k] = new[k]
+        p[count] = 0.1 * new[0]
+        return OK
+
+    return Numbers(repack, tuple(name for name in (*EXTENDED, 'offset') if name in place))

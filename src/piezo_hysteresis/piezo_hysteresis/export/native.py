@@ -1,0 +1,204 @@
+"""Kernels as machine code without Python: what numba compiles, freed of everything but the sums.
+
+Numba's code for a kernel is LLVM code like that of a C compiler, wrapped for Python. The wrapping
+is left out: a plain C function calls the kernel, all else becomes private, and what nobody calls
+any more is dropped. Optimised for nothing but the baseline of the target, and without contraction
+of products and sums, so that the bits are those of the kernels in Python.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from piezo_hysteresis.errors import PiezoError
+
+#: Known targets: LLVM's names of machine and processor, and what people call them.
+TARGETS: dict[str, tuple[str, str]] = {
+    'x86_64-linux': ('x86_64-unknown-linux-gnu', 'x86-64'),
+    'aarch64-linux': ('aarch64-unknown-linux-gnu', 'generic'),
+}
+# What the C library has that every target has, in libm or beside it; a call of anything else is a
+# defect of a kernel.
+_ALLOWED = frozenset(
+    [
+        'acos',
+        'acosh',
+        'asin',
+        'asinh',
+        'atan',
+        'atan2',
+        'atanh',
+        'cbrt',
+        'ceil',
+        'copysign',
+        'cos',
+        'cosh',
+        'exp',
+        'exp2',
+        'expm1',
+        'fabs',
+        'floor',
+        'fmax',
+        'fmin',
+        'fmod',
+        'frexp',
+        'hypot',
+        'ldexp',
+        'log',
+        'log10',
+        'log1p',
+        'log2',
+        'memcpy',
+        'memmove',
+        'memset',
+        'pow',
+        'rint',
+        'round',
+        'sin',
+        'sincos',
+        'sinh',
+        'sqrt',
+        'tan',
+        'tanh',
+        'trunc',
+    ]
+)
+
+
+# What Python would raise, with the places in our files: nothing reads it here.
+_ERRORS = re.compile(r'(@\.const\.pickledata\.\S+ = .*? constant \[\d+ x i8\] )c".*"')
+
+
+class ExportError(PiezoError):
+    """A model, law or target of which no library can be made."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One function of the library.
+
+    Attributes
+    ----------
+    name : str
+        Its C name.
+    kernel : callable
+        Dispatcher of numba; answers an int.
+    arguments : str
+        One letter for each argument: ``p`` for a pointer to doubles, ``d`` for a double.
+    """
+
+    name: str
+    kernel: Callable[..., Any]
+    arguments: str
+
+
+def object_code(entries: Sequence[Entry], target: str) -> bytes:
+    """Return an object file with the functions of `entries` and nothing else that is visible.
+
+    Raises
+    ------
+    ExportError
+        If the target is not known, or a kernel needs more than libm.
+    """
+    import llvmlite.binding as llvm
+
+    triple, processor = known_target(target)
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(triple).create_target_machine(
+        cpu=processor, opt=3, reloc='pic', codemodel='default'
+    )
+    whole = llvm.parse_assembly('')
+    for entry in entries:
+        name, text = _compiled(entry)
+        whole.link_in(llvm.parse_assembly(text))
+        whole.link_in(llvm.parse_assembly(_door(entry, name)))
+    whole.triple, whole.data_layout = triple, str(machine.target_data)
+    _hide(whole, {entry.name for entry in entries})
+    _optimise(whole, machine)
+    foreign = sorted(_foreign(whole) - _ALLOWED)
+    if foreign:
+        raise ExportError(f'a kernel of this model needs {", ".join(foreign)}; report this model')
+    return bytes(machine.emit_object(whole))
+
+
+def known_target(target: str) -> tuple[str, str]:
+    """Return LLVM's names of a target.
+
+    Raises
+    ------
+    ExportError
+        If it is not one of `TARGETS`.
+    """
+    if target not in TARGETS:
+        raise ExportError(
+            f'there is no target {target}; choose one of {", ".join(TARGETS)}, and for another '
+            'one ask for it with the name that its C compiler has'
+        )
+    return TARGETS[target]
+
+
+def _compiled(entry: Entry) -> tuple[str, str]:
+    """Return the name of a kernel's function, and the LLVM code of all that it calls."""
+    from numba import types
+
+    kinds = {'p': types.CPointer(types.float64), 'd': types.float64}
+    signature = tuple(kinds[letter] for letter in entry.arguments)
+    dispatcher: Any = entry.kernel
+    dispatcher.compile(signature)
+    found = dispatcher.overloads[signature]
+    return found.fndesc.llvm_func_name, _ERRORS.sub(
+        r'\1zeroinitializer', found.library.get_llvm_str()
+    )
+
+
+def _door(entry: Entry, name: str) -> str:
+    """Return the C function that calls a kernel: its answer, or -1 where the kernel failed."""
+    kinds = [{'p': 'ptr', 'd': 'double'}[letter] for letter in entry.arguments]
+    plain = ', '.join(f'{kind} %a{k}' for k, kind in enumerate(kinds))
+    handed = f'ptr %answer, ptr %reason, {plain}'
+    types = ', '.join(['ptr', 'ptr', *kinds])
+    return f"""
+declare i32 @{name}({types})
+define i32 @{entry.name}({plain}) {{
+  %answer = alloca i64
+  %reason = alloca ptr
+  store i64 0, ptr %answer
+  %status = call i32 @{name}({handed})
+  %failed = icmp ne i32 %status, 0
+  %wide = load i64, ptr %answer
+  %narrow = trunc i64 %wide to i32
+  %code = select i1 %failed, i32 -1, i32 %narrow
+  ret i32 %code
+}}
+"""
+
+
+def _hide(whole: Any, seen: set[str]) -> None:
+    """Make everything private but the functions of these names."""
+    for each in (*whole.functions, *whole.global_variables):
+        if not each.is_declaration and each.name not in seen and not each.name.startswith('llvm.'):
+            each.linkage = 'internal'
+
+
+def _optimise(whole: Any, machine: Any) -> None:
+    import llvmlite.binding as llvm
+
+    tuning = llvm.create_pipeline_tuning_options(speed_level=2)
+    # rows are short: what is done several at a time only makes the code larger
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_unrolling = False
+    builder = llvm.create_pass_builder(machine, tuning)
+    passes = builder.getModulePassManager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(whole, builder)
+
+
+def _foreign(whole: Any) -> set[str]:
+    return {
+        each.name
+        for each in whole.functions
+        if each.is_declaration and not each.name.startswith('llvm.')
+    }

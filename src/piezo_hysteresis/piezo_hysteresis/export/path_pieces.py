@@ -1,0 +1,213 @@
+"""Runs of blocks between the ticks as kernels, see `models.path_runs` and `models.way_runs`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
+from piezo_hysteresis.export.pieces import Alone, Run, late, of_block
+from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.models.linear_runs import Step, run_path
+from piezo_hysteresis.models.parts import Layout
+from piezo_hysteresis.models.path_runs import PathRun, Piece
+from piezo_hysteresis.models.paths import joined, read, with_turns, without_turns
+from piezo_hysteresis.models.way_runs import WayRun
+from piezo_hysteresis.models.ways import take_up, ways
+
+
+def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
+    """Return a path run for its parameters `own`."""
+    steps, layout = run.steps(own, dt), run.layout(dt)
+    if steps == 0 and run.by_way is not None:
+        return _way_run(run.by_way, own, dt, layout)
+    order, points = run.order(own), 3 * steps
+    timing = run.timing(own, dt, order > 0.0)
+    whole: Run | None = None
+    made = run.made(own, dt, steps)
+    for piece, step in zip(run.pieces(layout), made, strict=True):
+        one = _at(_followed(piece, step, own, dt, points, timing.ahead), piece.memory)
+        whole = one if whole is None else _then(whole, one)
+    assert whole is not None
+    part = timing.part
+    begun, ended = layout.past.start, layout.past.stop
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        path, answer = scratch(points), scratch(points)
+        for k in range(x.size):
+            if order > 0.0:
+                joined(x[k : k + 1], path, state[begun:ended], order)
+            else:
+                for i in range(points):
+                    path[i] = x[k]
+            whole(path, answer, state, p, frequency)
+            if part == 1.0:
+                y[k] = answer[points - 1]
+            elif part == 0.0:
+                y[k] = state[0]
+            else:
+                read(answer, y[k : k + 1], points, part)
+            state[0] = answer[points - 1]
+
+    return late(follow, timing.ticks, layout.ring) if run.delays else follow
+
+
+def _then(before: Run, behind: Run) -> Run:
+    """Return two runs, one behind the other, that know their places in the state."""
+
+    @leaf
+    def run(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        between = scratch(x.size)
+        before(x, between, state, p, frequency)
+        behind(between, y, state, p, frequency)
+
+    return run
+
+
+def _at(alone: Alone, memory: slice) -> Run:
+    first, last = memory.start, memory.stop
+
+    @leaf
+    def run(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        alone(x, y, state[first:last], p, frequency)
+
+    return run
+
+
+def _with(alone: Alone, own: FloatArray) -> Alone:
+    """Return a block with its parameters for good."""
+    values = np.ascontiguousarray(own)
+
+    @leaf
+    def run(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        alone(x, y, state, values, frequency)
+
+    return run
+
+
+def _followed(
+    piece: Piece, step: Step | None, own: FloatArray, dt: float, points: int, ahead: float
+) -> Alone:
+    if step is not None:
+        phi, gamma, rows, gains = step
+
+        @leaf
+        def linear(
+            x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+        ) -> None:
+            run_path(x, y, state, phi, gamma, rows, gains)
+
+        return linear
+    ((block, span),) = piece.parts
+    if block.between is Between.CLOCK:
+        return _with(_on_the_clock(block, dt, points // 3, ahead), own[span])
+    plain = _with(of_block(block, dt, points), own[span])
+    if piece.turns and block.between is Between.PATH and block.along is None:
+        return _turning(plain)
+    return plain
+
+
+def _turning(run: Alone) -> Alone:
+    """Return a memory that is shown where its path turns, too."""
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        count = x.size // 3
+        wide, answer, turned = scratch(4 * count), scratch(4 * count), scratch(count)
+        with_turns(x, wide, turned)
+        run(wide, answer, state, p, frequency)
+        without_turns(answer, turned, y)
+
+    return follow
+
+
+def _on_the_clock(block: Block, dt: float, steps: int, ahead: float) -> Alone:
+    """Return a function of the time along a path."""
+    assert block.count is not None
+    count, run = block.count, of_block(block, dt / steps)
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        memory = scratch(state.size)
+        part, answer = scratch(steps), scratch(steps)
+        for place in range(3):
+            for i in range(state.size):
+                memory[i] = state[i]
+            memory[count] = (state[count] + ahead) * steps + 0.5 * place
+            for i in range(steps):
+                part[i] = x[3 * i + place]
+            run(part, answer, memory, p, frequency)
+            for i in range(steps):
+                y[3 * i + place] = answer[i]
+        state[count] += 1.0
+
+    return follow
+
+
+def _way_run(run: WayRun, own: FloatArray, dt: float, layout: Layout) -> Run:
+    """Return a run that goes one way within a tick."""
+    way, places, weights = run.way(own, dt)
+    response = run.response(own, dt)
+    whole, part = in_ticks(float(own[: run.delays].sum()), dt)
+    pieces, count = (2 if part > 0.0 else 1), places.size + 1
+    memories = layout.memories[1 : 1 + len(run.middle)]
+    middle: Run = _same
+    for each, place in zip(run.middle, memories, strict=True):
+        middle = _then(middle, _at(_with(of_block(each.block, dt), own[each.span]), place))
+    delays, ahead = run.delays, run.ahead
+    ring, ring_end = layout.ring.start, layout.ring.stop
+    first, first_end = layout.memories[0].start, layout.memories[0].stop
+    behind = layout.memories[1 + len(run.middle)].start
+    states = layout.size - behind
+    going = (float(way.time), float(way.most))
+    phi, impulse, integral, row, direct = response
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        old, new, lasts = scratch(1), scratch(1), scratch((1, pieces))
+        values, seen = scratch((1, pieces, count)), scratch((1, 1, pieces, count))
+        answer, memory = scratch((1, 1)), scratch((1, states))
+        for k in range(x.size):
+            old[0] = new[0] = x[k]
+            if delays:
+                shift(x[k : k + 1], new, state[ring:ring_end], whole)
+                old[0] = state[1]
+                state[1] = new[0]
+            ways(old, new, part, state[first:first_end], going, dt, places, values, lasts)
+            for i in range(pieces):
+                middle(values[0, i], seen[0, 0, i], state, p, frequency)
+            for i in range(states):
+                memory[0, i] = state[behind + i]
+            take_up(
+                seen, lasts, part, places, weights, answer, memory, state[:1], phi, impulse,
+                integral, row, direct, ahead,
+            )  # fmt: skip
+            for i in range(states):
+                state[behind + i] = memory[0, i]
+            y[k] = answer[0, 0]
+
+    return follow
+
+
+@leaf
+def _same(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+) -> None:
+    for k in range(x.size):
+        y[k] = x[k]

@@ -1,0 +1,9 @@
+/* One tick: writes the voltage for it [V], which is finite, within the limits and no further from the
+ * last one than the slew allows, whatever the input. Answers 0, or the sum of
+ *   1   the reference was no number or absurd: the last one is held
+ *   2   the measurement was no number and not used
+ *   4   the voltage was out of range
+ *   8   the voltage would have moved too fast
+ *   16  what was computed is no number: the last voltage is held
+ * or -2 where the state was never begun; the voltage is then the one within the limits nearest to 0. */
+int $NAME$_step($NAME$_state *state, const $NAME$_input *input, double *voltage);

@@ -1,0 +1,309 @@
+"""A model becomes a C library that stands alone, keeps its limits, and changes like the nodes."""
+
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.models import Model, ModelFile, named
+from piezo_hysteresis.models.modelfile import Provenance
+
+RATE = 20000.0
+LIMITS = Limits(-1.2, 1.2, 2000.0)
+GAINS = (100.0, 3e4, 1.0)
+CROSS = 'aarch64-linux-gnu-gcc'
+
+
+def saved(folder, name='bouc_wen_mode', rate=None, **changes):
+    model = name if isinstance(name, Model) else named(name)
+    values = {**model.defaults(), **changes}
+    path = folder / 'model.yaml'
+    ModelFile(model, values, provenance=Provenance(rate=rate)).save(path)
+    return path
+
+
+@pytest.fixture(scope='module')
+def exported(tmp_path_factory):
+    """Export the model of the demo with everything on, once."""
+    folder = tmp_path_factory.mktemp('export')
+    out = folder / 'lib'
+    model = saved(folder, natural_frequency=68.0)
+    words = ['export', model, '--out', out, '--rate', RATE, '--orders', 0, 1, 2, 3, 5]
+    assert main([str(word) for word in (*words, '--pid', *GAINS)]) == 0
+    return out
+
+
+def make(folder, *words, **environment):
+    return subprocess.run(
+        ['make', '-C', folder, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+
+
+@pytest.fixture(scope='module')
+def loaded(exported):
+    """Load the library into this process."""
+    shared = exported.parent / 'piezo.so'
+    whole = ('-Wl,--whole-archive', exported / 'libpiezo.a', '-Wl,--no-whole-archive')
+    subprocess.run(['gcc', '-shared', '-o', shared, *whole, '-lm'], check=True)
+    return ctypes.CDLL(str(shared))
+
+
+class Loop:
+    """The functions and numbers of the library, by the names in its header."""
+
+    def __init__(self, library, header, name='piezo'):
+        text = header.read_text()
+        struct = re.search(rf'typedef struct {{([^}}]*)}} {name}_parameters;', text)[1]
+        self.names = re.findall(r'double (\w+);', struct)
+        rows = re.search(rf'typedef struct {{([^}}]*)}} {name}_state;', text)[1]
+        self.memory = np.full(sum(map(int, re.findall(r'\[(\d+)\];', rows))), np.nan)
+        self.numbers, self.voltage = np.zeros(len(self.names)), np.zeros(1)
+        self._library, self._name = library, name
+        self.call('defaults', self.numbers)
+
+    def call(self, function, *arrays):
+        return getattr(self._library, f'{self._name}_{function}')(
+            *(each.ctypes.data_as(ctypes.c_void_p) for each in arrays)
+        )
+
+    def begin(self):
+        return self.call('init', self.memory, self.numbers)
+
+    def change(self, **values):
+        numbers = self.numbers.copy()
+        for name, value in values.items():
+            numbers[self.names.index(name)] = value
+        code = self.call('set', self.memory, numbers)
+        if code == 0:
+            self.numbers = numbers
+        return code
+
+    def step(self, *row, measured=0.0, age=1.0):
+        code = self.call('step', self.memory, np.array([*row, measured, age]), self.voltage)
+        return code, float(self.voltage[0])
+
+
+@pytest.fixture
+def loop(loaded, exported):
+    return Loop(loaded, exported / 'piezo.h')
+
+
+def reference(k):
+    phase = 2 * np.pi * 23.0 * k / RATE
+    omega = 2 * np.pi * 23.0
+    d, v = 1e-4 * np.sin(phase), 1e-4 * omega * np.cos(phase)
+    return d, v, -d * omega**2, 23.0, phase
+
+
+def test_the_library_passes_its_own_test_and_tracks_the_plant(exported):
+    built = make(exported, 'selftest', 'example', CFLAGS='-Wall -Wextra -Werror -pedantic')
+    assert built.returncode == 0, built.stderr
+    # nothing is on the path: no Python, no shell
+    test = subprocess.run(
+        [exported / 'selftest', '--exact'], env={'PATH': ''}, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert test.returncode == 0, test.stdout
+    assert 'self-test passed' in test.stdout
+    run = make(exported, 'run')
+    assert run.returncode == 0, run.stderr
+    none, forward, both = (float(each) for each in re.findall(r'([\d.]+) um', run.stdout))
+    assert none > 20.0
+    assert 0.1 < forward < 0.1 * none
+    assert both < 0.1 * forward
+
+
+def test_nothing_is_needed_but_the_mathematical_functions(exported):
+    listed = subprocess.run(
+        ['nm', exported / 'libpiezo.a'], capture_output=True, text=True, check=True
+    ).stdout
+    needed = set(re.findall(r' U (\w+)', listed))
+    assert needed <= {
+        'cosh', 'exp', 'expm1', 'floor', 'hypot', 'log1p', 'memcpy', 'memset', 'rint', 'round',
+        'sincos', 'sin', 'cos', 'sinh', 'sqrt', 'ceil', 'pow', 'fmod',
+    }  # fmt: skip
+    defined = set(re.findall(r' T (\w+)', listed))
+    parts = ('step', 'defaults', 'init', 'set', 'reset')
+    assert defined == {f'{n}_{p}' for n in ('piezo', 'piezo_plant') for p in parts}
+    assert b'site-packages' not in (exported / 'libpiezo.a').read_bytes()
+
+
+def test_cmake_builds_and_tests_it(exported, tmp_path):
+    for words in (['-S', exported, '-B', tmp_path], ['--build', tmp_path]):
+        subprocess.run(['cmake', *words], check=True, capture_output=True)
+    subprocess.run(['ctest', '--test-dir', tmp_path], check=True, capture_output=True)
+
+
+def test_the_header_is_cpp_too(exported, tmp_path):
+    (tmp_path / 'all.cpp').write_text(
+        '#include "piezo.h"\nint main() { return PIEZO_RATE < 0; }\n'
+    )
+    subprocess.run(
+        ['g++', '-Wall', '-Werror', '-I', exported, '-o', tmp_path / 'all', tmp_path / 'all.cpp'],
+        check=True,
+    )
+
+
+@pytest.mark.skipif(
+    not (shutil.which('qemu-aarch64') and shutil.which(CROSS)),
+    reason='qemu-user or the compiler for aarch64 is not installed',
+)
+def test_the_same_on_aarch64(tmp_path):
+    out = tmp_path / 'lib'
+    words = [saved(tmp_path), '--out', out, '--rate', RATE, '--attenuation', 'none']
+    words += ['--target', 'aarch64-linux']
+    assert main(['export', *map(str, words)]) == 0
+    done = make(out, 'test', f'CC={CROSS} -static', 'RUN=qemu-aarch64')
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_parameters_change_as_those_of_the_links_do(loop):
+    model = named('bouc_wen_mode')
+    values = {**model.defaults(), 'natural_frequency': 68.0}
+    links = [
+        inverse_for(model, values, 1.0 / RATE, limits=LIMITS),
+        Pid(PidGains(*GAINS), 1.0 / RATE, limits=LIMITS),
+    ]
+    loop.numbers[loop.names.index('attenuation_on')] = 0.0
+    loop.numbers[loop.names.index('start')] = 0.5
+    assert loop.begin() == 0
+    measured, given = None, 0.0
+    for k in range(2000):
+        if k == 500:
+            links[0].set_parameters({'A': 3.5e-5, 'natural_frequency': 70.0, 'offset': 1e-6})
+            links[1].set_gains(PidGains(50.0, 1e4, 0.5))
+            changed = loop.change(
+                A=3.5e-5, natural_frequency=70.0, offset=1e-6, pid_proportional=50.0,
+                pid_integral=1e4, pid_derivative=0.5,
+            )  # fmt: skip
+            assert changed == 0
+        row = reference(k)
+        point = ReferencePoint(k, *row)
+        expected = 0.0
+        for link in links:
+            expected = link.step(point, expected, measured)
+        reading = 1e-6 * np.sin(0.01 * k)
+        code, voltage = loop.step(*row, measured=given, age=1.0)
+        assert (code, voltage) == (0, expected)
+        measured, given = Measured(k, expected, reading), reading
+
+
+def test_links_are_switched_without_a_jump(loop):
+    assert loop.begin() == 0
+    voltages = []
+    for k in range(12000):
+        if k == 3000:
+            assert loop.change(attenuation_on=0.0, feedback_on=0.0) == 0
+        if k == 6000:
+            assert loop.change(attenuation_on=1.0, feedback_on=1.0) == 0
+        voltages.append(loop.step(*reference(k), measured=1e-6)[1])
+    jumps = np.abs(np.diff(voltages, 2))
+    assert jumps[2990:6100].max() < 1e-4  # V; a hard switch makes some mV
+
+
+def test_what_is_impossible_is_refused_and_changes_nothing(loop):
+    assert loop.step(*reference(0))[0] == -2
+    assert loop.change() == -2
+    assert loop.begin() == 0
+    before = loop.memory.copy()
+    place = loop.names.index
+    assert loop.change(limits_low=2.0) == -3
+    assert loop.change(A=1.6e-4) == loop.change(A1=-1e-4) == -3  # no inverse
+    assert loop.change(pid_integral=np.nan) == -100 - place('pid_integral')
+    assert loop.change(attenuation_step_size=0.0) == -100 - place('attenuation_step_size')
+    np.testing.assert_array_equal(loop.memory, before)
+
+
+def test_bad_numbers_give_a_safe_voltage_and_say_so(loop):
+    assert loop.begin() == 0
+    for k in range(300):
+        code, last = loop.step(*reference(k), measured=1e-7)
+    assert code == 0
+    code, voltage = loop.step(np.nan, 0.0, 0.0, 23.0, 0.0, measured=1e-7)
+    assert code & 1
+    assert abs(voltage - last) <= LIMITS.slew / RATE + 1e-12
+    code, voltage = loop.step(*reference(301), measured=np.inf)
+    assert code & 2
+    seen = 0
+    for k in range(302, 9000):
+        code, voltage = loop.step(1e-3, 0.0, 0.0, 0.0, 0.0, measured=1e-9 * k)
+        assert LIMITS.low <= voltage <= LIMITS.high
+        seen |= code
+    assert voltage == LIMITS.high
+    assert seen & 8
+
+
+def test_states_are_independent_and_reset_forgets(loop, loaded, exported):
+    other = Loop(loaded, exported / 'piezo.h')
+    assert loop.begin() == other.begin() == 0
+    first = [loop.step(*reference(k), measured=1e-7)[1] for k in range(500)]
+    [other.step(*reference(k), measured=-5e-6) for k in range(700)]
+    assert other.call('reset', other.memory) == 0
+    assert [other.step(*reference(k), measured=1e-7)[1] for k in range(500)] == first
+
+
+def refused(capsys, *words):
+    assert main(['export', *map(str, words)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith('error: ')
+    assert len(said.splitlines()) == 1
+    return said
+
+
+def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, capsys):
+    out = tmp_path / 'out'
+    path = saved(tmp_path)
+    assert 'aarch64-linux' in refused(capsys, path, '--out', out, '--target', 'z80')
+    assert 'no name' in refused(capsys, path, '--out', out, '--name', 'a b')
+    assert 'positive' in refused(capsys, path, '--out', out, '--limits', -1, 1, 0)
+    assert 'slow' in refused(capsys, path, '--out', out, '--slow-model', path)
+    assert 'rate' in refused(capsys, path, '--out', out, '--rate', 10)
+    assert 'one model' in refused(capsys, path, path, '--out', out)
+    recursion = saved(tmp_path, 'extended', rate=1000.0)
+    assert '1000 Hz' in refused(capsys, recursion, '--out', out, '--rate', 20000)
+    falling = saved(tmp_path, A1=1e-5)
+    said = refused(capsys, falling, '--out', out, '--attenuation', 'none')
+    assert 'no inverse' in said
+    assert not out.exists()
+    assert not [each for each in tmp_path.iterdir() if each.name.startswith('.')]
+
+
+def test_a_model_without_an_inverse_is_a_plant(tmp_path):
+    out = tmp_path / 'plant'
+    words = ['export', saved(tmp_path, A1=1e-5), '--out', out, '--only', 'plant', '--name', 'mine']
+    assert main([str(word) for word in words]) == 0
+    assert make(out, 'test').returncode == 0
+    assert 'mine_plant_step' in (out / 'mine.h').read_text()
+
+
+def test_no_compiler_is_one_line(exported, tmp_path):
+    shutil.copytree(exported, tmp_path / 'lib')
+    (tmp_path / 'lib' / 'selftest').unlink(missing_ok=True)
+    done = make(tmp_path / 'lib', 'test', 'CC=no-such-compiler')
+    assert done.returncode == 2
+    assert 'error: there is no C compiler no-such-compiler' in done.stderr
+
+
+def test_what_is_worked_into_the_code_of_a_plant_cannot_be_set(tmp_path):
+    from piezo_hysteresis.blocks import BLOCKS
+
+    chain = ('transport_delay', 'bouc_wen_exact', 'mode', 'creep')
+    path = saved(tmp_path, Model('late', tuple(BLOCKS[each] for each in chain)), delay=1e-4)
+    out = tmp_path / 'lib'
+    words = ['export', path, '--out', out, '--only', 'plant', '--rate', 1000]
+    assert main([str(word) for word in words]) == 0
+    text = (out / 'piezo.h').read_text()
+    assert re.search(r'double delay; .*only a new export changes it', text)
+    assert not re.search(r'double beta; .*only a new export changes it', text)
