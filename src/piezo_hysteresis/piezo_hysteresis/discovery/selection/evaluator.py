@@ -74,7 +74,6 @@ class Evaluator(ABC):
         self._workers = max(1, workers)
         self.views = data.training
         self.screened = thinned(self.views, policy.screening_samples, data.periods)
-        self.tried = thinned(self.views, policy.trial_samples, data.periods)
         self.short = thinned(self.views, policy.first_fit_samples, data.periods)
 
     # --- what the two views of a baseline differ in ---------------------------------------

@@ -30,12 +30,14 @@ class SelectionPolicy:
         30_000, 'samples', 'Samples to which every candidate is compared.', 'effort'
     )
     first_fit_samples: int = _number(
-        40_000, 'samples', 'Samples to which a first fit goes.', 'effort'
+        40_000,
+        'samples',
+        'Samples of trials and first fits; with fewer slow effects do not show.',
+        'effort',
     )
     trials: int = _number(
         10, '1', 'Candidates whose starts are tried, the most promising first.', 'effort'
     )
-    trial_samples: int = _number(15_000, 'samples', 'Samples to which starts are tried.', 'effort')
     first_fits: int = _number(
         6, '1', 'Candidates that get a first fit, those whose trials went best.', 'effort'
     )

@@ -144,7 +144,7 @@ def _trial(
         known = {k: hint.get(k, v) for k, v in before.values.items()}
         starts.append({**starts[0], **candidate.values(known, own)})
     specs = [before.with_candidate(candidate, start) for start in starts]
-    fits = [evaluator.fit(spec, evaluator.tried, policy.trial_evaluations) for spec in specs]
+    fits = [evaluator.fit(spec, evaluator.short, policy.trial_evaluations) for spec in specs]
     return min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
 
 

@@ -1,0 +1,157 @@
+"""A round of selection on made residuals: who is tried, who goes on, who wins, how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.selection import rounds
+from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
+from piezo_hysteresis.discovery.selection.consistency import explained_together
+from piezo_hysteresis.discovery.selection.policy import POLICY
+from piezo_hysteresis.discovery.selection.screen import ScreeningScore
+from piezo_hysteresis.discovery.selection.significance import (
+    Improvement,
+    block_squares,
+    improvement,
+    win_shares,
+)
+from piezo_hysteresis.models import named
+
+MODEL = named('linear_mode')
+EDGES = [[*range(0, 1001, 20)]]
+
+
+def fit(*added: tuple[str, str], error: FloatArray | None = None) -> CandidateFit:
+    """Return a model with effects that leaves a residual."""
+    left = np.ones(1000) if error is None else error
+    parts = tuple(Added(name, variant, {}) for name, variant in added)
+    return CandidateFit(MODEL, {}, parts, errors=(left,), noises=(1.0,), precisions=(1.0,))
+
+
+def noise(size: float, seed: int = 0) -> FloatArray:
+    return size * np.random.default_rng(seed).standard_normal(1000)
+
+
+def scored(name: str, variant: str, explained: float) -> ScreeningScore:
+    effect = SimpleNamespace(name=name, variant=variant)
+    return ScreeningScore(cast(Any, SimpleNamespace(effect=effect)), (), explained)
+
+
+def names(scores: list[ScreeningScore]) -> list[str]:
+    return [f'{s.candidate.effect.name}/{s.candidate.effect.variant}' for s in scores]
+
+
+def test_an_effect_of_many_variants_leaves_room_for_others() -> None:
+    many = [scored('creep', str(k), 0.9 - 0.01 * k) for k in range(5)]
+    scores = [*many, scored('drift', 'a', 0.5), scored('offset', 'a', 1e-6)]
+    chosen = rounds._chosen(scores, POLICY.but(trials=6, variants_first=2))
+    assert names(chosen) == ['creep/0', 'creep/1', 'drift/a', 'creep/2', 'creep/3', 'creep/4']
+    assert names(rounds._chosen(scores, POLICY.but(trials=3, variants_first=2))) == [
+        'creep/0', 'creep/1', 'drift/a'
+    ]  # fmt: skip
+
+
+def test_trials_that_went_best_go_on() -> None:
+    tried = [fit(('a', 'x'), error=noise(k)) for k in (3.0, 1.0, 2.0)]
+    assert rounds._hopeful(tried, POLICY.but(first_fits=2)) == [tried[1], tried[2]]
+
+
+def test_final_fits_are_for_different_effects_that_came_near() -> None:
+    creep = [fit(('creep', v), error=noise(s)) for v, s in (('creep', 1.0), ('creep_pair', 1.1))]
+    drift = fit(('drift', 'drift'), error=noise(1.9))
+    hum = fit(('mains_hum', 'mains_hum'), error=noise(2.1))
+    assert rounds._of_different_places([*creep, drift, hum], POLICY) == [creep[0], drift]
+
+
+class Made:
+    """Scores by the rms, and takes for an effect what it is told to."""
+
+    def __init__(self, effects: set[str]) -> None:
+        self.effects = effects
+        self.policy = POLICY
+
+    def is_effect(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
+    ) -> bool:
+        return after.effect in self.effects
+
+    def shares(self, before: CandidateFit, finalists: Any) -> tuple[float, ...]:
+        return tuple(0.1 * (1 + k) for k, _ in enumerate(finalists))
+
+    def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
+        return Improvement(before.square - after.square, 7.0, 1e-9)
+
+
+def test_the_first_that_is_an_effect_wins_the_round() -> None:
+    before = fit(error=noise(5.0))
+    ordered = [fit((n, n), error=noise(s)) for n, s in (('a', 1.0), ('b', 1.2), ('c', 4.0))]
+    won = rounds.round_of(cast(Any, Made({'b', 'c'})), before, ordered, 9, before)
+    assert won.accepted
+    assert [f.effect for f in won.finalists] == ['b', 'a', 'c']
+    assert won.gain.square == pytest.approx(before.square - ordered[1].square)
+    lost = rounds.round_of(cast(Any, Made(set())), before, ordered, 9, before)
+    assert not lost.accepted
+    assert lost.best is ordered[0]
+    assert lost.probabilities() == pytest.approx({'c': 0.3, 'b': 0.2, 'a': 0.1})
+
+
+def test_who_won_clearly_is_not_asked_again() -> None:
+    best = fit(('a', 'x'), error=noise(1.0))
+    variant, rival = fit(('a', 'y'), error=noise(1.1)), fit(('b', 'z'), error=noise(1.5))
+    gain = Improvement(1.0, 9.0, 1e-9)
+    clear = rounds.SelectionRound(best, (best, variant, rival), (1.0, 0.0, 0.0), gain, 3)
+    assert clear.won_clearly(POLICY)
+    near = replace(clear, finalists=(best, variant, fit(('b', 'z'), error=noise(1.3))))
+    assert not near.won_clearly(POLICY)
+
+
+def test_blocks_hold_all_of_a_residual() -> None:
+    (squares,) = block_squares([noise(2.0)], EDGES)
+    assert squares.size == 50
+    assert squares.sum() == pytest.approx(float(noise(2.0) @ noise(2.0)))
+
+
+def test_an_improvement_everywhere_is_sure_and_one_by_chance_is_not() -> None:
+    before, after = fit(error=noise(2.0)), fit(error=noise(1.0, 1))
+    sure = improvement(before, after, EDGES, 30)
+    assert sure.ratio > POLICY.min_standard_errors
+    assert sure.p_value < 1e-9
+    chance = improvement(fit(error=noise(1.0)), fit(error=noise(1.0, 1)), EDGES, 30)
+    assert abs(chance.ratio) < 3.0
+    assert chance.p_value > 0.05
+
+
+def test_a_p_value_counts_candidates_and_knows_how_few_blocks_there_are() -> None:
+    before, after = fit(error=noise(1.3)), fit(error=noise(1.0))
+    one, many = (improvement(before, after, EDGES, n).p_value for n in (1, 30))
+    assert many == pytest.approx(min(1.0, 30 * one))
+    few = [[0, 500, 1000]]
+    assert improvement(before, after, few, 1).p_value > one
+
+
+def test_resamples_share_what_they_cannot_tell() -> None:
+    same = [fit(error=noise(1.0, k)) for k in (1, 2)]
+    shares = win_shares(same, [0.0, 0.0], EDGES, 3, 2000)
+    assert shares.sum() == pytest.approx(1.0)
+    assert 0.02 < shares[0] < 0.98
+    clear = win_shares([same[0], fit(error=noise(3.0))], [0.0, 0.0], EDGES, 3, 2000)
+    assert clear[0] == 1.0
+    # a penalty decides between equals
+    assert win_shares([same[0], same[0]], [0.1, 0.0], EDGES, 3, 2000)[1] == 1.0
+
+
+def test_values_that_all_records_tell_better_are_named() -> None:
+    def known(**std: float) -> CandidateFit:
+        model = SimpleNamespace(free_names=tuple(std))
+        fitted = SimpleNamespace(std=std)
+        return cast(Any, SimpleNamespace(model=model, fitted=fitted))
+
+    said = explained_together(known(a=1.0, b=1.0, c=1.0), known(a=0.9, b=0.1, c=0.5))
+    assert '(b, c)' in said
+    assert '(' not in explained_together(known(a=1.0), known(a=1.0))
