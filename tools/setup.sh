@@ -95,7 +95,7 @@ build_stamp() {  # what is not a symbolic link in the install space; Python sour
 
 kernel_stamp() {  # machine code is for one kind of processor
   grep -m 2 -E '^(model name|flags)' /proc/cpuinfo | cksum
-  stamp_of $(find src/piezo_kernels src/piezo_sim src/piezo_hysteresis -name '*.py' \
+  stamp_of $(find src/piezo_kernels src/piezo_common src/piezo_sim src/piezo_hysteresis -name '*.py' \
     -not -path '*/nodes/*' | sort)
 }
 
@@ -117,7 +117,7 @@ build() {
 }
 
 compile_kernels() {  # from the sources, so that the build need not be awaited; see piezo_kernels
-  PYTHONPATH="src/piezo_kernels:src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
+  PYTHONPATH="src/piezo_kernels:src/piezo_common:src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
     .venv/bin/python -m piezo_kernels
   kernel_stamp >install/.compiled
 }

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records import Record, RecordInfo, load, read_csv, survey, write_csv
+from piezo_hysteresis.records import (
+    Record,
+    RecordInfo,
+    csv_columns,
+    load,
+    read_csv,
+    survey,
+    write_csv,
+)
 
 
 def write(path, text):
@@ -159,3 +167,37 @@ def test_notes_beside_the_file_are_taken_over(tmp_path):
     notes.write_text('{')
     with pytest.raises(RecordError, match='mend or remove'):
         read_csv(path)
+
+
+def test_a_large_file_is_read_to_the_same_bits(tmp_path, monkeypatch):
+    pytest.importorskip('pyarrow')
+    random = np.random.default_rng(3)
+    record = Record('r', 1e-3, random.standard_normal(5000), 1e-4 * random.standard_normal(5000))
+    write_csv(tmp_path / 'r.csv', record)
+    by_lines = read_csv(tmp_path / 'r.csv')
+    monkeypatch.setattr(csv_columns, 'LARGE', 0)
+    at_once = read_csv(tmp_path / 'r.csv')
+    for name in ('voltage', 'displacement'):
+        assert getattr(at_once, name).tobytes() == getattr(by_lines, name).tobytes()
+
+
+@pytest.mark.parametrize(
+    'line', ['0.0305,1.0', '0.0305,x,2.0', '0.0305,,2.0', '# a note', '', '0.0305, 1.0,2.0']
+)
+def test_what_is_not_plain_in_a_large_file_is_read_and_told_as_in_a_small_one(
+    tmp_path, monkeypatch, line
+):
+    rows = [f'{k / 1000},{k % 7},{k % 11}' for k in range(60)]
+    text = '\n'.join(['time_s,voltage_V,displacement_um', *rows[:31], line, *rows[31:]])
+    (tmp_path / 'r.csv').write_text(text + '\n')
+
+    def answer():
+        try:
+            read = read_csv(tmp_path / 'r.csv')
+        except RecordError as error:
+            return str(error)
+        return read.voltage.tobytes(), read.displacement.tobytes()
+
+    small = answer()
+    monkeypatch.setattr(csv_columns, 'LARGE', 0)
+    assert answer() == small

@@ -27,11 +27,12 @@ def blocks() -> None:
     from piezo_hysteresis.blocks import BLOCKS
     from piezo_hysteresis.blocks.parallel import side_by_side
     from piezo_hysteresis.models.compiled import kernel_of
+    from piezo_hysteresis.models.named import BESIDE
 
     for block in BLOCKS.values():
         values = block.pack(block.defaults())
         block.respond(np.linspace(0.0, 1.0, 4), values, DT, state=block.initial_state(DT))
-    both = side_by_side(BLOCKS['bouc_wen_exact'], BLOCKS['electrostriction'])
+    both = side_by_side(*(BLOCKS[name] for name in BESIDE))
     x, values, state = np.zeros(2), both.pack(both.defaults()), both.initial_state(DT)
     kernel_of(both, DT)(x, x.copy(), state, values, DT, 0.0)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.records import Record, write_bag, write_csv
 from piezo_sim.errors import SweepError
 from piezo_sim.plant import Plant
@@ -80,12 +80,8 @@ def _save(path: Path, columns: Mapping[str, Any]) -> None:
 
 def _replace(path: Path, write: Any) -> None:
     """Write beside `path` first, so that it is there whole or not at all."""
-    temporary = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(temporary)
-        temporary.replace(path)
+        with write_atomically(path) as temporary:
+            write(temporary)
     except OSError as error:
         raise SweepError(f'{path} cannot be written: {error.strerror or error}') from None
-    finally:
-        temporary.unlink(missing_ok=True)

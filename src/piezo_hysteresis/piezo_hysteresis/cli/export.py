@@ -6,14 +6,13 @@ A MODEL.yaml becomes a C library instead: compensator and plant with the same bi
 from __future__ import annotations
 
 import argparse
-import os
 import re
-import shutil
 from dataclasses import asdict
 from pathlib import Path
 
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
 from piezo_hysteresis.errors import RecordError
@@ -51,15 +50,12 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.out)
     if folder.exists():
         raise RecordError(f'{folder} exists already; remove it or choose another name')
-    temporary = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
     try:
-        temporary.mkdir(parents=True)
-        _write(temporary, found.records, arguments.unit)
-        temporary.rename(folder)
+        with write_atomically(folder) as temporary:
+            temporary.mkdir()
+            _write(temporary, found.records, arguments.unit)
     except OSError as error:
         raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
     print_survey_notes(found)
     print(f'{len(found.records)} files in {folder}')
     return 0

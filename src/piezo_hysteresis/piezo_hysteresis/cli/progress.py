@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from piezo_hysteresis.cli.talk import Level, level
-from piezo_hysteresis.reporting.units import clock
+from piezo_hysteresis.reporting.units import clock, time_left
 
 Tell = Callable[[float, str], None]
 
@@ -64,7 +64,7 @@ def left_words(fraction: float, spent: float) -> str:
     """Return how long it will take at the pace so far, empty where nobody can tell."""
     if not ENOUGH <= fraction < 1.0:
         return ''
-    return f', about {clock(spent * (1.0 - fraction) / fraction)} left'
+    return time_left(fraction, spent)
 
 
 @contextmanager

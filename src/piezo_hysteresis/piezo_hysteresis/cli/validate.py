@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     records = load(arguments.data, actuator=arguments.actuator)
     records = warmed(records, arguments.warm_up)
     warnings = require_plausible(records)
-    late = float(saved.provenance.notes.get('sampling_offset_s', 0.0))
+    late = saved.sampling_offset
     choices = Choices('settled' if arguments.steady else arguments.start, arguments.zero)
     views = views_of(saved.model, saved.values, records, late, choices)
     rows = judged(saved.model, saved.values, views, late)

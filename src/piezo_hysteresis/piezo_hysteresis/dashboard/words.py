@@ -13,7 +13,7 @@ from piezo_hysteresis.dashboard.counted import COUNTED
 from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Job, Live
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.dashboard.wellbeing import ago, of_node
-from piezo_hysteresis.reporting.units import clock, micrometres, shown, with_deviation
+from piezo_hysteresis.reporting.units import clock, micrometres, shown, time_left, with_deviation
 
 # What was logged is shown for so long [s].
 LOG_SHOWN = 60.0
@@ -135,7 +135,7 @@ def time_words(job: Job, now: float) -> str:
     spent = max(now - job.since, 0.0)
     words = f'since {clock(spent)}'
     if job.fraction >= ENOUGH and spent >= 1.0:
-        words += f', about {clock(spent * (1.0 - job.fraction) / job.fraction)} left'
+        words += time_left(job.fraction, spent)
     return words
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.jit import jit
@@ -70,11 +71,9 @@ class TransferFunction:
             'nrmse_percent': self.nrmse_percent,
         }
         target = Path(path)
-        temporary = target.with_name(f'.{target.name}.tmp')
         try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_text(yaml.safe_dump(content, sort_keys=False), 'utf-8')
-            temporary.replace(target)
+            with write_atomically(target) as temporary:
+                temporary.write_text(yaml.safe_dump(content, sort_keys=False), 'utf-8')
         except OSError as error:
             raise IdentificationError(
                 f'{path}: it cannot be written ({error.strerror or error})'

@@ -50,6 +50,8 @@ class Opening:
         How much of each is in the run already.
     levels : tuple of float
         Levels before the record that would be better than those it was led in by [V].
+    explained : BestFit or None
+        How much of each row explains an error, weighted as the fit was asked to.
     """
 
     rows: FloatArray
@@ -57,6 +59,7 @@ class Opening:
     motion: Motion | None = None
     pull: FloatArray = field(default_factory=lambda: np.empty(0))
     levels: tuple[float, ...] = ()
+    explained: BestFit | None = None
 
 
 def opened(
@@ -155,7 +158,7 @@ def _settled(
     largest = float(np.max(np.abs(motion.target.voltage)))
     wanted = more[len(most) : len(most) + len(known)]
     levels = tuple(a + largest * float(b) for a, b in zip(known, wanted, strict=True))
-    return replace(begun, pull=shares, levels=levels)
+    return replace(begun, pull=shares, levels=levels, explained=explained)
 
 
 def _from(
@@ -243,5 +246,6 @@ def _split(
         error, rows = error * factors, rows * factors
     if not len(rows) or not np.all(np.isfinite(error)):
         return error, np.zeros(0)
-    more = BestFit(rows, begun.prior)(error, begun.pull)
+    explained = begun.explained or BestFit(rows, begun.prior)
+    more = explained(error, begun.pull)
     return error - more @ rows, begun.prior * (begun.pull + more)

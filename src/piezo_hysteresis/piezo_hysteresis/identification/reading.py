@@ -12,9 +12,7 @@ from math import floor
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.beginnings import (
-    Motion,
-)
+from piezo_hysteresis.identification.beginnings import Motion
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit

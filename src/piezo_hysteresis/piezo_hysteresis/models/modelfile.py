@@ -215,12 +215,17 @@ class ModelFile:
             reason = str(error).replace('\n', ' ')
             raise ModelError(f'the text of the model is no YAML: {reason}') from error
 
+    @property
+    def sampling_offset(self) -> float:
+        """Time by which the displacement of its data was sampled after the voltage [s]."""
+        return float(self.provenance.notes.get(OFFSET_NOTE, 0.0))
+
     def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:
         """Return flat node parameters: ``model.name``, ``model.chain``, ``model.<parameter>``."""
         floor = self.provenance.noise_floor
         return {
             f'{prefix}.noise_floor': 0.0 if floor is None else float(floor),
-            f'{prefix}.sampling_offset': float(self.provenance.notes.get(OFFSET_NOTE, 0.0)),
+            f'{prefix}.sampling_offset': self.sampling_offset,
             f'{prefix}.name': self.model.name,
             f'{prefix}.chain': [block.name for block in self.model.blocks],
             f'{prefix}.held': sorted(self.model.held) or [''],

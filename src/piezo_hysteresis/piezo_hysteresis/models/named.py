@@ -174,6 +174,8 @@ ONLINE: dict[str, tuple[tuple[str, ...], ...]] = {
     'rls_ud': (RECIPES['classical'].blocks, RECIPES['bouc_wen_mode'].blocks),
     'pi_bank': (RECIPES[BANK].blocks, (BANK, 'mode', 'offset')),
 }
+#: Two blocks that answer the same voltage, for the kernels that do it.
+BESIDE = ('bouc_wen_exact', 'electrostriction')
 #: Chains that are followed between the ticks, one of each way, for the kernels that do it.
 FOLLOWED = (
     ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import ModelError
 
 
@@ -77,16 +76,8 @@ def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
     target = Path(path)
     text = yaml_text(content)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')
-        try:
-            with os.fdopen(handle, 'w', encoding='utf-8') as file:
-                file.write(text)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(target)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with write_atomically(target) as temporary:
+            temporary.write_text(text, encoding='utf-8')
     except OSError as error:
         raise ModelError(f'cannot write {target}: {error.strerror or error}') from error
 

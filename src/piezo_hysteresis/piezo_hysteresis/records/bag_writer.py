@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from zlib import crc32
 
 import numpy as np
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
@@ -75,16 +74,13 @@ def write_bag(
     """
     folder = Path(path)
     _check_request(folder, records, storage)
-    temporary = folder.with_name(f'.{folder.name}.{os.getpid()}.tmp')
     try:
-        temporary.mkdir(parents=True)
-        file = temporary / f'{folder.name}_0{SUFFIXES[storage]}'
-        _fill(temporary, file, records, storage, namespace)
-        temporary.rename(folder)
+        with write_atomically(folder) as temporary:
+            temporary.mkdir()
+            file = temporary / f'{folder.name}_0{SUFFIXES[storage]}'
+            _fill(temporary, file, records, storage, namespace)
     except OSError as error:
         raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _check_request(folder: Path, records: Sequence[Record], storage: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -13,8 +12,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import csv_columns
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
 from piezo_hysteresis.records.sampling import Track, records_of
@@ -84,18 +85,19 @@ def csv_records(
     RecordError
         If the file cannot be used and the log does not salvage, or nothing of it is readable.
     """
-    try:
-        text = path.read_text('utf-8-sig')
-    except UnicodeDecodeError:
-        raise RecordError(f'{path}: this is no text; save it as CSV in UTF-8') from None
-    lines = text.splitlines()
+    large = path.stat().st_size > csv_columns.LARGE
+    lines = _lines(path, most=_HEAD if large else -1)
     head = next((k for k, line in enumerate(lines) if line.strip() and line[0] != '#'), None)
     if head is None:
         raise RecordError(f'{path}: the file is empty; it needs the columns {EXAMPLE}')
     delimiter = next((mark for mark in ('\t', ';', ',') if mark in lines[head]), ',')
     names = [name.strip().strip('"\'') for name in lines[head].split(delimiter)]
     meanings = _meanings(path, _renamed(path, names, chosen or {}))
-    values = _values(path, lines, head, delimiter, names, meanings, log)
+    plain = large and (delimiter == ',' or ',' not in ''.join(lines[head + 1 : head + 2]))
+    found = csv_columns.columns(path, head, delimiter, list(meanings)) if plain else None
+    if found is None:
+        found = _values(path, _lines(path), head, delimiter, names, meanings, log)
+    values = found
     if not values.size:
         raise RecordError(f'{path}: it has column names but no samples; export it again')
     columns = {
@@ -181,6 +183,18 @@ def _meaning(name: str) -> tuple[str, str]:
         if words and (words[0] == what or words[0] in spellings):
             return what, ''
     return '', ''
+
+
+# Characters in which the column names of a large file are looked for.
+_HEAD = 100_000
+
+
+def _lines(path: Path, most: int = -1) -> list[str]:
+    try:
+        with path.open(encoding='utf-8-sig') as file:
+            return file.read(most).splitlines()
+    except UnicodeDecodeError:
+        raise RecordError(f'{path}: this is no text; save it as CSV in UTF-8') from None
 
 
 def _values(
@@ -300,11 +314,8 @@ def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     text.write(','.join(names) + '\n')
     rows = zip(record.time.tolist(), *[column.tolist() for column in columns], strict=True)
     text.writelines(f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows)
-    temporary = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
     try:
-        temporary.write_text(text.getvalue(), 'utf-8')
-        temporary.rename(path)
+        with write_atomically(path) as temporary:
+            temporary.write_text(text.getvalue(), 'utf-8')
     except OSError as error:
         raise RecordError(f'{path}: it cannot be written ({error.strerror or error})') from None
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -19,7 +19,6 @@ PADDING = 0x80  # opcodes from here on are private; every reader steps over them
 
 PREFIX = struct.Struct('<BQ')  # opcode and length in front of every record
 MESSAGE_HEAD = 31  # prefix, channel (2), sequence (4), log time (8), publish time (8)
-TAIL = PREFIX.size + 4 + PREFIX.size + 20 + len(MAGIC)  # end of data, footer, magic
 
 
 def record(opcode: int, *parts: bytes) -> bytes:

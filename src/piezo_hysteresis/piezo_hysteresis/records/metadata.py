@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Topic
 
@@ -101,9 +102,8 @@ class Metadata:
 
     def write(self, folder: Path) -> None:
         """Write ``metadata.yaml`` into `folder`, replacing an older one at once."""
-        temporary = folder / f'{NAME}.tmp'
-        temporary.write_text(yaml.safe_dump({ROOT: self.content()}, sort_keys=False), 'utf-8')
-        temporary.replace(folder / NAME)
+        with write_atomically(folder / NAME) as temporary:
+            temporary.write_text(yaml.safe_dump({ROOT: self.content()}, sort_keys=False), 'utf-8')
 
 
 def read_metadata(folder: Path, log: DamageLog) -> Metadata:

@@ -33,6 +33,11 @@ def clock(seconds: float) -> str:
     return f'{whole // 3600} h {whole % 3600 // 60:02d} min'
 
 
+def time_left(fraction: float, spent: float) -> str:
+    """Return how long the rest takes at the pace so far, as ``, about 40 s left``."""
+    return f', about {clock(spent * (1.0 - fraction) / fraction)} left'
+
+
 def micrometres(metres: float | None) -> str:
     """Return a length [m] in micrometres with three significant digits, or a dash."""
     if metres is None or not math.isfinite(metres):

@@ -13,7 +13,6 @@ from piezo_hysteresis.identification.opening import state_at_start
 from piezo_hysteresis.identification.reading import samples_late, shifted
 from piezo_hysteresis.identification.record_start import STEP, first_guess
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
 
@@ -80,7 +79,7 @@ class GapMonitor:
         self._floor = floor if floor > 0 else float(loaded.provenance.noise_floor or 0.0)
         self._window = window
         self._values = dict(loaded.values)
-        self._offset = fitted = float(loaded.provenance.notes.get(OFFSET_NOTE, 0.0))
+        self._offset = fitted = loaded.sampling_offset
         self._late = samples_late(self._model, self._packed, dt, fitted)
         self.reset()
 

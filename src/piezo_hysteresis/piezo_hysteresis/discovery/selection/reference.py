@@ -12,7 +12,6 @@ from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import Model, ModelFile
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.records import Record
 
 
@@ -50,7 +49,7 @@ def as_on(
             records, baseline, workers=workers, begins=wanted.start, zero=wanted.zero
         ).model_file()
     else:
-        late = float(baseline.provenance.notes.get(OFFSET_NOTE, 0.0))
+        late = baseline.sampling_offset
         views = views_of(baseline.model, baseline.values, records, late, wanted)
         left = residuals_of(baseline.model, baseline.values, records, views, late)
         file = replace(baseline, discrepancy=discrepancy_of(left, held_out=True))

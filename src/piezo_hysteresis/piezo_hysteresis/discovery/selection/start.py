@@ -22,7 +22,6 @@ from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def held_data(
 
     Where starts are not `searched`, records begin as they say themselves.
     """
-    late = float(given.provenance.notes.get(OFFSET_NOTE, 0.0))
+    late = given.sampling_offset
     nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
     told = told_by(nominal, data, choices, alone=True) if searched else data
     own = choices.zero != 'common'
