@@ -50,7 +50,7 @@ def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, .
     """
     off = ''.join(f'        p.{link}_on = everything;\n' for link in links)
     moves = ''.join(
-        f'    plant.{field} *= {1.0 + 0.01 * (-1) ** k!r};\n' for k, field in enumerate(moved)
+        f'    plant.{field} *= {1.0 + 0.002 * (-1) ** k!r};\n' for k, field in enumerate(moved)
     )
     numbers = {
         'FREQUENCY': drive.frequency, 'AMPLITUDE': drive.amplitude, 'MIDDLE': drive.middle,

@@ -1,4 +1,4 @@
-/* Tracks a sine with NAME against the exported plant, whose parameters differ by 1 % from those of
+/* Tracks a sine with NAME against the exported plant, whose parameters differ by 0.2 % from those of
  * the model, as those of an actuator do. Needs nothing but this folder. */
 #include <math.h>
 #include <stdio.h>
