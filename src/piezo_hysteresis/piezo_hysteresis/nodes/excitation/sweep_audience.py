@@ -20,7 +20,7 @@ from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LOOP
 
 # Nodes that come and go all the time hold a sweep up no longer than this [s].
-LONGEST_QUIET = 2.0
+LONGEST_QUIET = 4.0
 
 
 def missing_subscribers(publisher: Publisher, topic: str, wanted: int) -> str:
