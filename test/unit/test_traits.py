@@ -20,11 +20,7 @@ LABELS = {  # of a line in a figure
     'resonance': ('reporting/demo_report.py',),
 }
 # Files that still name blocks; the list only ever gets shorter.
-STILL = {
-    'discovery/data/check.py',
-    'discovery/live/apply.py',
-    'discovery/verdict/naming.py',
-}
+STILL = {'discovery/live/apply.py'}
 
 
 def names():

@@ -6,7 +6,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot, System, Way
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 _SHORTEST = 1e-18  # s; stands for none where the lag is a pole among others
@@ -97,6 +97,7 @@ EFFECTS = tuple(
             'Drives above 100 Hz, where a lag takes amplitude and a delay only phase; or probe '
             'the high voltage beside the command.'
         ),
+        told_by=(Coverage.FAST,),
         mistaken_for=('transport_delay', 'resonance', 'creep', 'rate_dependence'),
     )
     for block, physics in zip(BLOCKS, (_AMPLIFIER, _SENSOR), strict=True)

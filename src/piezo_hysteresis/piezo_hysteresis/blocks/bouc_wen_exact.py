@@ -85,6 +85,7 @@ EFFECTS = (
     Effect(
         name='hysteresis',
         variant='input',
+        where='of the input',
         block=BLOCK,
         replaces=('gain',),
         inexactness=0.07,  # one loop stands for those of many domains

@@ -278,6 +278,7 @@ EFFECTS = tuple(
     Effect(
         name='hysteresis',
         variant=variant,
+        where='of the restoring force',
         block=BLOCK,
         replaces=('mode',),
         absorbs=('gain',),

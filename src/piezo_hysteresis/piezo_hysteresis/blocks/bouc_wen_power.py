@@ -6,7 +6,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 # Longest stride in units of the memory 1/(n (beta + |gamma|)), and that of the fourth order.
@@ -188,6 +188,7 @@ EFFECTS = tuple(
         experiment=(
             'An amplitude ladder at one frequency: the loop width over amplitude bends with n.'
         ),
+        told_by=(Coverage.LADDER, Coverage.REVERSALS),
         mistaken_for=('nonlocal_memory', 'friction', 'stiffness'),
     )
     for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)

@@ -6,7 +6,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -171,6 +171,7 @@ EFFECTS = tuple(
             'Triangles of the same travel at other rates: a lag shifts the loop along the '
             'voltage in proportion to the rate, rate dependence changes the width of its tips.'
         ),
+        told_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=('creep', 'amplifier_lag', 'transport_delay', 'resonance'),
     )
     for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)

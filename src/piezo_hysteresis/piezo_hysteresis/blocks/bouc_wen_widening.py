@@ -7,7 +7,7 @@ from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import felt
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -149,6 +149,7 @@ EFFECTS = (
             'as the voltage moves faster, its shape being the same.'
         ),
         experiment=_EXPERIMENT,
+        told_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -169,6 +170,7 @@ EFFECTS = (
             'voltage moves faster, its shape being the same.'
         ),
         experiment=_EXPERIMENT,
+        told_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=_MISTAKEN,
     ),
 )

@@ -8,7 +8,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _creep_tangents
 from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 # Nearer than this two elements are as good as one, and a fit that has them meet stays there.
@@ -219,6 +219,7 @@ EFFECTS = tuple(
             'after the voltage has stopped, fast at first and ever slower.'
         ),
         experiment='Step and hold for a minute: creep is a line over the logarithm of time.',
+        told_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=('drift', 'amplifier_lag', 'transport_delay', 'rate_dependence'),
     )
     for block, shares, alternatives in (

@@ -4,7 +4,7 @@ from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -80,6 +80,7 @@ EFFECTS = tuple(
         alternatives=({parameter: -1e-6},),
         physics='Temperature moves the mount or the sensor electronics, whatever the drive does.',
         experiment='A record at 0 V: drift goes on without drive, creep and asymmetry do not.',
+        told_by=(Coverage.REST, Coverage.STEP),
         mistaken_for=('creep', 'asymmetry', 'offset', 'gain_decay'),
     )
     for block, parameter in zip(BLOCKS, ('drift_rate', 'warming_shift'), strict=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -41,6 +42,17 @@ Guess = Callable[[Residual], Mapping[str, float] | Sequence[Mapping[str, float]]
 Convert = Callable[[Mapping[str, float]], Mapping[str, float]]
 
 
+class Coverage(Enum):
+    """What records must hold for some effects to be told apart, and how to record it."""
+
+    FAST = 'add a chirp above 100 Hz: there a lag loses gain, a delay not'
+    WIDE = 'sweep 5 frequencies or more, from 1 Hz to the highest in use'
+    LADDER = 'record the same frequencies at half the amplitude'
+    REST = 'record half a minute at 0 V'
+    STEP = 'record a step and hold it for 30 s'
+    REVERSALS = 'record first-order reversal curves (small loops inside the large one)'
+
+
 @dataclass(frozen=True)
 class Effect:
     """One way in which an effect can enter a model.
@@ -64,6 +76,10 @@ class Effect:
         What settles it.
     mistaken_for : tuple of str
         Names of the effects that leave a similar residual.
+    told_by : tuple of Coverage
+        What records must hold for it to be told from others that need the same.
+    where : str
+        Of what it is, where variants are of different things: ``of the input``.
     replaces : tuple of str
         Names of the blocks one of which `block` takes the place of; empty where it is added.
     absorbs : tuple of str
@@ -106,6 +122,8 @@ class Effect:
     physics: str
     experiment: str
     mistaken_for: tuple[str, ...] = ()
+    told_by: tuple[Coverage, ...] = ()
+    where: str = ''
     replaces: tuple[str, ...] = ()
     absorbs: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()

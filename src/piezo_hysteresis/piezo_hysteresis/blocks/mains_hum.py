@@ -6,7 +6,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 
@@ -83,6 +83,7 @@ EFFECTS = (
             'nothing to do with the drive.'
         ),
         experiment='A record at 0 V, and drives of which the tone is no multiple.',
+        told_by=(Coverage.REST,),
         mistaken_for=('odd_harmonic', 'resonance'),
     ),
 )

@@ -4,7 +4,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._plays import bank
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 _COARSE, _FINE = 9, 39
@@ -91,6 +91,7 @@ EFFECTS = tuple(
         experiment=(
             'First-order reversal curves: triangles with decreasing amplitude and nested loops.'
         ),
+        told_by=(Coverage.REVERSALS,),
         mistaken_for=('hysteresis_exponent', 'friction', 'stiffness'),
     )
     for block in BLOCKS

@@ -3,7 +3,7 @@
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -37,6 +37,7 @@ EFFECTS = (
         neutral={'offset': 0.0},
         physics='The zero of the sensor is not the position at rest.',
         experiment='Record the displacement at rest before the first voltage is applied.',
+        told_by=(Coverage.REST,),
         mistaken_for=('asymmetry', 'electrostriction', 'drift'),
     ),
 )

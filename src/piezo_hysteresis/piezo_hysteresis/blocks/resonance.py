@@ -9,7 +9,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
-from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.blocks.mode import kernel as mode_kernel
 from piezo_hysteresis.blocks.mode import system as series_system
@@ -201,6 +201,7 @@ EFFECTS = (
             'harmonics that hysteresis makes of it, comes near its frequency.'
         ),
         experiment=_EXPERIMENT,
+        told_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -218,6 +219,7 @@ EFFECTS = (
             'that it bends towards the mode and misses its sharpness and its delay.'
         ),
         experiment=_EXPERIMENT,
+        told_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -233,6 +235,7 @@ EFFECTS = (
             'carries a share of the displacement.'
         ),
         experiment=_EXPERIMENT,
+        told_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
 )

@@ -4,7 +4,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 
 
@@ -78,6 +78,7 @@ EFFECTS = (
         guess=guess,
         physics='The amplifier cannot deliver more than its rails; the tips of the drive are cut.',
         experiment='An amplitude ladder: nothing below a threshold, flat tips above it.',
+        told_by=(Coverage.LADDER,),
         mistaken_for=('stiffness', 'slew_limit', 'odd_harmonic'),
     ),
 )

@@ -4,7 +4,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect, Residual
+from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 
@@ -73,6 +73,7 @@ EFFECTS = (
             'Calibrate against a second sensor; or shift the sensor against the actuator: a curve '
             'of the sensor stays with the sensor.'
         ),
+        told_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -52,6 +52,7 @@ EFFECTS = (
             'Calibrate against a second sensor; or drive half the resonance frequency, where a '
             'square law before the mode would ring and one of the sensor does not.'
         ),
+        told_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

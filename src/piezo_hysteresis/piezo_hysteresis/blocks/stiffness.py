@@ -4,7 +4,7 @@ from math import asin, asinh, sin, sinh, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
@@ -62,6 +62,7 @@ EFFECTS = (
             'alike in both directions.'
         ),
         experiment='An amplitude ladder: its third harmonic grows with the cube of the amplitude.',
+        told_by=(Coverage.LADDER,),
         mistaken_for=('hysteresis_exponent', 'saturation', 'sensor_nonlinearity', 'odd_harmonic'),
     ),
 )

@@ -4,7 +4,7 @@ from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot
-from piezo_hysteresis.blocks.effect import Effect
+from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 LONGEST = 0.1  # s
@@ -77,6 +77,7 @@ EFFECTS = (
             'Phase over frequency up to some 100 Hz: linear for a delay, bending to 90 degrees '
             'with falling gain for a lag.'
         ),
+        told_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=('amplifier_lag', 'resonance', 'creep', 'hysteresis_exponent'),
     ),
 )

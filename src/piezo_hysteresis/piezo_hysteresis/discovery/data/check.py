@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.blocks import EFFECTS
+from piezo_hysteresis.blocks.effect import Coverage
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.units import require_plausible, unit_findings
 from piezo_hysteresis.records import Record
@@ -135,42 +137,28 @@ def _correlation(record: Record) -> float:
 
 
 def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:
-    kinds = {r.info.excitation for r in records}
-    frequencies = sorted({r.info.frequency for r in records if r.info.frequency > 0})
-    amplitudes = {round(float(np.max(np.abs(r.voltage))), 3) for r in records if np.ptp(r.voltage)}
-    rich = kinds & {'multisine', 'chirp', 'unknown'}
-    found: list[tuple[tuple[str, ...], str]] = []
-    highest = max(frequencies, default=0.0)
-    if not rich and highest < HIGH_FREQUENCY:
-        found.append(
-            (
-                ('transport_delay', 'amplifier_lag', 'resonance'),
-                f'add a chirp above {HIGH_FREQUENCY:g} Hz: there a lag loses gain, a delay not',
-            )
-        )
-    if not rich and len(frequencies) < FEWEST_FREQUENCIES:
-        found.append(
-            (
-                ('transport_delay', 'creep', 'rate_dependence', 'resonance'),
-                f'sweep {FEWEST_FREQUENCIES} frequencies or more, from 1 Hz to the highest in use',
-            )
-        )
-    if len(amplitudes) < 2:
-        found.append(
-            (
-                ('stiffness', 'sensor_nonlinearity', 'saturation', 'hysteresis_exponent'),
-                'record the same frequencies at half the amplitude',
-            )
-        )
-    if 'rest' not in kinds and not any(np.ptp(r.voltage) == 0 for r in records):
-        found.append((('drift', 'mains_hum', 'offset'), 'record half a minute at 0 V'))
-    if not kinds & {'step', 'staircase'}:
-        found.append((('creep', 'drift', 'rate_dependence'), 'record a step and hold it for 30 s'))
-    if 'reversal_curves' not in kinds:
-        found.append(
-            (
-                ('nonlocal_memory', 'hysteresis_exponent'),
-                'record first-order reversal curves (small loops inside the large one)',
-            )
-        )
+    """Return which effects need what the records do not hold, and how to record it."""
+    lacking = [need for need in Coverage if not _covers(need, records)]
+    found = []
+    for need in lacking:
+        names = dict.fromkeys(effect.name for effect in EFFECTS if need in effect.told_by)
+        found.append((tuple(names), need.value))
     return found
+
+
+def _covers(need: Coverage, records: Sequence[Record]) -> bool:
+    kinds = {r.info.excitation for r in records}
+    frequencies = {r.info.frequency for r in records if r.info.frequency > 0}
+    rich = bool(kinds & {'multisine', 'chirp', 'unknown'})
+    if need is Coverage.FAST:
+        return rich or max(frequencies, default=0.0) >= HIGH_FREQUENCY
+    if need is Coverage.WIDE:
+        return rich or len(frequencies) >= FEWEST_FREQUENCIES
+    if need is Coverage.LADDER:
+        moved = (r.voltage for r in records if np.ptp(r.voltage))
+        return len({round(float(np.max(np.abs(u))), 3) for u in moved}) >= 2
+    if need is Coverage.REST:
+        return 'rest' in kinds or any(np.ptp(r.voltage) == 0 for r in records)
+    if need is Coverage.STEP:
+        return bool(kinds & {'step', 'staircase'})
+    return 'reversal_curves' in kinds

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
 WORTH_SAYING = 0.005
 # Drives whose harmonic comes this close to a mode are named with it.
 NEAR_MODE = 0.04
-_WHERE = {
-    ('hysteresis', 'input'): 'of the input',
-    ('hysteresis', 'restoring_force'): 'of the restoring force',
-    ('hysteresis', 'restoring_force_held_input'): 'of the restoring force',
-}
 
 
 def named_effects(
@@ -222,5 +217,11 @@ def _with_chance(effect: NamedEffect) -> str:
         names = [effect.name, *(a.name for a in effect.alternatives if a.probability > 0.1)]
         return f'{" or ".join(names)} (these records do not tell which)'
     modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))
-    where = f'at {modes}' if modes else _WHERE.get((effect.name, effect.variant), '')
+    where = f'at {modes}' if modes else _where(effect)
     return f'{effect.name} {where}'.rstrip()
+
+
+def _where(effect: NamedEffect) -> str:
+    """Return of what an effect is, where its variants are of different things."""
+    found = (each for each in described(effect.name) if each.variant == effect.variant)
+    return next((each.where for each in found), '')
