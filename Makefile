@@ -26,7 +26,7 @@ lint: dev
 
 test: lint
 	@$(run) python -m pytest -n 2 test/unit test/property test/docs $(wildcard test/blind)
-	@$(run) python -m pytest -n 2 --dist loadfile --reruns 2 test/ros
+	@$(run) python -m pytest -n 2 --dist loadfile --reruns 1 test/ros
 
 clean:
 	rm -rf build install log .venv out

@@ -39,7 +39,11 @@ class SelectionPolicy:
         10, '1', 'Candidates whose starts are tried, the most promising first.', 'effort'
     )
     first_fits: int = _number(
-        6, '1', 'Candidates that get a first fit, those whose trials went best.', 'effort'
+        10,
+        '1',
+        'Candidates that get a first fit, those whose trials went best; as many as are tried, '
+        'because some begin worse than the model without them.',
+        'effort',
     )
     final_fits: int = _number(
         4,
