@@ -106,7 +106,7 @@ def plants():
 
 @pytest.mark.parametrize('name', MODELS)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.01, 1.0), frequency=st.floats(0.0, 50.0))
-@settings(max_examples=4)
+@settings(max_examples=2)
 def test_a_free_run_has_the_same_bits(name, seed, size, frequency):
     found, library_of_all = plants()
     place = list(found).index(name)
@@ -204,7 +204,7 @@ def loops():
     frequency=st.floats(2.0, 60.0),
     amplitude=st.floats(1e-6, 200e-6),
 )
-@settings(max_examples=3)
+@settings(max_examples=2)
 def test_a_law_has_the_same_bits(name, seed, frequency, amplitude):
     found, library_of_all = loops()
     place, loop = list(found).index(name), found[name]

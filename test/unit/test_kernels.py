@@ -142,3 +142,28 @@ def test_kernels_lie_in_the_workspace_and_then_with_the_user():
         str(root / 'install/kernels'),
         '/home/me/cache/piezo_kernels',
     ]
+
+
+def test_kernels_of_the_same_parts_in_another_order_are_two():
+    from piezo_kernels.compile import jit
+    from piezo_kernels.fresh import closure
+
+    def scaled(factor):
+        @jit
+        def scale(x):
+            return factor * x
+
+        return scale
+
+    def after(one, other):
+        @jit
+        def both(x):
+            return other(one(x) + 1.0)
+
+        return both
+
+    two, three = scaled(2.0), scaled(3.0)
+    assert closure(after(two, three).py_func) != closure(after(three, two).py_func)
+    assert closure(after(two, three).py_func) == closure(after(scaled(2.0), scaled(3.0)).py_func)
+    assert after(two, three)(1.0) == 9.0
+    assert after(three, two)(1.0) == 8.0

@@ -19,6 +19,10 @@ import numpy as np
 OURS = 'piezo_'
 
 
+# What a kernel may hold besides arrays and other kernels.
+_CONSTANTS = (bool, int, float, complex, str, bytes, tuple, np.generic)
+
+
 def stamp(function: Callable[..., Any]) -> str:
     """Return the digest of all source that goes into the machine code of `function`."""
     files, values = set[str](), list[str]()
@@ -30,10 +34,30 @@ def stamp(function: Callable[..., Any]) -> str:
 
 
 def closure(function: Callable[..., Any]) -> str:
-    """Return what `function` took from the function around it: kernels made of one text differ."""
-    values: list[str] = []
-    _follow(function, set(), values, {}, bound=True)
-    return '\n'.join(sorted(values))
+    """Return what `function` took from the function around it: kernels made of one text differ.
+
+    A kernel that was taken stands there with what it took itself, in its place: two chains of the
+    same blocks in another order are two kernels.
+    """
+    return _nested(function, {})
+
+
+def _nested(function: Callable[..., Any], known: dict[int, str]) -> str:
+    if id(function) not in known:
+        known[id(function)] = '...'  # one that calls itself
+        known[id(function)] = ', '.join(
+            f'{name} = {_taken(value, known)}' for name, value in _bound(function)
+        )
+    return known[id(function)]
+
+
+def _taken(value: Any, known: dict[int, str]) -> str:
+    kernel = getattr(value, 'py_func', None)
+    if kernel is not None:
+        return f'{kernel.__module__}.{kernel.__qualname__}({_nested(kernel, known)})'
+    if isinstance(value, np.ndarray):
+        return f'{value.dtype} {value.shape} {value.tobytes().hex()}'
+    return repr(value) if isinstance(value, _CONSTANTS) else type(value).__name__
 
 
 def within(function: Callable[..., Any]) -> set[Callable[..., Any]]:
@@ -48,24 +72,19 @@ def _follow(
     files: set[str],
     values: list[str],
     seen: dict[int, Callable[..., Any]],
-    *,
-    bound: bool = False,
 ) -> None:
     """Collect files and constants of a kernel and of those that it calls."""
     if id(function) in seen:
         return
     seen[id(function)] = function
     files.add(function.__code__.co_filename)
-    taken = _bound(function) if bound else (*_bound(function), *_globals(function))
-    for name, value in taken:
+    for name, value in (*_bound(function), *_globals(function)):
         kernel = getattr(value, 'py_func', None)
         if kernel is not None:
-            if bound:
-                values.append(f'{name} = {kernel.__module__}.{kernel.__qualname__}')
-            _follow(kernel, files, values, seen, bound=bound)
+            _follow(kernel, files, values, seen)
         elif isinstance(value, np.ndarray):
             values.append(f'{name} = {value.dtype} {value.shape} {value.tobytes().hex()}')
-        elif isinstance(value, (bool, int, float, complex, str, bytes, tuple, np.generic)):
+        elif isinstance(value, _CONSTANTS):
             values.append(f'{name} = {value!r}')
 
 
