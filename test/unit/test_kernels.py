@@ -167,3 +167,34 @@ def test_kernels_of_the_same_parts_in_another_order_are_two():
     assert closure(after(two, three).py_func) == closure(after(scaled(2.0), scaled(3.0)).py_func)
     assert after(two, three)(1.0) == 9.0
     assert after(three, two)(1.0) == 8.0
+
+
+TWINS = """
+    from piezo_kernels.compile import jit, leaf
+
+    def made(factor):
+        @leaf
+        def inner(x, n):
+            return factor * x if n <= 0 else inner(x + 1.0, n - 1)
+
+        @jit
+        def outer(x, n):
+            return inner(x, n)
+
+        return outer
+"""
+
+
+def test_kernels_of_one_text_that_other_processes_kept_stay_two(tmp_path):
+    (tmp_path / 'piezo_twins.py').write_text(textwrap.dedent(TWINS))
+    call = """
+    import sys
+    sys.path.insert(0, sys.argv[1])
+    from piezo_kernels import watch
+    from piezo_twins import made
+    print(*[made(float(factor))(1.0, 2) for factor in sys.argv[2:]], watch.compiled())
+    """
+    environment = {'NUMBA_CACHE_DIR': str(tmp_path / 'kept')}
+    assert python(call, tmp_path, 2, **environment)[0] == ['6.0 1']
+    assert python(call, tmp_path, 3, **environment)[0] == ['9.0 1']
+    assert python(call, tmp_path, 2, 3, **environment)[0] == ['6.0 9.0 0']

@@ -25,6 +25,9 @@ from piezo_kernels.turns import Turns
 
 _BASE: Any = _Cache
 
+# Changes with what an entry holds; before the second, symbols of two processes could meet.
+_FORM = '2'
+
 
 class KernelCache(_BASE):
     """Takes the place of numba's cache in the dispatcher of one kernel.
@@ -79,7 +82,7 @@ class KernelCache(_BASE):
         """Return the name of the file, which holds everything that the machine code depends on."""
         if self._stamps is None:
             self._stamps = fresh.closure(self._function), fresh.stamp(self._function)
-        versions = numba.__version__, llvmlite.__version__, sys.implementation.cache_tag
+        versions = _FORM, numba.__version__, llvmlite.__version__, sys.implementation.cache_tag
         parts = (*self._stamps, *versions, str(sig), str(codegen.magic_tuple()))
         digest = hashlib.sha256('\0'.join(parts).encode()).hexdigest()
         return f'{self._name}-{digest[:24]}'

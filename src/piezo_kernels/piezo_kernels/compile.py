@@ -26,6 +26,7 @@ else:
     from numba.core import event
 
     from piezo_kernels.cache import KernelCache
+    from piezo_kernels.symbols import name_apart
 
     class _Teller(event.Listener):
         """Tells `watch` what numba compiles."""
@@ -39,6 +40,7 @@ else:
             watch.end()
 
     event.register('numba:compile', _Teller())
+    name_apart()
 
 
 def jit(function: Kernel) -> Kernel:

@@ -19,10 +19,6 @@ import numpy as np
 OURS = 'piezo_'
 
 
-# What a kernel may hold besides arrays and other kernels.
-_CONSTANTS = (bool, int, float, complex, str, bytes, tuple, np.generic)
-
-
 def stamp(function: Callable[..., Any]) -> str:
     """Return the digest of all source that goes into the machine code of `function`."""
     files, values = set[str](), list[str]()
@@ -55,9 +51,16 @@ def _taken(value: Any, known: dict[int, str]) -> str:
     kernel = getattr(value, 'py_func', None)
     if kernel is not None:
         return f'{kernel.__module__}.{kernel.__qualname__}({_nested(kernel, known)})'
+    text = _constant(value)
+    return type(value).__name__ if text is None else text
+
+
+def _constant(value: Any) -> str | None:
+    """Return what a kernel may hold besides other kernels, as text; None for anything else."""
     if isinstance(value, np.ndarray):
         return f'{value.dtype} {value.shape} {value.tobytes().hex()}'
-    return repr(value) if isinstance(value, _CONSTANTS) else type(value).__name__
+    constants = (bool, int, float, complex, str, bytes, tuple, np.generic)
+    return repr(value) if isinstance(value, constants) else None
 
 
 def within(function: Callable[..., Any]) -> set[Callable[..., Any]]:
@@ -82,10 +85,8 @@ def _follow(
         kernel = getattr(value, 'py_func', None)
         if kernel is not None:
             _follow(kernel, files, values, seen)
-        elif isinstance(value, np.ndarray):
-            values.append(f'{name} = {value.dtype} {value.shape} {value.tobytes().hex()}')
-        elif isinstance(value, _CONSTANTS):
-            values.append(f'{name} = {value!r}')
+        elif (text := _constant(value)) is not None:
+            values.append(f'{name} = {text}')
 
 
 def _bound(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
