@@ -42,11 +42,17 @@ Guess = Callable[[Residual], Mapping[str, float] | Sequence[Mapping[str, float]]
 Convert = Callable[[Mapping[str, float]], Mapping[str, float]]
 
 
+# A gain that differs by less over the band below does not tell a lag from a delay [Hz].
+HIGH_FREQUENCY = 100.0
+# So many sines tell what follows the rate.
+FEWEST_FREQUENCIES = 5
+
+
 class Coverage(Enum):
     """What records must hold for some effects to be told apart, and how to record it."""
 
-    FAST = 'add a chirp above 100 Hz: there a lag loses gain, a delay not'
-    WIDE = 'sweep 5 frequencies or more, from 1 Hz to the highest in use'
+    FAST = f'add a chirp above {HIGH_FREQUENCY:g} Hz: there a lag loses gain, a delay not'
+    WIDE = f'sweep {FEWEST_FREQUENCIES} frequencies or more, from 1 Hz to the highest in use'
     LADDER = 'record the same frequencies at half the amplitude'
     REST = 'record half a minute at 0 V'
     STEP = 'record a step and hold it for 30 s'

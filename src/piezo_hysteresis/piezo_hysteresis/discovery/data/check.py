@@ -9,15 +9,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks import EFFECTS
-from piezo_hysteresis.blocks.effect import Coverage
+from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.units import require_plausible, unit_findings
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200
-FEWEST_FREQUENCIES = 5
-# A gain that differs by less than this over the swept band does not tell a lag from a delay.
-HIGH_FREQUENCY = 100.0
 CLIPPED_SHARE = 0.02
 
 

@@ -52,7 +52,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
     first = found.steps[0].round
     progress(0.85, 'judging every effect knowing the others')
     best = _judged_again(found)
-    for step in _others(evaluator, first, start):
+    for step in _others(evaluator, first):
         if not best.leaves_much:
             break
         progress(0.9, f'beginning again with {step.fit.effect}')
@@ -72,20 +72,20 @@ def _judged_again(found: Found) -> Found:
     return replace(found, steps=tuple(steps), final=final)
 
 
-def _others(evaluator: Evaluator, first: SelectionRound, start: CandidateFit) -> list[Step]:
+def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:
     """Return what else the search may begin with: what came close in the first round."""
     found: list[Step] = []
     taken = {first.best.effect}
+    share_of = dict(zip(map(id, first.finalists), first.shares, strict=True))
     for fit in first.finalists:
         if fit.effect in taken or fit.square > evaluator.policy.rival_within * first.best.square:
             continue
         taken.add(fit.effect)
-        others = [each for each in first.finalists if each is not fit]
-        order = dict(zip(map(id, first.finalists), first.shares, strict=True))
+        order = (fit, *(each for each in first.finalists if each is not fit))
         contest = replace(
             first,
-            finalists=(fit, *others),
-            shares=tuple(order[id(each)] for each in (fit, *others)),
+            finalists=order,
+            shares=tuple(share_of[id(each)] for each in order),
             gain=evaluator.improvement(first.before, fit, first.tried),
         )
         found.append(Step(contest, fit))
