@@ -1,7 +1,8 @@
-"""Reading a bag as whole topics against plain rosbags, message by message.
+"""Bags as whole topics against plain rosbags, message by message.
 
 Both read the same file in this run and must give equal arrays; the ratio of processor times is
-what counts.
+what counts. Then both write the same serialised messages as MCAP, both are asked what a writer
+that is killed leaves, and both read a sqlite3 file with one broken page.
 
     python bench/records.py [--samples 1000000] [--large 5000000]
 """
@@ -9,9 +10,11 @@ what counts.
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -21,7 +24,10 @@ import numpy as np
 
 from piezo_hysteresis import records
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.records.definitions import STATE, typestore
+from piezo_hysteresis.records import cdr
+from piezo_hysteresis.records.bag_writer import fixed_fields
+from piezo_hysteresis.records.definitions import STATE, definition_of, typestore
+from piezo_hysteresis.records.recorder import Recorder
 
 
 def sweep(samples: int) -> records.Record:
@@ -45,6 +51,86 @@ def plain(path: Path) -> tuple[FloatArray, FloatArray]:
             voltage.append(message.voltage)
             displacement.append(message.displacement)
     return np.array(voltage), np.array(displacement)
+
+
+def plain_writer(folder: Path, payloads: list[bytes]) -> Any:
+    """Write states to an MCAP bag by rosbags; return the writer, still open."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.open()
+    state = writer.add_connection('/actuator/state', STATE, typestore=typestore())
+    for k, payload in enumerate(payloads):
+        writer.write(state, 100_000 * k, payload)
+    return writer
+
+
+def readable(path: Path) -> int:
+    """Return how many states plain rosbags reads of a bag folder, 0 where it refuses."""
+    from rosbags.rosbag2 import Reader
+
+    count = 0
+    try:
+        with Reader(path) as reader:
+            for connection, _, _ in reader.messages():
+                count += connection.msgtype == STATE
+    except Exception:  # whatever it raises, nothing more is read
+        return count
+    return count
+
+
+def salvaged(path: Path) -> int:
+    """Return how many samples we read of a bag, damaged or not."""
+    return sum(len(record) for record in records.survey([path], salvage=True).records)
+
+
+def states(samples: int) -> list[bytes]:
+    """Return that many serialised states."""
+    record, ticks = sweep(samples), np.arange(samples)
+    columns = {'sample': ticks, 'voltage': record.voltage, 'displacement': record.displacement}
+    rows = cdr.encode(fixed_fields(STATE), ticks * 100_000, columns)
+    return [row.tobytes() for row in rows]
+
+
+def writing(folder: Path, samples: int) -> None:
+    """Compare what it costs to write MCAP, and what is left of a writer that is killed."""
+    payloads = states(samples)
+    slow, writer = timed(partial(plain_writer, folder / 'theirs', payloads))
+    shutil.copytree(folder / 'theirs', folder / 'theirs_killed')
+    ending, _ = timed(writer.close)
+    record = sweep(samples)
+    quick, _ = timed(partial(records.write_bag, folder / 'ours', [record]))
+    recorder = Recorder(folder / 'growing')
+    topic = recorder.add_topic('/actuator/state', STATE, definition=definition_of(STATE)[0])
+    for k, payload in enumerate(payloads):
+        recorder.write(topic, payload, 100_000 * k)
+    recorder.flush()
+    while recorder.status.written < samples:
+        time.sleep(0.01)
+    shutil.copytree(folder / 'growing', folder / 'ours_killed')
+    recorder.close()
+    print(f'MCAP, {samples} states: ours {quick:.2f} s, rosbags {slow + ending:.2f} s, '
+          f'ratio {(slow + ending) / quick:.1f}')  # fmt: skip
+    print(f'killed before it closed, read by rosbags: of ours {readable(folder / "ours_killed")}, '
+          f'of its own {readable(folder / "theirs_killed")}')  # fmt: skip
+
+
+def broken_page(folder: Path, samples: int) -> None:
+    """Compare what is read of a sqlite3 file one page of which is broken."""
+    path = folder / 'page'
+    records.write_bag(path, [sweep(samples)], storage='sqlite3')
+    (file,) = path.glob('*.db3')
+    whole, _ = timed(partial(readable, path))
+    own, _ = timed(partial(salvaged, path))
+    data = bytearray(file.read_bytes())
+    data[len(data) // 4096 // 3 * 4096] = 0x77  # no kind of page
+    file.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        left = salvaged(path)
+    print(f'sqlite3, {samples} states, whole: ours {own:.2f} s with a check of every page, '
+          f'rosbags {whole:.2f} s without')  # fmt: skip
+    print(f'one page of it broken: ours reads {left}, rosbags {readable(path)}')
 
 
 def timed(task: Callable[[], Any]) -> tuple[float, Any]:
@@ -80,6 +166,8 @@ def main() -> int:
                     equal &= same
                     line += f' {slow:11.2f} {slow / read:7.1f}   {same}'
                 print(line, flush=True)
+        writing(Path(folder), options.samples)
+        broken_page(Path(folder), min(options.samples, 100_000))
     return 0 if equal else 1
 
 

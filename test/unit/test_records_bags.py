@@ -1,5 +1,6 @@
 """Bags: written and read back to the same bits, by us, by rosbags and as ros2 bag expects."""
 
+import sqlite3
 import struct
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys import get_types_from_msg
 
 from piezo_hysteresis.errors import RecordError
@@ -275,6 +277,16 @@ def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, storage, monk
     with pytest.raises(RecordError, match='No space left'):
         write_bag(tmp_path / 'new', [make()], storage=storage)
     assert [path.name for path in tmp_path.iterdir()] == ['bag']
+
+
+def test_a_disk_that_fills_up_under_a_database_is_told_in_a_line(tmp_path, monkeypatch):
+    def full(self, connection, timestamp, data):
+        raise sqlite3.OperationalError('database or disk is full')
+
+    monkeypatch.setattr(Sqlite3Writer, 'write', full)
+    with pytest.raises(RecordError, match=r'cannot be written \(database or disk is full\)'):
+        write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

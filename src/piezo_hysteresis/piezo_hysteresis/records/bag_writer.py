@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,8 +80,9 @@ def write_bag(
             temporary.mkdir()
             file = temporary / f'{folder.name}_0{SUFFIXES[storage]}'
             _fill(temporary, file, records, storage, namespace)
-    except OSError as error:
-        raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
+    except (OSError, sqlite3.Error) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise RecordError(f'{folder}: it cannot be written ({reason})') from None
 
 
 def _check_request(folder: Path, records: Sequence[Record], storage: str) -> None:
@@ -134,7 +136,7 @@ def _write(writer: McapWriter | SqliteWriter, batches: list[Batch]) -> bytes:
         for batch in batches:
             raw, size = batch.rows.tobytes(), batch.rows.itemsize
             pieces = (raw[k : k + size] for k in range(0, len(raw), size))
-            writer.write(np.full(batch.log_time.size, batch.topic), batch.log_time, pieces)
+            writer.write(batch.topic, batch.log_time, pieces)
         return payload
     # Topics stay together within a chunk: the index keeps the order in time.
     raw, offsets = b'', []

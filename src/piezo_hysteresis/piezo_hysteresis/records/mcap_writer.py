@@ -4,6 +4,10 @@ A file being recorded is kept closed by one padding record that reaches up to a 
 reserved end.  A chunk is first written inside that padding, where no reader looks, together with
 the shorter padding that shall follow it; then nine bytes, the head of the chunk, make it visible
 at once.  So a process that is killed, or a disk that fills up, leaves everything flushed before.
+
+Why rosbags does not write these files: of a recording of 200 000 states that is killed, any reader
+finds all 200 000 here and none of what rosbags wrote, which has no footer before it is closed; and
+whole chunks of an array take a seventh of the time (``bench/records.py``, ratio 7.6).
 """
 
 from __future__ import annotations
