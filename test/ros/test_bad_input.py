@@ -25,12 +25,12 @@ pytestmark = pytest.mark.ros
 DT = 1e-3
 SLEW = 200.0
 RAMP = 20.0
-PATIENCE = 20
+TIMEOUT = 20
 HEAD = head_of(0, 0)
 SETTINGS = {
     'limits.slew': SLEW,
     'safe_ramp': RAMP,
-    'watchdog': PATIENCE * DT,
+    'watchdog': TIMEOUT * DT,
     'transition': 0.02,
     'attenuation:method': 'afc',
     'attenuation:orders': '[0, 1]',
@@ -220,11 +220,11 @@ def test_without_input_the_voltage_ramps_to_safety_and_comes_back(
         chain.state()
     ramp = chain.commands[begun:]
     samples = [k for k, _ in ramp]
-    assert samples == list(range(last + PATIENCE + 1, last + PATIENCE + 1 + len(ramp)))
+    assert samples == list(range(last + TIMEOUT + 1, last + TIMEOUT + 1 + len(ramp)))
     steps = np.abs(np.diff([at, *(voltage for _, voltage in ramp)]))
     assert steps.max() <= RAMP * DT * (1 + 1e-9)
     assert chain.voltage == -0.3
-    assert len(ramp) < pause - PATIENCE  # then silent, so that the receiver may know
+    assert len(ramp) < pause - TIMEOUT  # then silent, so that the receiver may know
     assert chain.counts('stale') == [1, 1, 1]
     found = [link.health() for link in chain.links]
     # nobody publishes the reference any more; the later links are still fed by the one before
@@ -241,7 +241,7 @@ def test_without_input_the_voltage_ramps_to_safety_and_comes_back(
 
 def test_input_that_the_ramp_has_overtaken_is_not_said(chain: Chain) -> None:
     late = chain.tick
-    for _ in range(PATIENCE + 5):
+    for _ in range(TIMEOUT + 5):
         chain.state()
     said = chain.commands[-1][0]
     for k in range(late, chain.tick):

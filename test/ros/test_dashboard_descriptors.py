@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from piezo_common.table import ParameterSpec
-from piezo_hysteresis.dashboard.controls import Parameter, reach
+from piezo_hysteresis.dashboard.controls import ParameterState, reach
 from piezo_hysteresis.nodes.dashboard.dashboard import ros_arguments
 from piezo_hysteresis.nodes.dashboard.node_registry import from_ros
 from piezo_hysteresis.parameters import tables
@@ -22,7 +22,7 @@ SPECS = [
 ]
 
 
-def told(spec: ParameterSpec) -> Parameter:
+def told(spec: ParameterSpec) -> ParameterState:
     """Return a row as it comes back from the descriptor that a node gives of it."""
     return from_ros('node', spec.name, spec.default, describe(spec))
 

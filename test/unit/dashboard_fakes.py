@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.controls import Parameter, described
+from piezo_hysteresis.dashboard.controls import ParameterState, described
 from piezo_hysteresis.dashboard.live import Live, NodeState
 from piezo_hysteresis.dashboard.signals import State
 
@@ -53,7 +53,7 @@ def live_at(time, name='stage'):
 
 
 def amplitude(value=1.0):
-    return Parameter('excitation', 'voltage.amplitude', value, 'Amplitude.', 'V', 0.0, 500.0)
+    return ParameterState('excitation', 'voltage.amplitude', value, 'Amplitude.', 'V', 0.0, 500.0)
 
 
 def filled(backend, name='stage'):

@@ -8,7 +8,7 @@ import pytest
 from dashboard_fakes import Backend, amplitude
 
 from piezo_hysteresis.dashboard.controls import (
-    Parameter,
+    ParameterState,
     described,
     groups_of,
     reach,
@@ -45,25 +45,25 @@ def test_a_descriptor_is_read_back():
     ],
 )
 def test_a_slider_spans_what_is_usual(value, unit, low, high, start, end):
-    span = reach(Parameter('n', 'p', value, '', unit, low, high))
+    span = reach(ParameterState('n', 'p', value, '', unit, low, high))
     assert (span.start, span.end) == (start, end)
     assert span.end > span.start
     assert 0.0 < span.step <= 0.05 * (span.end - span.start)
 
 
 def test_a_number_at_zero_learns_its_size_from_its_relatives():
-    offset = Parameter('n', 'reference.offset', 0.0, '', 'm', -0.01, 0.01)
-    relative = Parameter('n', 'reference.amplitude', 5e-5, '', 'm', 0.0, 0.01)
+    offset = ParameterState('n', 'reference.offset', 0.0, '', 'm', -0.01, 0.01)
+    relative = ParameterState('n', 'reference.amplitude', 5e-5, '', 'm', 0.0, 0.01)
     span = reach(offset, [offset, relative])
     assert (span.start, span.end) == (-200.0, 200.0)
 
 
 def test_parameters_are_grouped_and_fixed_ones_left_out():
     rows = [
-        Parameter('n', 'rate', 1.0, read_only=True),
-        Parameter('n', 'plant.gain', 1.0),
-        Parameter('n', 'use_sim_time', False),
-        Parameter('n', 'mode', 'idle'),
+        ParameterState('n', 'rate', 1.0, read_only=True),
+        ParameterState('n', 'plant.gain', 1.0),
+        ParameterState('n', 'use_sim_time', False),
+        ParameterState('n', 'mode', 'idle'),
     ]
     groups = groups_of(rows)
     assert {name: [p.name for p in group] for name, group in groups.items()} == {
@@ -73,10 +73,10 @@ def test_parameters_are_grouped_and_fixed_ones_left_out():
 
 
 def test_typed_lists_keep_their_type():
-    assert Parameter('n', 'orders', [1, 3]).parse('[0, 2 5]') == [0, 2, 5]
-    assert Parameter('n', 'zeros', [1.0]).parse('1, 2.5') == [1.0, 2.5]
-    assert Parameter('n', 'orders', [1]).parse('three') == ['three']  # the node says why not
-    assert Parameter('n', 'topics', ['']).parse('a b') == ['a', 'b']
+    assert ParameterState('n', 'orders', [1, 3]).parse('[0, 2 5]') == [0, 2, 5]
+    assert ParameterState('n', 'zeros', [1.0]).parse('1, 2.5') == [1.0, 2.5]
+    assert ParameterState('n', 'orders', [1]).parse('three') == ['three']  # the node says why not
+    assert ParameterState('n', 'topics', ['']).parse('a b') == ['a', 'b']
 
 
 def test_typed_sweeps_are_read_or_refused():
@@ -128,7 +128,7 @@ def test_a_dragged_slider_sends_the_newest_wish_only():
 
 
 def test_a_range_is_said_in_the_unit_of_the_page():
-    size = Parameter('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
+    size = ParameterState('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
     told = 'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5'
     assert refusal_words(size, told) == 'reference.amplitude lies between 0 and 10000 µm'
     assert refusal_words(size, 'mode: a sweep is running') == 'mode: a sweep is running'

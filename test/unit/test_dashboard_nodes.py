@@ -11,7 +11,7 @@ pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup
 from piezo_hysteresis.dashboard.backend import Answer
 from piezo_hysteresis.dashboard.live import Live, NodeState
 from piezo_hysteresis.nodes.dashboard import node_registry as dashboard_nodes
-from piezo_hysteresis.nodes.dashboard.node_registry import PATIENCE, NodeRegistry
+from piezo_hysteresis.nodes.dashboard.node_registry import TIMEOUT, NodeRegistry
 
 
 class Silent:
@@ -42,7 +42,7 @@ def asked(live: Live) -> tuple[NodeRegistry, Answer]:
 
 def test_a_node_that_does_not_answer_is_named(now: list[float]) -> None:
     directory, answer = asked(Live('', lambda: now[0]))
-    now[0] += PATIENCE
+    now[0] += TIMEOUT
     directory.look({'attenuation'})
     assert not answer.done
     now[0] += 0.1
@@ -58,6 +58,6 @@ def test_a_node_that_compiles_is_waited_for(now: list[float]) -> None:
         live.working['attenuation'] = now[0]
         directory.look({'attenuation'})
         assert not answer.done
-    now[0] += PATIENCE + 0.1
+    now[0] += TIMEOUT + 0.1
     directory.look({'attenuation'})
     assert answer.done

@@ -10,7 +10,7 @@ from bokeh.document import Document
 from dashboard_fakes import Backend, filled, live_at
 
 from piezo_hysteresis.dashboard.axes import Follower
-from piezo_hysteresis.dashboard.live import Estimate, Gap, Job, LogLine, NodeState
+from piezo_hysteresis.dashboard.live import BackgroundJob, Gap, LogLine, NodeState, ShownEstimate
 from piezo_hysteresis.dashboard.page import Page
 from piezo_hysteresis.dashboard.signals import State
 from piezo_hysteresis.dashboard.wellbeing import banner
@@ -50,11 +50,11 @@ def test_what_comes_from_outside_is_escaped():
     live.diagnostics['n'] = LogLine(0.0, 'n', 'error', evil)
     live.words.append(LogLine(0.0, evil, 'error', evil))
     gap = Gap(0.0, 1.0, 1.0, 9.0, 1.0, (1,), (1.0,), True, evil)
-    estimate = Estimate(0.0, evil, evil, evil, (evil,), (evil,), (1.0,), (0.1,), 0, 0, True)
+    estimate = ShownEstimate(0.0, evil, evil, evil, (evil,), (evil,), (1.0,), (0.1,), 0, 0, True)
     texts = [
         status_words(live), gap_words([gap], True), estimate_words([estimate], True),
-        job_words(Job('failed', 0.0, evil)),
-        job_words(Job('done', 1.0, evil, ((evil, 1.0),), 2.0, 1.0, f'{evil}"onclick=x')),
+        job_words(BackgroundJob('failed', 0.0, evil)),
+        job_words(BackgroundJob('done', 1.0, evil, ((evil, 1.0),), 2.0, 1.0, f'{evil}"onclick=x')),
     ]  # fmt: skip
     for text in texts:
         assert '<script' not in text
@@ -71,7 +71,7 @@ def test_numbers_are_said_in_micrometres_and_floors():
     assert 'resonance' in words
     assert 'at 3×' in words
     assert 'No gap monitor' in gap_words([], False)
-    estimate = Estimate(
+    estimate = ShownEstimate(
         0.0, 'classical', 'rls', '', ('A', 'f'), ('m/V', 'Hz'), (1.2e-4, 68.0), (1e-7, 0.0),
         1e-8, math.nan, True,
     )  # fmt: skip
@@ -144,7 +144,7 @@ def test_a_sweep_is_ordered_and_mistakes_are_said():
     form._name.value = 'mine'
     form.box._press()
     assert backend.orders[0].frequencies == (1.0, 2.0)
-    backend.live('stage').sweep = Job('running', 0.42, '1 Hz at 1 V')
+    backend.live('stage').sweep = BackgroundJob('running', 0.42, '1 Hz at 1 V')
     page.refresh()
     assert form.box.bar.value == 42
     assert form.box.start.disabled

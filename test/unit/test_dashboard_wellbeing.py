@@ -7,9 +7,9 @@ import math
 import pytest
 from dashboard_fakes import live_at
 
-from piezo_hysteresis.dashboard.controls import Parameter
+from piezo_hysteresis.dashboard.controls import ParameterState
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live import Counters, Job, LogLine, NodeState
+from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, LogLine, NodeState
 from piezo_hysteresis.dashboard.wellbeing import MUTE, banner, overall, pulse
 from piezo_hysteresis.dashboard.words import (
     LOG_SHOWN,
@@ -31,7 +31,7 @@ def running(time, mode='reference', **said):
         live.nodes[name] = NodeState(name, True, 0.0)
         live.diagnostics[name] = LogLine(time[0], name, level, text)
     live.nodes['excitation'] = NodeState(
-        'excitation', True, 0.0, {'mode': Parameter('excitation', 'mode', mode)}
+        'excitation', True, 0.0, {'mode': ParameterState('excitation', 'mode', mode)}
     )
     return live
 
@@ -113,16 +113,16 @@ def test_empty_panels_give_the_command_of_this_actuator():
 
 
 def test_a_job_tells_its_time_and_what_is_left():
-    job = Job('running', 0.25, 'fits', since=100.0)
+    job = BackgroundJob('running', 0.25, 'fits', since=100.0)
     assert time_words(job, 130.0) == 'since 30 s, about 1 min 30 s left'
-    assert time_words(Job('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
-    assert time_words(Job('done', 1.0, 'fine', since=100.0), 130.0) == ''
-    assert time_words(Job('asked'), 1.0) == ''
+    assert time_words(BackgroundJob('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
+    assert time_words(BackgroundJob('done', 1.0, 'fine', since=100.0), 130.0) == ''
+    assert time_words(BackgroundJob('asked'), 1.0) == ''
     box = JobBox('sweep', lambda: None, lambda: None)
     box.refresh(job, True, 'hint', 130.0)
     assert '1 min 30 s left' in box.words.text
     assert math.isclose(box.bar.value, 25)
-    box.refresh(Job(), False, '<p>hint</p>', 140.0)
+    box.refresh(BackgroundJob(), False, '<p>hint</p>', 140.0)
     assert box.words.text == '<p>hint</p>'
 
 

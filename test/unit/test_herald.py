@@ -9,16 +9,16 @@ import pytest
 
 from piezo_kernels import watch
 from piezo_ros_common import herald
-from piezo_ros_common.herald import Herald, State
+from piezo_ros_common.herald import Herald, Readiness
 from piezo_ros_common.work_book import FRESH, WorkBook
 
 
 class Ear:
     def __init__(self) -> None:
-        self.said: list[tuple[State, str]] = []
+        self.said: list[tuple[Readiness, str]] = []
         self.compiled = 0
 
-    def say(self, state: State, words: str) -> None:
+    def say(self, state: Readiness, words: str) -> None:
         self.said.append((state, words))
 
     def compiles(self) -> None:
@@ -44,7 +44,7 @@ def threads() -> int:
 
 def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) -> None:
     told = Herald(ear.say)
-    assert ear.said == [(State.STARTING, 'starting (0 s)')]
+    assert ear.said == [(Readiness.STARTING, 'starting (0 s)')]
     ear.wait(3)
     told.ready()
     end = time.monotonic() + 10.0
@@ -61,7 +61,7 @@ def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None
         watch.begin('kernel')
         ear.wait(len(ear.said) + 2)
         watch.end()
-    assert ear.said[-1][0] is State.STARTING
+    assert ear.said[-1][0] is Readiness.STARTING
     assert ear.said[-1][1].startswith('starting: compiles its kernels, once (')
     assert ear.compiled == 1
     told.close()
@@ -76,7 +76,7 @@ def test_compiling_later_is_said_too(ear: Ear) -> None:
     watch.begin('kernel')
     ear.wait(before + 2)
     watch.end()
-    assert ear.said[-1] == (State.COMPILING, 'compiles its kernels, once (0 s)')
+    assert ear.said[-1] == (Readiness.COMPILING, 'compiles its kernels, once (0 s)')
     told.close()
 
 

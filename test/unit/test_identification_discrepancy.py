@@ -11,7 +11,11 @@ import pytest
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.comparison import compared, comparison_words
-from piezo_hysteresis.identification.discrepancy import Residual, condition_of, discrepancy_of
+from piezo_hysteresis.identification.discrepancy import (
+    RecordResidual,
+    condition_of,
+    discrepancy_of,
+)
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_csv
 from piezo_hysteresis.records.record import RecordInfo
@@ -21,7 +25,7 @@ TIME = np.arange(4000) * DT
 
 
 def residual(error, frequency=5.0, amplitude=1.0, stroke=1e-4, noise=float('nan')):
-    return Residual('r', error, DT, frequency, amplitude, stroke, noise)
+    return RecordResidual('r', error, DT, frequency, amplitude, stroke, noise)
 
 
 def waves(frequency=5.0, **orders):

@@ -165,19 +165,19 @@ def test_an_excitation_says_what_it_does_and_whom_it_waits_for() -> None:
 
 def new_watchdog(**values: float) -> Watchdog:
     limiter = Limiter(Limits(-1.0, 1.0, 100.0), 1e-3, 0.5)
-    return Watchdog(limiter, int(values.get('patience', 10)), values.get('safe', 0.0), 20.0)
+    return Watchdog(limiter, int(values.get('timeout', 10)), values.get('safe', 0.0), 20.0)
 
 
 def test_a_watchdog_ramps_after_its_patience_says_the_goal_and_is_silent() -> None:
     watchdog = new_watchdog()
     assert [watchdog.voltage(k) for k in range(50)] == [None] * 50  # nothing was passed on yet
-    watchdog.fed(99)
+    watchdog.received(99)
     said = {k: v for k in range(100, 200) if (v := watchdog.voltage(k)) is not None}
     assert list(said) == list(range(110, 135))
     assert max(abs(b - a) for a, b in pairwise([0.5, *said.values()])) <= 0.02 + 1e-12
     assert said[134] == 0.0
     assert watchdog.stale
-    watchdog.fed(200)
+    watchdog.received(200)
     assert not watchdog.stale
     assert watchdog.voltage(205) is None
     assert watchdog.episodes == 1
@@ -185,11 +185,11 @@ def test_a_watchdog_ramps_after_its_patience_says_the_goal_and_is_silent() -> No
 
 def test_a_watchdog_keeps_to_the_limits_and_can_be_off() -> None:
     watchdog = new_watchdog(safe=-7.0)
-    watchdog.fed(0)
+    watchdog.received(0)
     said = [v for k in range(1, 500) if (v := watchdog.voltage(k)) is not None]
     assert said[-1] == -1.0
-    off = new_watchdog(patience=0)
-    off.fed(0)
+    off = new_watchdog(timeout=0)
+    off.received(0)
     assert off.voltage(10**9) is None
 
 
@@ -221,7 +221,7 @@ def test_a_link_tells_standstill_from_silence_and_from_rest() -> None:
     assert level(6, active=False) == (Level.OK, 'inactive: passes the voltage on')
     clock.now += SILENCE + 1.0
     assert level(6) == (Level.WARN, 'no tick for 3 s: the loop stands still')
-    watchdog.fed(6)
+    watchdog.received(6)
     watchdog.voltage(17)
     words = 'no input since tick 6: the voltage is ramped to safety'
     assert level(6) == (Level.ERROR, f'{words}; its sender has gone')

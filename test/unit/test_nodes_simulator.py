@@ -63,7 +63,7 @@ def test_commands_that_jump_are_applied_no_faster_than_the_slew() -> None:
 
 
 def test_commands_of_a_link_that_was_held_up_do_not_act() -> None:
-    book = CommandQueue(-1.0, 1.0, patience=10.0)
+    book = CommandQueue(-1.0, 1.0, timeout=10.0)
     book.arrive(0, 0.1, tick=0)
     for sample in range(1, 41):
         book.arrive(sample, 0.01 * sample, tick=50)

@@ -10,7 +10,7 @@ import pytest
 
 from piezo_hysteresis.runtime.confirmation import Progress, Taken
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
-from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, Kept, Pause, SweepRun, told
+from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, Kept, Pause, SweepRun, kept_message
 
 RATE = 1000.0
 TICKS = 50
@@ -105,7 +105,7 @@ def test_without_recorders_nothing_waits_and_nothing_is_claimed() -> None:
     kept = world.finish()
     assert world.voltages == [world.sweep.voltage(k) for k in range(LENGTH)]
     assert [record.by for record in kept] == [(), ()]
-    assert told(kept) == '2 records, confirmed by no recorder'
+    assert kept_message(kept) == '2 records, confirmed by no recorder'
 
 
 def test_a_recorder_in_lock_step_changes_no_tick_and_has_every_record() -> None:
@@ -117,7 +117,7 @@ def test_a_recorder_in_lock_step_changes_no_tick_and_has_every_record() -> None:
     kept = world.finish()
     assert world.voltages == [world.sweep.voltage(k) for k in range(LENGTH)]
     assert [(r.name, r.last) for r in kept] == list(zip(NAMES, (TICKS, LENGTH - GAP), strict=True))
-    assert told(kept) == '2 records, recorded by /a, /b'
+    assert kept_message(kept) == '2 records, recorded by /a, /b'
     assert [what for _, what, _ in world.said] == ['begins', 'ends'] * 2
 
 
@@ -131,7 +131,7 @@ def test_who_does_not_confirm_the_end_holds_the_next_record_up() -> None:
     assert 'the end of record sine_10Hz_1V' in world.run.awaited
     world.recorders['/a'].deaf = False
     world.hear()
-    assert told(world.finish()) == '2 records, recorded by /a'
+    assert kept_message(world.finish()) == '2 records, recorded by /a'
 
 
 def test_who_comes_in_the_middle_of_a_record_gets_all_of_it() -> None:
@@ -140,7 +140,7 @@ def test_who_comes_in_the_middle_of_a_record_gets_all_of_it() -> None:
     world.recorders['/late'] = Recorder()
     world.hear()
     kept = world.finish()
-    assert told(kept) == '2 records, recorded by /late'
+    assert kept_message(kept) == '2 records, recorded by /late'
     assert world.said[:2] == [(NAMES[0], 'begins', 0), (NAMES[0], 'repeated', 20)]
     assert np.abs(np.diff(world.voltages)).max() < 2 * np.pi * 20.0 / RATE
     first = world.said[2][2]
@@ -153,7 +153,7 @@ def test_who_comes_while_a_marker_waits_hears_it_too() -> None:
     assert world.step() is Pause.HOLD
     world.recorders['/b'] = Recorder()
     world.hear()
-    assert told(world.finish()) == '2 records, recorded by /a, /b'
+    assert kept_message(world.finish()) == '2 records, recorded by /a, /b'
     assert world.said[0] == world.said[1]
 
 
@@ -165,7 +165,7 @@ def test_a_record_of_which_a_sample_is_lost_is_run_again(paced: bool) -> None:
         world.hear()
     world.recorders['/a'].taken.state(world.tick - 1, kept=False)
     kept = world.finish()
-    assert told(kept) == '2 records, recorded by /a'
+    assert kept_message(kept) == '2 records, recorded by /a'
     assert [name for name, what, _ in world.said if what == 'repeated'] == [NAMES[0]]
 
 
@@ -188,11 +188,11 @@ def test_who_leaves_takes_no_record_with_it() -> None:
     world.to(20)
     del world.recorders['/b']
     kept = world.finish()
-    assert told(kept) == '2 records, recorded by /a'
+    assert kept_message(kept) == '2 records, recorded by /a'
     world = World('/a')
     world.to(TICKS + GAP + 10)
     del world.recorders['/a']
-    assert told(world.finish()) == '2 records: sine_10Hz_1V by /a, sine_20Hz_1V by nobody'
+    assert kept_message(world.finish()) == '2 records: sine_10Hz_1V by /a, sine_20Hz_1V by nobody'
 
 
 def test_an_actuator_with_its_own_pace_rests_until_the_marker_is_confirmed() -> None:
@@ -206,7 +206,7 @@ def test_an_actuator_with_its_own_pace_rests_until_the_marker_is_confirmed() -> 
     world.recorders['/a'].deaf = False
     world.hear()
     kept = world.finish()
-    assert told(kept) == '2 records, recorded by /a'
+    assert kept_message(kept) == '2 records, recorded by /a'
     for record, (_, _, first) in zip(
         world.sweep.records, [s for s in world.said if s[1] == 'begins'][-2:], strict=True
     ):
@@ -217,7 +217,7 @@ def test_a_clock_that_goes_otherwise_moves_the_marker_to_the_first_sample() -> N
     world = World('/a', paced=True)
     world.late = lambda tick: tick // 7  # the stamps of the driver drift
     kept = world.finish()
-    assert told(kept) == '2 records, recorded by /a'
+    assert kept_message(kept) == '2 records, recorded by /a'
     begun = [k for k, said in enumerate(world.said) if said[1] == 'begins']
     assert [world.said[k + 1][1] for k in begun] == ['moved', 'ends', 'moved', 'ends']
     for k in begun[::2]:
@@ -229,7 +229,7 @@ def test_what_was_cancelled_does_not_count() -> None:
     world.to(TICKS + GAP + 10)
     world.run.stop(world.tick)
     kept = world.finish()
-    assert told(kept) == '1 record, recorded by /a'
+    assert kept_message(kept) == '1 record, recorded by /a'
     assert world.said[-1] == (NAMES[1], 'cancelled', TICKS + GAP + 10)
     assert world.voltages[-1] == 0.0
 
@@ -244,7 +244,7 @@ def test_what_was_refused_is_taken_back() -> None:
     assert world.said[-1] == (NAMES[0], 'refused', TICKS + GAP + 10)
     world.run.stop(world.tick, 'refused')
     assert world.said[-1] == (NAMES[1], 'refused', TICKS + GAP + 10)
-    assert told(world.finish()) == '0 records'
+    assert kept_message(world.finish()) == '0 records'
 
 
 def test_a_marker_that_nobody_confirmed_is_ended_by_a_cancel() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.cli.progress import Lines, left_words
+from piezo_hysteresis.cli.progress import ProgressLines, left_words
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, read_bag, read_csv
 from piezo_hysteresis.records.resampling import resampled
@@ -136,7 +136,7 @@ def test_salvage_says_what_it_did(tmp_path, capsys):
 
 def test_in_a_pipe_progress_is_a_line_now_and_then(capsys):
     now = [0.0]
-    tell = Lines('discover', 30.0, lambda: now[0])
+    tell = ProgressLines('discover', 30.0, lambda: now[0])
     for second in range(100):
         now[0] = float(second)
         tell(second / 200, 'fits')
@@ -151,7 +151,7 @@ def test_a_verbose_error_tells_where_it_arose(tmp_path, capsys):
     assert 'Traceback' in capsys.readouterr().err
     assert main(['info', str(tmp_path / 'no.csv')]) == 2
     assert 'Traceback' not in capsys.readouterr().err
-    assert talk.level() == talk.Level.USUAL
+    assert talk.level() == talk.Verbosity.USUAL
 
 
 def completed(script, line):

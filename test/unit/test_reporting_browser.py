@@ -14,7 +14,7 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_report import identification_page
-from piezo_hysteresis.reporting.page import Section, table, write_report
+from piezo_hysteresis.reporting.page import PageSection, table, write_report
 from piezo_hysteresis.reporting.plots import (
     GREY,
     PALETTE,
@@ -79,7 +79,9 @@ def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path, width):
         bars_before_after(['1 Hz'], [1e-6], [1e-7], 5e-8),
     )  # fmt: skip
     rows = table(('a', 'b'), [[1.0, 'long words ' * 20]] * 3)
-    write_report(tmp_path / 'r.html', 'Title', 'Verdict.', [Section('One', '', figures, (rows,))])
+    write_report(
+        tmp_path / 'r.html', 'Title', 'Verdict.', [PageSection('One', '', figures, (rows,))]
+    )
     image, faults = photographed(tmp_path / 'r.html', tmp_path / 'r.png', width)
     assert faults == []
     assert share(image, GREY) > 1e-3
@@ -110,7 +112,7 @@ def test_on_paper_plots_are_whole_and_few_pages_are_white(tmp_path):
         trace_figure(curves, f'Plot {k}', 'A caption of some words.') for k in range(6)
     )
     write_report(
-        tmp_path / 'r.html', 'Title', 'Verdict.', [Section('One', 'Text. ' * 20, figures)]
+        tmp_path / 'r.html', 'Title', 'Verdict.', [PageSection('One', 'Text. ' * 20, figures)]
     )
     subprocess.run(
         [BROWSER, *FLAGS, f'--user-data-dir={tmp_path / "profile"}', '--window-size=1280,900',

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.reporting.page import Section, Table, render, table, write_report
+from piezo_hysteresis.reporting.page import PageSection, Table, render, table, write_report
 from piezo_hysteresis.reporting.plots import (
     PALETTE,
     Curve,
@@ -71,7 +71,7 @@ def every_figure():
 
 
 def test_a_page_fetches_nothing_and_is_well_formed():
-    text = render('Title', 'It works.', [Section('One', 'Some text.', every_figure())])
+    text = render('Title', 'It works.', [PageSection('One', 'Some text.', every_figure())])
     page = Page(text)
     assert page.fetched == []
     assert page.open == []
@@ -84,7 +84,7 @@ def test_a_page_fetches_nothing_and_is_well_formed():
 
 
 def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place():
-    sections = [Section('First part', '', every_figure()), Section('Second part', 'End.')]
+    sections = [PageSection('First part', '', every_figure()), PageSection('Second part', 'End.')]
     text = render('Title', 'The verdict.', sections)
     shown_text = Page(text).text
     places = [shown_text.index(w) for w in ('The verdict.', 'First part', 'Second part')]
@@ -95,7 +95,7 @@ def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place():
 
 
 def test_a_page_without_plots_carries_no_library():
-    text = render('Title', 'Fine.', [Section('One', 'Words.', (), (table(['a'], [[1]]),))])
+    text = render('Title', 'Fine.', [PageSection('One', 'Words.', (), (table(['a'], [[1]]),))])
     assert len(text) < 20_000
 
 
@@ -103,7 +103,7 @@ def test_words_of_a_user_stay_words():
     name = '<script>alert(1)</script>&"'
     rows = table([name], [[name]], name)
     figure = trace_figure([Curve('</script><b>', TIME, SINE)], name, name)
-    text = render(name, name, [Section(name, f'{name}\n\n- {name}', (figure,), (rows,))])
+    text = render(name, name, [PageSection(name, f'{name}\n\n- {name}', (figure,), (rows,))])
     page = Page(text)
     assert page.open == []
     assert 'b' not in page.tags
@@ -111,7 +111,7 @@ def test_words_of_a_user_stay_words():
 
 
 def test_prose_has_paragraphs_lists_and_typed_words():
-    text = render('t', 'v', [Section('s', 'One `word`.\n\n- a\n- b\n\nTwo\nlines.')])
+    text = render('t', 'v', [PageSection('s', 'One `word`.\n\n- a\n- b\n\nTwo\nlines.')])
     assert '<p>One <code>word</code>.</p>' in text
     assert '<ul><li>a</li><li>b</li></ul>' in text
     assert '<p>Two lines.</p>' in text
@@ -126,7 +126,7 @@ def test_tables_say_what_is_not_known_and_refuse_ragged_rows():
 
 def test_a_report_is_written_whole_or_not_at_all(tmp_path):
     target = tmp_path / 'deep' / 'report.html'
-    write_report(target, 't', 'v', [Section('s')])
+    write_report(target, 't', 'v', [PageSection('s')])
     assert target.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
     assert [p.name for p in target.parent.iterdir()] == ['report.html']
     blocked = tmp_path / 'file'

@@ -11,7 +11,7 @@ from pathlib import Path
 from piezo_kernels.folders import folders
 
 # Longest wait for another process that compiles [s]; it may hang, and then everybody compiles.
-PATIENCE = 300.0
+TIMEOUT = 300.0
 LOOK = 0.05
 
 
@@ -29,7 +29,7 @@ class Turns:
     def take(self, name: str) -> None:
         """Wait for the turn for `name`; where there are no locks nobody waits."""
         file, place, begun = self._opened(), _place(name), time.monotonic()
-        while file is not None and time.monotonic() - begun < PATIENCE:
+        while file is not None and time.monotonic() - begun < TIMEOUT:
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
             except BlockingIOError:

@@ -14,7 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from piezo_common.health import Health, Level
-from piezo_ros_common.herald import Herald, State
+from piezo_ros_common.herald import Herald, Readiness
 from piezo_ros_common.timers import wall_timer
 
 TOPIC = '/diagnostics'
@@ -46,7 +46,7 @@ class Diagnostics:
         self._node = node
         self._ask = ask
         self._level: Level | None = None
-        self._told = 0.0
+        self._reported = 0.0
         # That of a managed node would be mute while the node is inactive.
         self._publisher = Node.create_publisher(node, DiagnosticArray, TOPIC, 10)
         self._herald = Herald(self._starts, self._compiles)
@@ -58,18 +58,18 @@ class Diagnostics:
         self._herald.ready()
         health = self._ask()
         now = time.monotonic()
-        if health.level == self._level and now - self._told < PERIOD - 0.5 * LOOK:
+        if health.level == self._level and now - self._reported < PERIOD - 0.5 * LOOK:
             return
-        self._level, self._told = health.level, now
-        self._publish(State.READY, health)
+        self._level, self._reported = health.level, now
+        self._publish(Readiness.READY, health)
 
-    def _starts(self, state: State, words: str) -> None:
+    def _starts(self, state: Readiness, words: str) -> None:
         self._publish(state, Health(Level.OK, words))
 
     def _compiles(self) -> None:
         self._node.get_logger().info('compiles its kernels, once; whoever waits for it goes on')
 
-    def _publish(self, state: State, health: Health) -> None:
+    def _publish(self, state: Readiness, health: Health) -> None:
         values = {STATE: state.value, **health.values}
         status = DiagnosticStatus(
             level=bytes([health.level]),

@@ -21,7 +21,7 @@ PERIOD = 1.0
 SHORT = 0.3
 
 
-class State(StrEnum):
+class Readiness(StrEnum):
     """Whether a node can answer."""
 
     STARTING = 'starting'
@@ -29,7 +29,7 @@ class State(StrEnum):
     READY = 'ready'
 
 
-WORKS = (State.STARTING, State.COMPILING)
+WORKS = (Readiness.STARTING, Readiness.COMPILING)
 
 
 class Herald:
@@ -44,11 +44,11 @@ class Herald:
     """
 
     def __init__(
-        self, say: Callable[[State, str], None], compiles: Callable[[], None] = lambda: None
+        self, say: Callable[[Readiness, str], None], compiles: Callable[[], None] = lambda: None
     ) -> None:
         self._say = say
         self._compiles = compiles
-        self._told = self._closed = self._ready = False
+        self._reported = self._closed = self._ready = False
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._begun = time.monotonic()
@@ -86,10 +86,10 @@ class Herald:
 
     def _tell(self) -> None:
         kernel, seconds = watch.compiling(), time.monotonic() - self._begun
-        if kernel and not self._told:
-            self._told = True
+        if kernel and not self._reported:
+            self._reported = True
             self._compiles()
-        state = State.COMPILING if self._ready else State.STARTING
-        words = [state.value] if state is State.STARTING else []
+        state = Readiness.COMPILING if self._ready else Readiness.STARTING
+        words = [state.value] if state is Readiness.STARTING else []
         words += ['compiles its kernels, once'] if kernel else []
         self._say(state, f'{": ".join(words)} ({seconds:.0f} s)')

@@ -21,7 +21,7 @@ from ament_index_python.packages import get_package_prefix
 
 from piezo_ros_common.starting import OWNER
 
-PATIENCE = 5.0
+TIMEOUT = 5.0
 
 # Set by whoever handles Ctrl-C: an exception that a signal raises may be swallowed where it lands,
 # in a callback or a destructor, and whoever waits for nodes must still hear of it.
@@ -89,11 +89,11 @@ class NodeProcess:
         if self.returncode is None:
             os.kill(self.pid, number)
 
-    def stop(self, patience: float = PATIENCE) -> int:
+    def stop(self, timeout: float = TIMEOUT) -> int:
         """End the node politely, then firmly; return its exit code."""
         self.signal(signal.SIGINT)
         try:
-            return self._process.wait(patience)
+            return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)

@@ -18,7 +18,7 @@ OWNER = 'PIEZO_OWNER'
 
 # How often a node looks for its owner, and how long it may take to end without it [s].
 LOOK = 0.5
-PATIENCE = 15.0
+TIMEOUT = 15.0
 
 
 def quiet_start() -> None:
@@ -46,7 +46,7 @@ def _watch(owner: int) -> None:
     while os.getppid() == owner:
         time.sleep(LOOK)
     os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(PATIENCE)
+    time.sleep(TIMEOUT)
     os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 
-from piezo_ros_common.herald import WORKS, State
+from piezo_ros_common.herald import WORKS, Readiness
 
 # Who says nothing for so long is not taken to work any more [s]; everybody speaks every second.
 FRESH = 5.0
@@ -54,13 +54,13 @@ class WorkBook:
 
     def is_ready(self, name: str) -> bool:
         """Tell whether the node `name` has said that it can answer."""
-        return self._said.get(name.strip('/'), ('',))[0] == State.READY
+        return self._said.get(name.strip('/'), ('',))[0] == Readiness.READY
 
     def working(self) -> str:
         """Return who works and at what, empty where nobody does."""
         now = self._now()
         return ', '.join(
             f'{name}: {words}'
-            for name, (state, words, heard) in sorted(self._said.items())
-            if state in WORKS and now - heard < FRESH
+            for name, (state, words, received) in sorted(self._said.items())
+            if state in WORKS and now - received < FRESH
         )

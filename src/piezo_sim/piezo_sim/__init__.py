@@ -3,16 +3,16 @@
 from piezo_sim.errors import PlantError, PresetError, SimulationError, SweepError
 from piezo_sim.plant import FAULTS, Plant
 from piezo_sim.presets import Preset, load_preset, preset_names
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 __version__ = '0.1.0'
 
 __all__ = [
     'FAULTS',
-    'Effect',
-    'Parameter',
     'Plant',
+    'PlantEffect',
     'PlantError',
+    'PlantParameter',
     'Preset',
     'PresetError',
     'SimulationError',

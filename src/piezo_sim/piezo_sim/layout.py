@@ -23,12 +23,12 @@ from piezo_sim.parts import (
     slow,
     structure,
 )
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 _PARTS = (amplifier, drive, bouc_wen, play, preisach, structure, slow, sensor)
 
-PARAMETERS: tuple[Parameter, ...] = tuple(row for part in _PARTS for row in part.PARAMETERS)
-EFFECTS: tuple[Effect, ...] = tuple(row for part in _PARTS for row in part.EFFECTS)
+PARAMETERS: tuple[PlantParameter, ...] = tuple(row for part in _PARTS for row in part.PARAMETERS)
+EFFECTS: tuple[PlantEffect, ...] = tuple(row for part in _PARTS for row in part.EFFECTS)
 
 
 def _digest() -> str:

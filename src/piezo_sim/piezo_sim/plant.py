@@ -15,7 +15,7 @@ from piezo_sim.errors import PlantError
 from piezo_sim.layout import EFFECTS, PARAMETERS, STATE_TYPE
 from piezo_sim.parts import chain
 from piezo_sim.presets import Preset, load_preset
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -202,12 +202,12 @@ class Plant:
     # -- parameters --------------------------------------------------------------------------
 
     @property
-    def parameter_table(self) -> tuple[Parameter, ...]:
+    def parameter_table(self) -> tuple[PlantParameter, ...]:
         """Every number, with unit, bounds and description; defaults are those of the preset."""
         return self.preset.table()
 
     @property
-    def effect_table(self) -> tuple[Effect, ...]:
+    def effect_table(self) -> tuple[PlantEffect, ...]:
         """Every effect; its switch is the parameter ``effects.<name>``."""
         return EFFECTS
 
@@ -298,7 +298,7 @@ class Plant:
             s['bristle'], s['yielding'] = 0.0, s['x'][0]
 
 
-def _checked(row: Parameter, value: object) -> float:
+def _checked(row: PlantParameter, value: object) -> float:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise PlantError(f'{row.name} is a number in {row.unit}, got {value!r}')
     number = float(value)

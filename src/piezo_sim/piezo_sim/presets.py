@@ -18,7 +18,7 @@ import yaml
 from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS
-from piezo_sim.table import NOMINAL_DISPLACEMENT, NOMINAL_VOLTAGE, Parameter
+from piezo_sim.table import NOMINAL_DISPLACEMENT, NOMINAL_VOLTAGE, PlantParameter
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Preset:
     effects: tuple[str, ...] = ()
     flexure: Flexure | None = None
 
-    def table(self) -> tuple[Parameter, ...]:
+    def table(self) -> tuple[PlantParameter, ...]:
         """Return every parameter with the default it has for this actuator."""
         rows = []
         for row in PARAMETERS:

@@ -11,7 +11,7 @@ NOMINAL_DISPLACEMENT = 100e-6
 
 
 @dataclass(frozen=True)
-class Parameter:
+class PlantParameter:
     """One number of the simulated actuator.
 
     Attributes
@@ -45,7 +45,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Effect:
+class PlantEffect:
     """Something the actuator does that can be switched on and off while it runs.
 
     Attributes

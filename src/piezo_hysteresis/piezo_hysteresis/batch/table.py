@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.batch.tasks import Row
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.page import Plot, Section, Table, render, table
+from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plots import Curve, xy_figure
 from piezo_hysteresis.reporting.units import micrometres
 
@@ -96,15 +96,15 @@ def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
     if bad:
         cells = [(row['name'], row['state'], row['error']) for row in bad[:_SHOWN]]
         why = table(('data', 'state', 'why'), cells)
-        sections.append(Section('What could not be used', '', (), (why,)))
+        sections.append(PageSection('What could not be used', '', (), (why,)))
     said = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
     said += f', {len(bad)} did not.' if bad else '.'
     text = f'All columns, in SI units: {", ".join(f"`{name}`" for name in tables)}.'
-    sections.append(Section('The whole table', text))
+    sections.append(PageSection('The whole table', text))
     return render(f'Batch: {verb} over {len(rows)} data sets', said, sections)
 
 
-def _identified(rows: Sequence[Row]) -> Section:
+def _identified(rows: Sequence[Row]) -> PageSection:
     ranked = sorted(rows, key=lambda row: _size(row['free_run_rms_m']))
     cells = [
         (
@@ -130,7 +130,7 @@ def _identified(rows: Sequence[Row]) -> Section:
     )
 
 
-def _discovered(rows: Sequence[Row]) -> Section:
+def _discovered(rows: Sequence[Row]) -> PageSection:
     ranked = sorted(rows, key=lambda row: _size(row['before_in_floors']))
     cells = [
         (
@@ -148,12 +148,12 @@ def _discovered(rows: Sequence[Row]) -> Section:
     counts = sorted({(-names.count(name), name) for name in names})
     often = ', '.join(f'`{name}` {-count} times' for count, name in counts) or 'nothing'
     text = f'Gap on held-out records in multiples of the noise, the largest first. Named: {often}.'
-    return Section('What do the models miss?', text, (), (_table(headers, cells),))
+    return PageSection('What do the models miss?', text, (), (_table(headers, cells),))
 
 
 def _section(
     title: str, text: str, ranked: Sequence[Row], column: str, headers: Any, cells: Any
-) -> Section:
+) -> PageSection:
     sizes = np.array([_size(row[column]) for row in ranked])
     known = sizes[np.isfinite(sizes)]
     figures: tuple[Plot, ...] = ()
@@ -165,7 +165,7 @@ def _section(
             xy_figure([curve], 'Errors', caption, 'share of the data sets [%]', 'rms error [µm]',
                       log_y=True),
         )  # fmt: skip
-    return Section(title, text, figures, (_table(headers, cells),))
+    return PageSection(title, text, figures, (_table(headers, cells),))
 
 
 def _table(headers: Any, cells: Any) -> Table:

@@ -56,7 +56,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Run:
+class LiveRun:
     """One tracking run.
 
     Attributes
@@ -86,7 +86,7 @@ class Demo:
         Open-loop records.
     found : Identification
         Model identified from them.
-    runs : tuple of Run
+    runs : tuple of LiveRun
         No compensation, feedforward, feedforward and attenuation.
     seconds : dict of str to float
         Wall time of each part [s].
@@ -95,7 +95,7 @@ class Demo:
     plan: Plan
     sweep: tuple[Record, ...]
     found: Identification
-    runs: tuple[Run, ...]
+    runs: tuple[LiveRun, ...]
     seconds: dict[str, float]
 
 
@@ -110,7 +110,7 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     with ros_needed():
         from piezo_hysteresis.nodes import live
     clock = _Clock()
-    order = live.SweepOrder(plan.frequencies, [plan.amplitude], plan.seconds, plan.warm_up)
+    order = live.LiveSweep(plan.frequencies, [plan.amplitude], plan.seconds, plan.warm_up)
     progress(0.0, 'starting the nodes')
     with _advice():
         sweep = live.record_sweep(
@@ -138,7 +138,7 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
         )
         with _advice():
             record = live.track(PRESET, tracking, bag, **settings)
-        runs.append(Run(name, record, _metrics(record, plan)))
+        runs.append(LiveRun(name, record, _metrics(record, plan)))
         clock.lap(name)
     return Demo(plan, tuple(sweep), found, tuple(runs), clock.laps)
 

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
             warnings.showwarning = _say
             return _run(words)
     except PiezoError as error:
-        if talk.level() == talk.Level.VERBOSE:
+        if talk.level() == talk.Verbosity.VERBOSE:
             traceback.print_exc()
         print(f'error: {error}', file=sys.stderr)
         return 2

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from piezo_hysteresis.cli.talk import Level, level
+from piezo_hysteresis.cli.talk import Verbosity, level
 from piezo_hysteresis.reporting.units import clock, time_left
 
 Tell = Callable[[float, str], None]
@@ -21,16 +21,16 @@ ENOUGH = 0.03
 @contextmanager
 def progress_bar(title: str) -> Iterator[Tell]:
     """Offer a callback ``(fraction, words)`` that tells of work on stderr."""
-    if level() == Level.QUIET:
+    if level() == Verbosity.QUIET:
         yield lambda fraction, words: None
-    elif level() == Level.VERBOSE or not sys.stderr.isatty():
-        yield Lines(title, OFTEN if level() == Level.VERBOSE else SELDOM)
+    elif level() == Verbosity.VERBOSE or not sys.stderr.isatty():
+        yield ProgressLines(title, OFTEN if level() == Verbosity.VERBOSE else SELDOM)
     else:
         with _bar(title) as tell:
             yield tell
 
 
-class Lines:
+class ProgressLines:
     """Says how far it is at most every so many seconds.
 
     Parameters

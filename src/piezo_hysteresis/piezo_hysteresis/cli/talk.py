@@ -7,7 +7,7 @@ import sys
 from enum import IntEnum
 
 
-class Level(IntEnum):
+class Verbosity(IntEnum):
     """What is said on stderr."""
 
     QUIET = 0
@@ -15,7 +15,7 @@ class Level(IntEnum):
     VERBOSE = 2
 
 
-_level = Level.USUAL
+_level = Verbosity.USUAL
 
 
 def add_words(parser: argparse.ArgumentParser) -> None:
@@ -32,15 +32,15 @@ def choose(arguments: argparse.Namespace) -> None:
     """Take the wish of the parsed words."""
     global _level
     quiet, verbose = getattr(arguments, 'quiet', False), getattr(arguments, 'verbose', False)
-    _level = Level.QUIET if quiet else Level.VERBOSE if verbose else Level.USUAL
+    _level = Verbosity.QUIET if quiet else Verbosity.VERBOSE if verbose else Verbosity.USUAL
 
 
-def level() -> Level:
+def level() -> Verbosity:
     """Return how much is said."""
     return _level
 
 
 def warn(text: str, kind: str = 'warning') -> None:
     """Say a warning (or note) in one line, unless nobody wants to hear it."""
-    if _level > Level.QUIET:
+    if _level > Verbosity.QUIET:
         print(f'{kind}: {text}', file=sys.stderr)

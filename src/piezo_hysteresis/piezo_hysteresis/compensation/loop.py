@@ -16,7 +16,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.waveforms.base import Samples
 
 
-class Plant(Protocol):
+class LoopPlant(Protocol):
     """Anything that takes a voltage and answers what was measured before it acted."""
 
     def exchange(self, voltage: float) -> float:
@@ -99,7 +99,7 @@ def reference_points(samples: Samples, first: int = 0) -> Iterator[ReferencePoin
 def closed_loop(
     reference: Samples | Sequence[ReferencePoint],
     links: Sequence[Link],
-    plant: Plant,
+    plant: LoopPlant,
     limits: Limits,
     dt: float,
 ) -> LoopResult:
@@ -115,7 +115,7 @@ def closed_loop(
         Reference displacement [m] with its derivatives.
     links : sequence of Link
         The chain; the first one receives 0 V.
-    plant : Plant
+    plant : LoopPlant
         ``exchange(voltage) -> displacement``.
     limits : Limits
         Range and slew of the command.

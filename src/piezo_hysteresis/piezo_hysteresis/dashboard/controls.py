@@ -21,7 +21,7 @@ _STEPS = 200
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ParameterState:
     """One parameter of a running node.
 
     Attributes
@@ -77,7 +77,7 @@ class Parameter:
         """From the SI unit to the one that people read."""
         return shown(self.unit)[1]
 
-    def with_value(self, value: Value) -> Parameter:
+    def with_value(self, value: Value) -> ParameterState:
         """Return the parameter at another value."""
         return replace(self, value=value)
 
@@ -107,7 +107,7 @@ def described(
     constraints: str = '',
     bounds: tuple[float, float] | None = None,
     read_only: bool = False,
-) -> Parameter:
+) -> ParameterState:
     """Return the parameter that a descriptor tells of.
 
     Parameters
@@ -128,7 +128,7 @@ def described(
     found = _DESCRIPTION.match(description)
     words = _CHOICES.match(constraints)
     low, high = bounds or (-math.inf, math.inf)
-    return Parameter(
+    return ParameterState(
         node,
         name,
         value,
@@ -141,7 +141,7 @@ def described(
     )
 
 
-def refusal_words(parameter: Parameter, reason: str) -> str:
+def refusal_words(parameter: ParameterState, reason: str) -> str:
     """Return why a value was refused, in the unit that the page shows.
 
     ROS itself names a range without its unit, in metres where the page has micrometres.
@@ -171,7 +171,7 @@ class SliderRange:
         return min(max(value, self.start), self.end)
 
 
-def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> SliderRange:
+def reach(parameter: ParameterState, siblings: Iterable[ParameterState] = ()) -> SliderRange:
     """Return a useful range of a slider: the allowed one, cut to the size of what is usual.
 
     Ranges such as 0 .. 500 V hold for any actuator; a slider over all of it would be useless. It
@@ -180,7 +180,7 @@ def reach(parameter: Parameter, siblings: Iterable[Parameter] = ()) -> SliderRan
 
     Parameters
     ----------
-    parameter : Parameter
+    parameter : ParameterState
         A number.
     siblings : iterable of Parameter
         Of the same group.
@@ -229,12 +229,12 @@ DRIVE = (
 EFFECTS = 'effects'
 
 
-def drive_parameters(nodes: Mapping[str, Mapping[str, Parameter]]) -> list[Parameter]:
+def drive_parameters(nodes: Mapping[str, Mapping[str, ParameterState]]) -> list[ParameterState]:
     """Return what is reached for first, of the nodes that are there."""
     return [nodes[node][name] for node, name in DRIVE if name in nodes.get(node, {})]
 
 
-def effect_parameters(nodes: Mapping[str, Mapping[str, Parameter]]) -> list[Parameter]:
+def effect_parameters(nodes: Mapping[str, Mapping[str, ParameterState]]) -> list[ParameterState]:
     """Return the effect switches of whatever simulates the actuator."""
     return [
         parameter
@@ -244,9 +244,9 @@ def effect_parameters(nodes: Mapping[str, Mapping[str, Parameter]]) -> list[Para
     ]
 
 
-def groups_of(parameters: Iterable[Parameter]) -> dict[str, list[Parameter]]:
+def groups_of(parameters: Iterable[ParameterState]) -> dict[str, list[ParameterState]]:
     """Return tunable parameters by the first part of their name, those without one first."""
-    found: dict[str, list[Parameter]] = {}
+    found: dict[str, list[ParameterState]] = {}
     for parameter in sorted(parameters, key=lambda p: (p.group != '', p.group)):
         if not parameter.read_only and parameter.name != 'use_sim_time':
             found.setdefault(parameter.group, []).append(parameter)

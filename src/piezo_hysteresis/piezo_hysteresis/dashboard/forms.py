@@ -20,7 +20,7 @@ from bokeh.models import (
 )
 
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
-from piezo_hysteresis.dashboard.live import Job
+from piezo_hysteresis.dashboard.live import BackgroundJob
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.dashboard.words import job_words, start_words, time_words
 from piezo_hysteresis.errors import PiezoError
@@ -59,7 +59,7 @@ class JobBox:
 
     def __init__(self, name: str, start: Callable[[], None], cancel: Callable[[], None]) -> None:
         self._start = start
-        self._shown: tuple[Job, bool, str] | None = None
+        self._shown: tuple[BackgroundJob, bool, str] | None = None
         self.start = Button(label=f'Start {name}', button_type='primary', name=f'{name}.start')
         self.cancel = Button(label='Cancel', disabled=True, name=f'{name}.cancel')
         self.bar = Progress(
@@ -82,7 +82,7 @@ class JobBox:
         except PiezoError as error:
             self._say(f'<p class="error">{escape(str(error))}</p>')
 
-    def refresh(self, job: Job, offered: bool, hint: str, now: float) -> None:
+    def refresh(self, job: BackgroundJob, offered: bool, hint: str, now: float) -> None:
         """Show how it stands at `now`; `hint` (HTML) is said where nobody offers it."""
         spent = time_words(job, now)
         if self._shown == (job, offered, spent):
@@ -156,7 +156,7 @@ class SweepForm:
             )
         )
 
-    def refresh(self, job: Job, offered: bool, now: float) -> None:
+    def refresh(self, job: BackgroundJob, offered: bool, now: float) -> None:
         """Show how the sweep stands; a new one gets a new name."""
         ended = self.box.bar.visible and not job.busy
         self.box.refresh(job, offered, self._hint, now)
@@ -206,6 +206,6 @@ class DiscoveryForm:
         kept = [bag for bag in self._data.value if bag in found]
         self._data.update(options=found, value=new[:1] or kept)
 
-    def refresh(self, job: Job, offered: bool, now: float) -> None:
+    def refresh(self, job: BackgroundJob, offered: bool, now: float) -> None:
         """Show how the discovery stands."""
         self.box.refresh(job, offered, self._hint, now)

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from piezo_hysteresis.dashboard.controls import Parameter
+from piezo_hysteresis.dashboard.controls import ParameterState
 from piezo_hysteresis.dashboard.signals import Signals
 
 # Silence after which something counts as lost [s].
@@ -22,7 +22,7 @@ class Gap:
     Attributes
     ----------
     at : float
-        When it was heard [s, monotonic].
+        When it was received [s, monotonic].
     rms, floor : float
         [m]; their ratio is `floors`.
     floors : float
@@ -49,13 +49,13 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ShownEstimate:
     """What an identification knows.
 
     Attributes
     ----------
     at : float
-        When it was heard [s, monotonic].
+        When it was received [s, monotonic].
     model, method, message : str
         Of what, how, and warnings.
     names, units : tuple of str
@@ -88,7 +88,7 @@ class Counters:
     Attributes
     ----------
     at : float
-        When it was heard [s, monotonic].
+        When it was received [s, monotonic].
     sample : int
         Newest tick.
     rate : float
@@ -110,7 +110,7 @@ class LogLine:
     Attributes
     ----------
     at : float
-        When it was heard [s, monotonic].
+        When it was received [s, monotonic].
     node : str
         Who.
     level : str
@@ -126,7 +126,7 @@ class LogLine:
 
 
 @dataclass(frozen=True)
-class Job:
+class BackgroundJob:
     """A sweep or a discovery.
 
     Attributes
@@ -177,14 +177,14 @@ class NodeState:
         Whether it is there now.
     since : float
         Since when it is, or is not [s, monotonic].
-    parameters : dict of str to Parameter
+    parameters : dict of str to ParameterState
         By name; replaced as a whole, never changed.
     """
 
     name: str
     present: bool
     since: float
-    parameters: dict[str, Parameter] = field(default_factory=dict)
+    parameters: dict[str, ParameterState] = field(default_factory=dict)
 
 
 class Live:
@@ -205,33 +205,33 @@ class Live:
         self.frequency = 0.0  # of the reference [Hz]
         self.record_frequency = 0.0  # of the record of a sweep that runs
         self.record = ''
-        self.heard: dict[str, float] = {}
+        self.received: dict[str, float] = {}
         self.published = False  # whether somebody publishes the state
         self.gaps: deque[Gap] = deque(maxlen=KEPT)
-        self.estimates: deque[Estimate] = deque(maxlen=KEPT)
+        self.estimates: deque[ShownEstimate] = deque(maxlen=KEPT)
         self.counters: dict[str, Counters] = {}
         self.diagnostics: dict[str, LogLine] = {}
         self.working: dict[str, float] = {}  # when a node last said that it starts or compiles
         self.words: deque[LogLine] = deque(maxlen=50)
         self.nodes: dict[str, NodeState] = {}
-        self.sweep = Job()
-        self.discovery = Job()
+        self.sweep = BackgroundJob()
+        self.discovery = BackgroundJob()
         self.sweeps_offered = self.discoveries_offered = False
 
     def note(self, topic: str) -> None:
-        """Note that something was heard."""
-        self.heard[topic] = self.clock()
+        """Note that something was received."""
+        self.received[topic] = self.clock()
 
     def silence(self, topic: str) -> float:
-        """Return for how long nothing was heard [s], infinite where it never was."""
-        return self.clock() - self.heard.get(topic, -float('inf'))
+        """Return for how long nothing was received [s], infinite where it never was."""
+        return self.clock() - self.received.get(topic, -float('inf'))
 
     @property
-    def parameters(self) -> dict[str, dict[str, Parameter]]:
+    def parameters(self) -> dict[str, dict[str, ParameterState]]:
         """Parameters by node, of those that are there."""
         return {n.name: n.parameters for n in list(self.nodes.values()) if n.present}
 
-    def parameter(self, node: str, name: str) -> Parameter | None:
+    def parameter(self, node: str, name: str) -> ParameterState | None:
         """Return one parameter of a node that is there."""
         return self.parameters.get(node, {}).get(name)
 

@@ -15,7 +15,7 @@ from piezo_hysteresis.dashboard.wellbeing import banner, pulse
 from piezo_hysteresis.dashboard.words import say, words_div
 
 SLOWLY = 0.3  # words and spectra change no faster [s]
-PATIENCE = 10.0  # after which a picture counts as lost on its way [s]
+TIMEOUT = 10.0  # after which a picture counts as lost on its way [s]
 
 # Runs in the browser once the picture is on the screen; in a tab that nobody sees it waits.
 SEEN = (
@@ -43,7 +43,7 @@ class Flow:
 
     def ready(self) -> bool:
         """Tell whether the browser waits for a picture."""
-        late = time.monotonic() - self._sent_at > PATIENCE
+        late = time.monotonic() - self._sent_at > TIMEOUT
         return late or list(self.seen.tags) == list(self._beat.tags)
 
     def sent(self) -> None:
@@ -133,5 +133,5 @@ class Page:
         if options != list(self._actuator.options):
             self._actuator.options = options
         self._actuator.visible = len(options) > 1
-        if not self._chosen and not self._live.heard and self._live.actuator not in found:
+        if not self._chosen and not self._live.received and self._live.actuator not in found:
             self._actuator.value = found[0] or '/'

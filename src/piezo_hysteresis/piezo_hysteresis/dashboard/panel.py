@@ -12,7 +12,7 @@ from bokeh.models import Column, Row, Select
 from piezo_hysteresis.dashboard.backend import Answer, Backend
 from piezo_hysteresis.dashboard.controls import (
     EFFECTS,
-    Parameter,
+    ParameterState,
     Value,
     drive_parameters,
     effect_parameters,
@@ -69,7 +69,7 @@ class Controls:
         say(self._status, status_words(self._live))
         self._discovery.look()
 
-    def _choose(self, parameters: Mapping[str, Mapping[str, Parameter]]) -> None:
+    def _choose(self, parameters: Mapping[str, Mapping[str, ParameterState]]) -> None:
         nodes = sorted(parameters)
         _offer(self._node, nodes)
         own = parameters.get(self._node.value, {})

@@ -11,11 +11,11 @@ from typing import Any
 from bokeh.models import Column, Div, NumericInput, Row, Select, Slider, Switch, TextInput
 
 from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.controls import Parameter, Value, reach, refusal_words
+from piezo_hysteresis.dashboard.controls import ParameterState, Value, reach, refusal_words
 from piezo_hysteresis.dashboard.template import SWITCH_STYLE, WIDGET_STYLE
 
 Send = Callable[[str, str, Value], Answer]
-Find = Callable[[str, str], Parameter | None]
+Find = Callable[[str, str], ParameterState | None]
 REFUSAL_SHOWN = 20.0  # [s]
 
 
@@ -31,7 +31,7 @@ class ParameterRow:
 
     Parameters
     ----------
-    parameter : Parameter
+    parameter : ParameterState
         As it is now.
     send : callable
         Sets it: node, name, value.
@@ -46,9 +46,9 @@ class ParameterRow:
 
     def __init__(
         self,
-        parameter: Parameter,
+        parameter: ParameterState,
         send: Send,
-        siblings: Iterable[Parameter] = (),
+        siblings: Iterable[ParameterState] = (),
         shared: Div | None = None,
         prefix: str = '',
     ) -> None:
@@ -271,7 +271,7 @@ class RowList:
             stylesheets=[WIDGET_STYLE],
         )  # fmt: skip
 
-    def refresh(self, wanted: Iterable[Parameter], all_of: Mapping[str, Any]) -> None:
+    def refresh(self, wanted: Iterable[ParameterState], all_of: Mapping[str, Any]) -> None:
         """Show `wanted`; `all_of` holds the parameters by node and name."""
         listed = list(wanted)
         # what a control looks like depends on these, not on the value
@@ -288,6 +288,6 @@ class RowList:
             row.refresh(self._find)
 
 
-def _siblings(parameter: Parameter, all_of: Mapping[str, Any]) -> list[Parameter]:
-    known: Iterable[Parameter] = all_of.get(parameter.node, {}).values()
+def _siblings(parameter: ParameterState, all_of: Mapping[str, Any]) -> list[ParameterState]:
+    known: Iterable[ParameterState] = all_of.get(parameter.node, {}).values()
     return [other for other in known if other.group == parameter.group]

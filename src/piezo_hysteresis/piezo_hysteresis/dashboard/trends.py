@@ -9,7 +9,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Label, Range1d, Span
 
 from piezo_hysteresis.dashboard.axes import Follower, live_axes
-from piezo_hysteresis.dashboard.live import Estimate, Gap
+from piezo_hysteresis.dashboard.live import Gap, ShownEstimate
 from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE
 from piezo_hysteresis.reporting.units import shown
 
@@ -72,7 +72,7 @@ class EstimatePlot:
         )
         self.figure.line('x', 'y', source=self._source, color=PALETTE[0], line_width=1.8)
 
-    def show(self, estimates: Sequence[Estimate], now: float) -> None:
+    def show(self, estimates: Sequence[ShownEstimate], now: float) -> None:
         """Draw what was heard of the chosen parameter."""
         name = self.parameter
         recent = [e for e in estimates if now - e.at < SECONDS and name in e.names]

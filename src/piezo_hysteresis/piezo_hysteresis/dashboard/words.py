@@ -10,7 +10,7 @@ from urllib.parse import quote
 from bokeh.models import Div
 
 from piezo_hysteresis.dashboard.counted import COUNTED
-from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Job, Live
+from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, Live, ShownEstimate
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.dashboard.wellbeing import ago, of_node
 from piezo_hysteresis.reporting.units import clock, micrometres, shown, time_left, with_deviation
@@ -65,7 +65,9 @@ def gap_words(gaps: Sequence[Gap], monitored: bool, actuator: str = '') -> str:
     return f'<p>{text}.</p>'
 
 
-def estimate_words(estimates: Sequence[Estimate], identifying: bool, actuator: str = '') -> str:
+def estimate_words(
+    estimates: Sequence[ShownEstimate], identifying: bool, actuator: str = ''
+) -> str:
     """Return the newest estimate as a table with standard deviations."""
     if not estimates:
         if not identifying:
@@ -128,7 +130,7 @@ def _counter(name: str, count: int) -> str:
     return words if meaning is None else f'<abbr title="{escape(meaning)}">{words}</abbr>'
 
 
-def time_words(job: Job, now: float) -> str:
+def time_words(job: BackgroundJob, now: float) -> str:
     """Return how long a job has run, and how long it will if it goes on at its pace."""
     if not job.busy or not math.isfinite(job.since):
         return ''
@@ -139,7 +141,7 @@ def time_words(job: Job, now: float) -> str:
     return words
 
 
-def job_words(job: Job) -> str:
+def job_words(job: BackgroundJob) -> str:
     """Return what a job does, brought out or failed with."""
     if job.phase == 'none':
         return ''

@@ -9,9 +9,9 @@ from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
 from piezo_hysteresis.export.pieces import Alone, Run, late, of_block
 from piezo_hysteresis.jit import leaf, scratch
-from piezo_hysteresis.models.linear_runs import Step, run_path
+from piezo_hysteresis.models.linear_runs import LinearStep, run_path
 from piezo_hysteresis.models.parts import Layout
-from piezo_hysteresis.models.path_runs import PathRun, Piece
+from piezo_hysteresis.models.path_runs import PathPiece, PathRun
 from piezo_hysteresis.models.paths import joined, read, with_turns, without_turns
 from piezo_hysteresis.models.way_runs import WayRun
 from piezo_hysteresis.models.ways import take_up, ways
@@ -96,7 +96,12 @@ def _with(alone: Alone, own: FloatArray) -> Alone:
 
 
 def _followed(
-    piece: Piece, step: Step | None, own: FloatArray, dt: float, points: int, ahead: float
+    piece: PathPiece,
+    step: LinearStep | None,
+    own: FloatArray,
+    dt: float,
+    points: int,
+    ahead: float,
 ) -> Alone:
     if step is not None:
         phi, gamma, rows, gains = step

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.identification.discrepancy import Residual
+from piezo_hysteresis.identification.discrepancy import RecordResidual
 from piezo_hysteresis.models import Discrepancy
 
 # Error, in multiples of the expected one, from which a record shows something that the model is
@@ -48,7 +48,7 @@ class Comparison:
         return not self.ratio <= NEWS
 
 
-def compared(residuals: Iterable[Residual], known: Discrepancy) -> list[Comparison]:
+def compared(residuals: Iterable[RecordResidual], known: Discrepancy) -> list[Comparison]:
     """Return the error on each record beside what the model is known to miss there."""
     return [
         Comparison(

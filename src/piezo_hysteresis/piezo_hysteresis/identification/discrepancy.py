@@ -21,7 +21,7 @@ _LEAST_POWER = 1e-3
 
 
 @dataclass(frozen=True)
-class Residual:
+class RecordResidual:
     """What is left of one record after its warm-up.
 
     Attributes
@@ -57,7 +57,7 @@ def residuals_of(
     records: Sequence[Record],
     views: Sequence[Target],
     sampling_offset: float = 0.0,
-) -> list[Residual]:
+) -> list[RecordResidual]:
     """Return what a model leaves of records, each after its warm-up.
 
     Parameters
@@ -77,7 +77,7 @@ def residuals_of(
         with np.errstate(over='ignore', invalid='ignore'):
             error = misfit(model, packed, view, sampling_offset)
         found.append(
-            Residual(
+            RecordResidual(
                 name=record.name,
                 error=error,
                 dt=record.dt,
@@ -90,7 +90,7 @@ def residuals_of(
     return found
 
 
-def discrepancy_of(residuals: Iterable[Residual], *, held_out: bool) -> Discrepancy | None:
+def discrepancy_of(residuals: Iterable[RecordResidual], *, held_out: bool) -> Discrepancy | None:
     """Return what a model misses by frequency, harmonic and amplitude.
 
     Parameters
@@ -115,7 +115,7 @@ def discrepancy_of(residuals: Iterable[Residual], *, held_out: bool) -> Discrepa
     return Discrepancy(held_out, tuple(found)) if found else None
 
 
-def condition_of(residual: Residual) -> Condition:
+def condition_of(residual: RecordResidual) -> Condition:
     """Return what one record shows."""
     error = residual.error
     rms = float(np.sqrt(np.mean(error**2)))
@@ -132,14 +132,14 @@ def condition_of(residual: Residual) -> Condition:
     )
 
 
-def _harmonics(residual: Residual, least: float) -> dict[int, float]:
+def _harmonics(residual: RecordResidual, least: float) -> dict[int, float]:
     orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
     power = np.abs(phasors) ** 2 / 2.0
     power[0] *= 2.0
     return {n: sqrt(float(p)) for n, p in zip(orders, power, strict=True) if p > least}
 
 
-def _beside(residual: Residual, least: float) -> dict[float, float]:
+def _beside(residual: RecordResidual, least: float) -> dict[float, float]:
     """Return the rms in octaves of what is on no harmonic, beyond white noise."""
     orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
     turn = 2j * np.pi * residual.frequency * residual.dt * np.arange(residual.error.size)

@@ -17,7 +17,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.parts import Part
+from piezo_hysteresis.models.parts import PlacedBlock
 from piezo_hysteresis.models.stages import LinearStage, PathStage, TickStage
 
 
@@ -194,7 +194,7 @@ class Tails:
         begin, kept, columns = 0, [], []
         for part in parts[first:]:
             own = stage.columns[part.span]
-            kept.append(Part(part.block, slice(begin, begin + own.size)))
+            kept.append(PlacedBlock(part.block, slice(begin, begin + own.size)))
             columns.append(own)
             begin += own.size
         tail = LinearStage(tuple(kept), np.concatenate(columns), 0, stage.run.ahead)

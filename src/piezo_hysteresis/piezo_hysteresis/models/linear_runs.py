@@ -19,7 +19,7 @@ _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
 _AT_ONCE = 1e8  # ratio of a step to a time constant from which it is taken as over at once
 
 
-class Step(NamedTuple):
+class LinearStep(NamedTuple):
     """One step of a linear system with states x and input (start, middle, end) of a parabola.
 
     Attributes
@@ -97,7 +97,7 @@ def settled(system: System, dt: float) -> System:
     return System(a, b, c, system.d - float(system.c[quick] @ come))
 
 
-def step_of(system: System, h: float) -> Step:
+def step_of(system: System, h: float) -> LinearStep:
     """Return the exact step over `h` [s] for an input that is a parabola.
 
     The start of the output is chosen such that the mean of the step by Simpson's rule is the exact
@@ -126,7 +126,7 @@ def step_of(system: System, h: float) -> Step:
     end = output @ full[: n + 1][:, keep] @ known + direct[1]
     mean = full[n][keep] @ known
     outputs = np.array([6.0 * mean - 4.0 * middle - end, middle, end])
-    return Step(
+    return LinearStep(
         np.ascontiguousarray(gamma[:, :n].T),
         np.ascontiguousarray(gamma[:, n:]),
         np.ascontiguousarray(outputs[:, :n]),

@@ -10,7 +10,7 @@ from piezo_hysteresis.blocks.base import Block, System
 from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size
 
 
-class Part(NamedTuple):
+class PlacedBlock(NamedTuple):
     """A block and where its parameters stand among those of its stage."""
 
     block: Block
@@ -40,7 +40,7 @@ class Layout(NamedTuple):
     size: int
 
 
-def layout_of(moving: Sequence[Part], delays: int, past: int, dt: float) -> Layout:
+def layout_of(moving: Sequence[PlacedBlock], delays: int, past: int, dt: float) -> Layout:
     """Return the layout for blocks behind so many delays and past samples."""
     ring = slice(2, 2 + (delays * ring_size(dt) + 1 if delays else 0))
     place = ring.stop + past
@@ -60,6 +60,6 @@ def delay_of(delays: FloatArray, dt: float, ahead: bool) -> tuple[int, float]:
     return whole if ahead else whole + 1, 1.0 - part
 
 
-def systems_of(parts: Sequence[Part], p: FloatArray) -> list[System]:
+def systems_of(parts: Sequence[PlacedBlock], p: FloatArray) -> list[System]:
     """Return the linear systems among `parts`."""
     return [part.block.system(p[part.span]) for part in parts if part.block.system is not None]

@@ -13,8 +13,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import shift
-from piezo_hysteresis.models.linear_runs import Step, fastest, in_series, run_path, step_of
-from piezo_hysteresis.models.parts import Layout, Part, delay_of, layout_of, systems_of
+from piezo_hysteresis.models.linear_runs import LinearStep, fastest, in_series, run_path, step_of
+from piezo_hysteresis.models.parts import Layout, PlacedBlock, delay_of, layout_of, systems_of
 from piezo_hysteresis.models.paths import (
     JOINED_STEPS,
     PAST,
@@ -31,10 +31,10 @@ _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes 
 _VALUES = 1 << 14  # values of a path that are followed at a time: what a cache holds
 
 
-class Piece(NamedTuple):
+class PathPiece(NamedTuple):
     """Parts that are followed together: linear ones as one system, the others one by one."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[PlacedBlock, ...]
     memory: slice
     linear: bool
     turns: bool
@@ -49,7 +49,7 @@ class PathRun:
 
     Attributes
     ----------
-    parts : tuple of Part
+    parts : tuple of PlacedBlock
         Delays first, then the blocks in order.
     delays : int
         How many of the parts are delays.
@@ -57,7 +57,7 @@ class PathRun:
         Whether the chain is read at the end of the tick, and not at its start.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[PlacedBlock, ...]
     delays: int
     ahead: bool
 
@@ -67,17 +67,17 @@ class PathRun:
         return tuple(part.block for part in self.parts)
 
     @cached_property
-    def _moving(self) -> tuple[Part, ...]:
+    def _moving(self) -> tuple[PlacedBlock, ...]:
         return self.parts[self.delays :]
 
     @cached_property
-    def _joining(self) -> Part | None:
+    def _joining(self) -> PlacedBlock | None:
         return next((part for part in self._moving if part.block.joins is not None), None)
 
     @cached_property
-    def _groups(self) -> tuple[tuple[tuple[Part, ...], bool, bool], ...]:
+    def _groups(self) -> tuple[tuple[tuple[PlacedBlock, ...], bool, bool], ...]:
         """Parts that are followed together, whether they are linear, whether a path turns."""
-        groups: list[tuple[tuple[Part, ...], bool, bool]] = []
+        groups: list[tuple[tuple[PlacedBlock, ...], bool, bool]] = []
         turns = False
         for i, part in enumerate(self._moving):
             linear = part.block.system is not None
@@ -110,14 +110,14 @@ class PathRun:
         ]
         return (*(() if self.ahead or not inside else (0,)), *inside)
 
-    def pieces(self, layout: Layout) -> list[Piece]:
+    def pieces(self, layout: Layout) -> list[PathPiece]:
         """Return the groups with their places in the state."""
         memories = layout.memories
         pieces, first = [], 0
         for parts, linear, turns in self._groups:
             last = first + len(parts)
             own = slice(memories[first].start, memories[last - 1].stop)
-            pieces.append(Piece(parts, own, linear, turns))
+            pieces.append(PathPiece(parts, own, linear, turns))
             first = last
         return pieces
 
@@ -219,10 +219,10 @@ class PathRun:
         begun = is_joined or (not self.ahead and self.delays > 0)
         return Timing(ticks, part, late - 1.0 if begun else late)
 
-    def made(self, p: FloatArray, dt: float, steps: int) -> tuple[Step | None, ...]:
+    def made(self, p: FloatArray, dt: float, steps: int) -> tuple[LinearStep | None, ...]:
         """Return the steps of the linear pieces, made anew where the parameters are new."""
         key = (p.tobytes(), dt, steps)
-        known: tuple[object, tuple[Step | None, ...]] | None = self.__dict__.get('_last')
+        known: tuple[object, tuple[LinearStep | None, ...]] | None = self.__dict__.get('_last')
         if known is not None and known[0] == key:
             return known[1]
         made = tuple(
@@ -250,15 +250,15 @@ class _Clock(NamedTuple):
     ahead: float
 
 
-def _pace(parts: Sequence[Part], p: FloatArray) -> float:
+def _pace(parts: Sequence[PlacedBlock], p: FloatArray) -> float:
     """Return the fastest rate at which some parts move [1/s]; 0 where they only follow."""
     inner = [part.block.pace(p[part.span]) for part in parts if part.block.pace is not None]
     return max([fastest(systems_of(parts, p)), *inner])
 
 
 def _followed(
-    piece: Piece,
-    step: Step | None,
+    piece: PathPiece,
+    step: LinearStep | None,
     path: FloatArray,
     p: FloatArray,
     state: FloatArray,

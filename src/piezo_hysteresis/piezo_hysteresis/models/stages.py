@@ -22,7 +22,7 @@ from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.models.linear_runs import Hold, hold_of, in_series, run_free, run_held
-from piezo_hysteresis.models.parts import Part, delay_of
+from piezo_hysteresis.models.parts import PlacedBlock, delay_of
 from piezo_hysteresis.models.path_runs import PathRun
 
 # What leaves a held signal held.
@@ -113,7 +113,7 @@ class LinearStage:
         Whether the chain is read at the end of the tick.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[PlacedBlock, ...]
     columns: IntArray
     delays: int
     ahead: bool
@@ -304,12 +304,14 @@ class _Planner:
         if single and not delays and blocks[0].inertia is not self._ahead:
             self._alone(needed[0])
             return
-        parts: list[Part] = []
+        parts: list[PlacedBlock] = []
         columns: list[int] = []
         for place in (*delays, *needed):
             span = self._spans[place]
             own = list(range(span.start, span.stop))
-            parts.append(Part(self._blocks[place], slice(len(columns), len(columns) + len(own))))
+            parts.append(
+                PlacedBlock(self._blocks[place], slice(len(columns), len(columns) + len(own)))
+            )
             columns += own
         places = np.array(columns, dtype=np.int64)
         if all(block.system is not None for block in blocks):

@@ -10,7 +10,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Way
 from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
 from piezo_hysteresis.models.linear_runs import fastest
-from piezo_hysteresis.models.parts import Layout, Part, systems_of
+from piezo_hysteresis.models.parts import Layout, PlacedBlock, systems_of
 from piezo_hysteresis.models.ways import (
     SLOW,
     Gone,
@@ -30,7 +30,7 @@ class WayRun:
 
     Attributes
     ----------
-    first : Part
+    first : PlacedBlock
         What goes one way to a held input.
     middle, behind : tuple of Part
         What follows it, and what takes that up.
@@ -40,14 +40,14 @@ class WayRun:
         Whether the chain is read at the end of the tick, and not at its start.
     """
 
-    first: Part
-    middle: tuple[Part, ...]
-    behind: tuple[Part, ...]
+    first: PlacedBlock
+    middle: tuple[PlacedBlock, ...]
+    behind: tuple[PlacedBlock, ...]
     delays: int
     ahead: bool
 
     @classmethod
-    def of(cls, moving: tuple[Part, ...], delays: int, ahead: bool) -> WayRun | None:
+    def of(cls, moving: tuple[PlacedBlock, ...], delays: int, ahead: bool) -> WayRun | None:
         """Return the run of `moving`, None where it is no such run."""
         last = len(moving)
         while last and moving[last - 1].block.system is not None:

@@ -46,7 +46,7 @@ SENTENCES: dict[str, Finding] = {
 }
 
 
-class Identification(Node):
+class IdentificationNode(Node):
     """Takes every state of the actuator in and publishes what it knows of the model."""
 
     def __init__(self) -> None:
@@ -168,4 +168,4 @@ class Identification(Node):
 
 def main() -> None:
     """Run the node as a process."""
-    sys.exit(run_node(Identification))
+    sys.exit(run_node(IdentificationNode))

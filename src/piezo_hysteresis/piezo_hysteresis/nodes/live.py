@@ -32,7 +32,7 @@ STILL = 60.0
 
 
 @dataclass(frozen=True)
-class SweepOrder:
+class LiveSweep:
     """A sweep to record.
 
     Attributes
@@ -147,7 +147,7 @@ class Observer:
             ready = functools.partial(self._neighbours.is_ready, name)
             self.until(ready, f'the start of the {name}')
 
-    def sweep(self, order: SweepOrder, progress: Progress) -> None:
+    def sweep(self, order: LiveSweep, progress: Progress) -> None:
         """Let the excitation run a sweep.
 
         Raises
@@ -210,7 +210,7 @@ def _wait_for_recorder(observer: Observer, count: int) -> None:
 
 def record_sweep(
     preset: str,
-    order: SweepOrder,
+    order: LiveSweep,
     bag: Path,
     *,
     simulator: Mapping[str, object] | None = None,
@@ -222,7 +222,7 @@ def record_sweep(
     ----------
     preset : str
         Actuator to simulate.
-    order : SweepOrder
+    order : LiveSweep
         What to run.
     bag : Path
         Bag to create; one that is there is replaced.

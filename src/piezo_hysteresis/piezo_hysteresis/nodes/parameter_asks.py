@@ -27,12 +27,12 @@ class Asks:
 
     Parameters
     ----------
-    patience : float
+    timeout : float
         For each answer, and for a node to be found [s].
     """
 
-    def __init__(self, patience: float) -> None:
-        self._patience = patience
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
         prepare()
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context)
@@ -135,7 +135,7 @@ class Asks:
 
     def _client(self, node: str) -> AsyncParameterClient:
         client = AsyncParameterClient(self._node, node)
-        end = time.monotonic() + self._patience
+        end = time.monotonic() + self._timeout
         while not client.services_are_ready():
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() > end:
@@ -144,9 +144,9 @@ class Asks:
         return client
 
     def _answer(self, future: Any, node: str) -> Any:
-        self._executor.spin_until_future_complete(future, timeout_sec=self._patience)
+        self._executor.spin_until_future_complete(future, timeout_sec=self._timeout)
         if not future.done() or future.result() is None:
-            raise PiezoError(f'{node} did not answer within {self._patience:g} s')
+            raise PiezoError(f'{node} did not answer within {self._timeout:g} s')
         return future.result()
 
 

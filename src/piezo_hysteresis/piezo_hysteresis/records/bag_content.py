@@ -22,7 +22,7 @@ from piezo_hysteresis.records.markers import Marker, decode_markers
 from piezo_hysteresis.records.mcap_reader import McapFile
 from piezo_hysteresis.records.metadata import Metadata, read_metadata
 from piezo_hysteresis.records.sqlite_storage import SqliteFile
-from piezo_hysteresis.records.storage import Block, Storage, Topic
+from piezo_hysteresis.records.storage import MessageBlock, Storage, Topic
 
 READERS: dict[str, Callable[[Path, DamageLog], Storage]] = {'.mcap': McapFile, '.db3': SqliteFile}
 CHECKSUM_KEY = 'piezo_hysteresis.checksum'
@@ -84,7 +84,7 @@ class BagContent:
 
 def blocks_of(
     path: Path, log: DamageLog, metadata: Metadata | None = None
-) -> Iterator[tuple[dict[int, Topic], Block]]:
+) -> Iterator[tuple[dict[int, Topic], MessageBlock]]:
     """Yield the topics of the storage file and the block, for every block of a bag.
 
     Raises
@@ -149,7 +149,9 @@ def read_content(path: Path, log: DamageLog) -> BagContent:
     return content
 
 
-def _collect(content: BagContent, topics: dict[int, Topic], block: Block, log: DamageLog) -> None:
+def _collect(
+    content: BagContent, topics: dict[int, Topic], block: MessageBlock, log: DamageLog
+) -> None:
     for number in np.unique(block.topic).tolist():
         if number not in topics:
             count = int(np.sum(block.topic == number))
@@ -167,7 +169,7 @@ def _collect(content: BagContent, topics: dict[int, Topic], block: Block, log: D
             held.messages += decode_markers(content.path, topic, part, log)
 
 
-def _decode(content: BagContent, held: TopicContent, block: Block, log: DamageLog) -> None:
+def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: DamageLog) -> None:
     topic = held.topic
     try:
         fields = _fields(topic)

@@ -36,7 +36,7 @@ ROWS = 1 << 15  # samples in one chunk
 
 
 @dataclass(frozen=True)
-class Batch:
+class MessageBatch:
     """Serialised messages of one topic: number, log times [ns] and one row of bytes each."""
 
     topic: int
@@ -129,7 +129,7 @@ def _fill(
     metadata.write(folder)
 
 
-def _write(writer: McapWriter | SqliteWriter, batches: list[Batch]) -> bytes:
+def _write(writer: McapWriter | SqliteWriter, batches: list[MessageBatch]) -> bytes:
     """Write the batches of one stretch of time; return their payloads one after another."""
     payload = b''.join(batch.rows.tobytes() for batch in batches)
     if isinstance(writer, SqliteWriter):
@@ -151,7 +151,7 @@ def _write(writer: McapWriter | SqliteWriter, batches: list[Batch]) -> bytes:
     return payload
 
 
-def _message_records(batch: Batch) -> bytes:
+def _message_records(batch: MessageBatch) -> bytes:
     """Return the rows as MCAP message records."""
     size = batch.rows.itemsize
     kind = np.dtype(
@@ -168,7 +168,7 @@ def _message_records(batch: Batch) -> bytes:
     return records.tobytes()
 
 
-def _batches(records: Sequence[Record]) -> Iterator[list[Batch]]:
+def _batches(records: Sequence[Record]) -> Iterator[list[MessageBatch]]:
     """Yield the messages of every record, a stretch of it at a time."""
     types = {msgtype: fixed_fields(msgtype) for msgtype in (STATE, REFERENCE)}
     sample, free = 0, 0
@@ -180,17 +180,19 @@ def _batches(records: Sequence[Record]) -> Iterator[list[Batch]]:
             part = slice(first, min(first + ROWS, len(record)))
             tick = np.arange(part.start, part.stop)
             stamps = start + np.round(tick * (record.dt * SECOND)).astype(np.int64)
-            batches = [] if first else [Batch(2, stamps[:1], _marker(record, start))]
+            batches = [] if first else [MessageBatch(2, stamps[:1], _marker(record, start))]
             columns = {
                 'sample': sample + tick,
                 'voltage': record.voltage[part],
                 'displacement': record.displacement[part],
             }
-            batches.append(Batch(1, stamps, cdr.encode(types[STATE], stamps, columns)))
+            batches.append(MessageBatch(1, stamps, cdr.encode(types[STATE], stamps, columns)))
             if record.reference is not None:
                 columns = _reference_columns(record, part)
                 columns['sample'] = sample + tick
-                batches.append(Batch(3, stamps, cdr.encode(types[REFERENCE], stamps, columns)))
+                batches.append(
+                    MessageBatch(3, stamps, cdr.encode(types[REFERENCE], stamps, columns))
+                )
             yield batches
         sample += len(record)
         free = start + round(len(record) * record.dt * SECOND)

@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.storage import Block, Storage, Topic
+from piezo_hysteresis.records.storage import MessageBlock, Storage, Topic
 
 PIECE = 1 << 20
 LARGEST_MESSAGE = 1 << 30
@@ -37,7 +37,7 @@ class CompressedFile:
         self.topics: dict[int, Topic] = {}
         self._reader = reader
 
-    def blocks(self) -> Generator[Block]:
+    def blocks(self) -> Generator[MessageBlock]:
         """Yield the blocks of the uncompressed file, which lies in a temporary folder."""
         from backports import zstd
 
@@ -55,7 +55,7 @@ class CompressedFile:
                 yield block
 
 
-def decompressed(block: Block, path: Path, log: DamageLog) -> Block:
+def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBlock:
     """Return a block whose messages were compressed one by one."""
     from backports import zstd
 
@@ -70,7 +70,7 @@ def decompressed(block: Block, path: Path, log: DamageLog) -> Block:
     if bad:
         log.add(path, f'{bad} messages cannot be decompressed', count=bad, lost=bad)
     length: IntArray = np.array([len(payload) for payload in payloads], np.int64)
-    return Block(
+    return MessageBlock(
         np.frombuffer(b''.join(payloads), np.uint8),
         block.topic[good],
         block.log_time[good],

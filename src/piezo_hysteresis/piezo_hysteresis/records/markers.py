@@ -14,7 +14,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, stored_types, typestore
 from piezo_hysteresis.records.record import RecordInfo
-from piezo_hysteresis.records.storage import Block, Topic
+from piezo_hysteresis.records.storage import MessageBlock, Topic
 
 # Why a record does not count. The marker that says so has no name, so that it ends what is open as
 # any other end does; its excitation is one of these, its frame_id the name of the judged record.
@@ -53,7 +53,7 @@ class Marker:
     verdict: str = ''
 
 
-def decode_markers(path: Path, topic: Topic, block: Block, log: DamageLog) -> list[Marker]:
+def decode_markers(path: Path, topic: Topic, block: MessageBlock, log: DamageLog) -> list[Marker]:
     """Return the markers of a block, all of one topic.
 
     Raises

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.storage import Block, Topic
+from piezo_hysteresis.records.storage import MessageBlock, Topic
 
 WINDOW = 1 << 22
 WANTED = (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE, mcap.CHUNK)
@@ -52,7 +52,7 @@ class McapFile:
         self._chunk_starts: list[int] = []
         self._data_end = 0
 
-    def blocks(self) -> Generator[Block]:
+    def blocks(self) -> Generator[MessageBlock]:
         """Yield the messages of every chunk (and of every stretch without chunks).
 
         Raises
@@ -138,7 +138,7 @@ class McapFile:
             cursor.take(16)
             self._chunk_starts.append(cursor.number('Q'))
 
-    def _data(self, file: BinaryIO) -> Generator[Block]:
+    def _data(self, file: BinaryIO) -> Generator[MessageBlock]:
         """Walk over the data section in windows; yield its messages."""
         at, wanted = len(mcap.MAGIC), WINDOW
         while at < self._size:
@@ -190,11 +190,11 @@ class McapFile:
         self.log.add(self.path, f'the record at byte {at} is broken or cut off')
         return min(later, default=self._size)
 
-    def _block(self, data: bytes, walk: mcap.Walk) -> Block:
+    def _block(self, data: bytes, walk: mcap.Walk) -> MessageBlock:
         channel, log_time, offset, length = walk.messages.T
-        return Block(np.frombuffer(data, np.uint8), channel, log_time, offset, length)
+        return MessageBlock(np.frombuffer(data, np.uint8), channel, log_time, offset, length)
 
-    def _chunk(self, content: bytes, at: int, *, cut: bool = False) -> Generator[Block]:
+    def _chunk(self, content: bytes, at: int, *, cut: bool = False) -> Generator[MessageBlock]:
         """Yield the messages of one chunk if its checksum holds.
 
         A chunk that was cut off has no checksum to hold, but complete messages in its front part

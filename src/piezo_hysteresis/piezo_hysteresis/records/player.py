@@ -14,7 +14,7 @@ import numpy as np
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import blocks_of
 from piezo_hysteresis.records.damage import Damage, DamageLog
-from piezo_hysteresis.records.storage import Block, Topic
+from piezo_hysteresis.records.storage import MessageBlock, Topic
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Player:
                 return
             lap += 1
 
-    def _blocks(self, log: DamageLog) -> Iterator[tuple[dict[int, Topic], Block]]:
+    def _blocks(self, log: DamageLog) -> Iterator[tuple[dict[int, Topic], MessageBlock]]:
         """Yield every block cut down to the topics that are to be played."""
         for topics, block in blocks_of(self.path, log):
             names = {
@@ -155,7 +155,7 @@ class Player:
             yield topics, block.take(np.isin(block.topic, list(names)))
 
     def _in_order(self) -> Iterator[tuple[Topic, bytes, int]]:
-        held: list[tuple[dict[int, Topic], Block]] = []
+        held: list[tuple[dict[int, Topic], MessageBlock]] = []
         for later, entry in zip(self._later, self._blocks(DamageLog(salvage=True)), strict=False):
             held.append(entry)
             times = np.concatenate([block.log_time for _, block in held])

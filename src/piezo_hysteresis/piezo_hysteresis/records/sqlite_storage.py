@@ -20,7 +20,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.storage import Block, Topic
+from piezo_hysteresis.records.storage import MessageBlock, Topic
 
 ROWS = 1 << 13
 
@@ -46,7 +46,7 @@ class SqliteFile:
         self.log = log
         self.topics: dict[int, Topic] = {}
 
-    def blocks(self) -> Generator[Block]:
+    def blocks(self) -> Generator[MessageBlock]:
         """Yield messages in the order in which they were stored.
 
         Raises
@@ -114,7 +114,7 @@ class SqliteFile:
             topics[number] = Topic(name, msgtype, text, type_hash, profiles, encoding)
         return topics
 
-    def _messages(self, base: apsw.Connection) -> Generator[Block]:
+    def _messages(self, base: apsw.Connection) -> Generator[MessageBlock]:
         rows = base.execute('SELECT topic_id, timestamp, data, id FROM messages ORDER BY id')
         last = -1
         while True:
@@ -137,7 +137,7 @@ class SqliteFile:
         if behind:
             yield self._block(behind[::-1])
 
-    def _block(self, batch: list[Any]) -> Block:
+    def _block(self, batch: list[Any]) -> MessageBlock:
         """Return the rows of a batch that are messages: SQLite lets any value be in any column."""
         try:
             return block_of(batch)
@@ -170,11 +170,11 @@ def _plausible(row: tuple[Any, ...]) -> bool:
     return type(row[2]) is bytes and type(row[1]) is int and type(row[0]) is int
 
 
-def block_of(rows: list[tuple[int, int, bytes, int]]) -> Block:
+def block_of(rows: list[tuple[int, int, bytes, int]]) -> MessageBlock:
     """Return messages (topic number, log time [ns], payload, row) as one block."""
     topic, log_time, data, _ = zip(*rows, strict=True) if rows else ((), (), (), ())
     length = np.fromiter(map(len, data), np.int64, len(rows))
-    return Block(
+    return MessageBlock(
         np.frombuffer(b''.join(data), np.uint8),
         np.fromiter(topic, np.int64, len(rows)),
         np.fromiter(log_time, np.int64, len(rows)),

@@ -39,7 +39,7 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Block:
+class MessageBlock:
     """Serialised messages that lie in one buffer.
 
     Attributes
@@ -60,11 +60,11 @@ class Block:
     offset: IntArray
     length: IntArray
 
-    def take(self, mask: BoolArray) -> Block:
+    def take(self, mask: BoolArray) -> MessageBlock:
         """Return some of the messages; the bytes are shared."""
         if mask.all():
             return self
-        return Block(
+        return MessageBlock(
             self.buffer,
             self.topic[mask],
             self.log_time[mask],
@@ -92,6 +92,6 @@ class Storage(Protocol):
     path: Path
     topics: dict[int, Topic]
 
-    def blocks(self) -> Generator[Block]:
+    def blocks(self) -> Generator[MessageBlock]:
         """Yield blocks in file order; `topics` is complete when the last one was read."""
         ...

@@ -19,7 +19,7 @@ from piezo_hysteresis.reporting.identification_report import (
     identification_page,
 )
 from piezo_hysteresis.reporting.identification_where import where_section
-from piezo_hysteresis.reporting.page import Plot, Section, table, write_report
+from piezo_hysteresis.reporting.page import PageSection, Plot, table, write_report
 from piezo_hysteresis.reporting.plots import Curve, loop_figure, spectrum_figure, trace_figure
 from piezo_hysteresis.reporting.units import micrometres
 
@@ -134,7 +134,7 @@ def _errors(runs: Sequence[TrackingRun]) -> list[tuple[TrackingRun, FloatArray]]
     return pairs
 
 
-def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> Section:
+def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> PageSection:
     traces: list[Curve] = []
     loops: list[Curve] = []
     for run, role in zip(runs, _RUNS, strict=False):
@@ -174,10 +174,12 @@ def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> Section:
             'A perfect actuator draws the straight line of the reference.', 'm',
         ),
     )  # fmt: skip
-    return Section('Before and after', text, figures, (table(headers, rows, caption),))
+    return PageSection('Before and after', text, figures, (table(headers, rows, caption),))
 
 
-def _where(runs: Sequence[TrackingRun], plan: TrackingPlan, resonance: float | None) -> Section:
+def _where(
+    runs: Sequence[TrackingRun], plan: TrackingPlan, resonance: float | None
+) -> PageSection:
     errors = _errors(runs)
     dt = runs[0].record.dt
     judged = round(plan.judged_seconds / dt)
@@ -221,14 +223,14 @@ def _where(runs: Sequence[TrackingRun], plan: TrackingPlan, resonance: float | N
             f'{nearest * plan.tracked:g} Hz, beside the resonance at {resonance:.2f} Hz, which '
             'amplifies what hysteresis leaves there (odd-harmonic oscillation).'
         )
-    return Section('Where does the error sit?', said, tuple(figures))
+    return PageSection('Where does the error sit?', said, tuple(figures))
 
 
 def _ordinal(n: int) -> str:
     return {1: 'first', 2: 'second', 3: 'third', 5: 'fifth'}.get(n, f'{n}th')
 
 
-def _next_after_demo() -> Section:
+def _next_after_demo() -> PageSection:
     text = (
         '- `python -m piezo_hysteresis discover out/demo/bags/sweep --baseline bouc_wen_mode '
         '--out out/discover` names what the model still misses.\n'
@@ -238,4 +240,4 @@ def _next_after_demo() -> Section:
         '- `python -m piezo_hysteresis loop --model out/demo/model.yaml` runs the loop with its '
         'live page.'
     )
-    return Section('What next?', text)
+    return PageSection('What next?', text)

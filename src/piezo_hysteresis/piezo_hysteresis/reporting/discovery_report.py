@@ -12,7 +12,7 @@ from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
-from piezo_hysteresis.reporting.page import Plot, Section, render, table
+from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import (
     Curve,
     bars_before_after,
@@ -44,7 +44,7 @@ def discovery_page(found: Discovery) -> str:
     return render(title, verdict.summary, [s for s in sections if s is not None])
 
 
-def _proof(found: Discovery) -> Section:
+def _proof(found: Discovery) -> PageSection:
     verdict, proof = found.verdict, found.proof
     unit = found.data.records[0].info.input_unit
     names = _unique([_label(r.record, r.frequency, r.amplitude, unit) for r in proof.rows])
@@ -79,7 +79,7 @@ def _proof(found: Discovery) -> Section:
         rows,
     )
     plots = (bars, *_over_frequency(found), *_pictures(found))
-    return Section('Before and after', text, plots, (proof_table,))
+    return PageSection('Before and after', text, plots, (proof_table,))
 
 
 def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
@@ -158,7 +158,7 @@ def _part(view: Target, period: int) -> slice:
     return slice(max(view.first, view.voltage.size - length), view.voltage.size)
 
 
-def _where(found: Discovery) -> Section:
+def _where(found: Discovery) -> PageSection:
     verdict = found.verdict
     rows = [
         (
@@ -194,20 +194,20 @@ def _where(found: Discovery) -> Section:
         f'Gap of the baseline on the training records: {words}. The joint fit is to all of '
         'them; a fit to the slowest ones alone shows what comes with frequency.'
     )
-    return Section('Where model and measurement disagree', text, (spectrum,), (places,))
+    return PageSection('Where model and measurement disagree', text, (spectrum,), (places,))
 
 
 def _order(harmonic: int) -> str:
     return {0: 'mean', -1: 'none (the rest)'}.get(harmonic, str(harmonic))
 
 
-def _what(verdict: Verdict) -> Section | None:
+def _what(verdict: Verdict) -> PageSection | None:
     if not verdict.effects:
         if verdict.verdict == 'none':
             return None
         doubts = ', '.join(f'{s.name} ({s.probability:.0%})' for s in verdict.suspects)
         more = f' It looks most like {doubts}, without being it.' if doubts else ''
-        return Section('What is left', verdict.unexplained.description + more)
+        return PageSection('What is left', verdict.unexplained.description + more)
     parts = []
     rows = []
     plots: tuple[Plot, ...] = ()
@@ -219,7 +219,7 @@ def _what(verdict: Verdict) -> Section | None:
     if verdict.unexplained.significant:
         parts.append(f'Still left: {verdict.unexplained.description}')
     found = table(('effect', 'parameter', 'value', 'unit'), rows, 'With one standard deviation.')
-    return Section('What is missing', '\n\n'.join(parts), plots, (found,))
+    return PageSection('What is missing', '\n\n'.join(parts), plots, (found,))
 
 
 def effect_values(effect: NamedEffect) -> list[Value]:
@@ -238,7 +238,7 @@ def chance_words(p_value: float) -> str:
     return f'{p_value:.1e}' if p_value > _SMALLEST_P else f'below {_SMALLEST_P:.0e}'
 
 
-def _how_sure(verdict: Verdict) -> Section | None:
+def _how_sure(verdict: Verdict) -> PageSection | None:
     if not verdict.effects:
         return None
     rows = []
@@ -249,17 +249,17 @@ def _how_sure(verdict: Verdict) -> Section | None:
         'The probability is that of this effect among all that were tried and none of them. The '
         'p-value is that of such an improvement by chance, for all candidates that were tried.'
     )
-    return Section('How sure', text, (), (table(('effect', 'probability', 'p-value'), rows),))
+    return PageSection('How sure', text, (), (table(('effect', 'probability', 'p-value'), rows),))
 
 
-def _next(verdict: Verdict) -> Section:
+def _next(verdict: Verdict) -> PageSection:
     lines = [f'- {each}' for each in verdict.next_experiments]
     if verdict.check:
         lines += ['', 'What these records cannot tell:', '', *(f'- {c}' for c in verdict.check)]
-    return Section('What to measure next', '\n'.join(lines))
+    return PageSection('What to measure next', '\n'.join(lines))
 
 
-def _model(found: Discovery) -> Section:
+def _model(found: Discovery) -> PageSection:
     final: CandidateFit = found.final
     std = final.fitted.std if final.fitted is not None else {}
     units = {q.name: q.unit for q in final.model.parameters}
@@ -276,7 +276,7 @@ def _model(found: Discovery) -> Section:
         f'Held out: {", ".join(verdict.records["held_out"])}.\n\n'
         f'Seed {verdict.seed}; {verdict.seconds:.1f} s.'
     )
-    return Section('The final model', text, (), (table(('parameter', 'value', 'unit'), rows),))
+    return PageSection('The final model', text, (), (table(('parameter', 'value', 'unit'), rows),))
 
 
 def _label(record: str, frequency: float, amplitude: float, unit: str) -> str:

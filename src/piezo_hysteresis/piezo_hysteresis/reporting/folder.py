@@ -24,7 +24,7 @@ RESULTS = (
 
 
 @dataclass(frozen=True)
-class Marker:
+class FolderMarker:
     """Whose results a folder holds.
 
     Attributes
@@ -44,7 +44,7 @@ class Marker:
         return json.dumps(content, indent=2) + '\n'
 
 
-def marker_of(folder: str | Path) -> Marker | None:
+def marker_of(folder: str | Path) -> FolderMarker | None:
     """Return whose results a folder holds, None where it says nothing of it.
 
     A folder without a marker (a copy, or of an earlier version) is known by its summary.
@@ -54,16 +54,18 @@ def marker_of(folder: str | Path) -> Marker | None:
         files = told.get('files')
         names = files if isinstance(files, list) else []
         # Plain names only: what a file says must not lead out of its folder.
-        return Marker(told['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n)))
+        return FolderMarker(
+            told['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n))
+        )
     if (Path(folder) / 'verdict.json').is_file():
-        return Marker('discover')
+        return FolderMarker('discover')
     summary = _read(Path(folder) / 'summary.json')
     if 'tracking' in summary or 'choice' in summary:
-        return Marker('demo')
+        return FolderMarker('demo')
     if 'runs' in summary:
-        return Marker('compensate')
+        return FolderMarker('compensate')
     if 'method' in summary:
-        return Marker('validate' if summary['method'] == 'validate' else 'identify')
+        return FolderMarker('validate' if summary['method'] == 'validate' else 'identify')
     return None
 
 
@@ -127,7 +129,7 @@ def claim(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) -> None
     """
     check_folder(folder, verb, names)
     if not (Path(folder) / MARKER).is_file():
-        write_folder(folder, {MARKER: Marker(verb).text()})
+        write_folder(folder, {MARKER: FolderMarker(verb).text()})
 
 
 def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str = '') -> None:
@@ -154,7 +156,7 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
     if verb:
         check_folder(target, verb, files)
         stale = _stale(target, files)
-        files = {MARKER: Marker(verb, tuple(files)).text(), **files}
+        files = {MARKER: FolderMarker(verb, tuple(files)).text(), **files}
     waiting: list[tuple[Path, Path]] = []
     try:
         target.mkdir(parents=True, exist_ok=True)
@@ -209,7 +211,7 @@ def replacing(folder: Path, verb: str) -> Iterator[Path]:
         made.mkdir()
         yield made
         names = tuple(path.name for path in made.iterdir())
-        (made / MARKER).write_text(Marker(verb, names).text(), encoding='utf-8')
+        (made / MARKER).write_text(FolderMarker(verb, names).text(), encoding='utf-8')
         _move(made, folder, staging / 'old')
     except OSError as error:
         raise _unwritable(folder, error) from error

@@ -8,7 +8,7 @@ from bokeh.palettes import PuOr11
 
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.uncertainty import CONDITION_LIMIT, CORRELATION_LIMIT
-from piezo_hysteresis.reporting.page import Plot, Section, Table, table
+from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plot_parts import new_axes
 from piezo_hysteresis.reporting.units import shown, with_deviation
 
@@ -16,7 +16,7 @@ _PAIRS = 5  # most strongly linked pairs that are listed
 _WRITTEN = 9  # up to so many parameters, numbers fit into the cells
 
 
-def parameter_section(found: Identification) -> Section:
+def parameter_section(found: Identification) -> PageSection:
     """Return the parameters with standard deviations, and what a reader must know of them."""
     text = (
         'Standard deviations come from the curvature of the fit and from what it leaves; they do '
@@ -24,7 +24,7 @@ def parameter_section(found: Identification) -> Section:
     )
     if found.warnings:
         text += '\n\n' + '\n'.join(f'- {warning}' for warning in found.warnings)
-    return Section('What was identified, and how sure is it?', text, (), (_parameters(found),))
+    return PageSection('What was identified, and how sure is it?', text, (), (_parameters(found),))
 
 
 def _parameters(found: Identification) -> Table:
@@ -40,7 +40,7 @@ def _parameters(found: Identification) -> Table:
     return table(headers, rows, f'Parameters of {found.model.name}, by {found.method}.')
 
 
-def correlation_section(found: Identification) -> Section:
+def correlation_section(found: Identification) -> PageSection:
     """Return the correlations between the parameters and the condition of the fit."""
     limit = f'{CONDITION_LIMIT:.0e}'.replace('e+0', 'e')
     far = 'below' if found.condition < CONDITION_LIMIT else 'beyond'
@@ -52,7 +52,7 @@ def correlation_section(found: Identification) -> Section:
     )
     pairs = _strongest(found)
     pairs_table = table(('parameters', 'correlation'), pairs, 'The most strongly linked pairs.')
-    return Section('Which parameters hang together?', text, (_map(found),), (pairs_table,))
+    return PageSection('Which parameters hang together?', text, (_map(found),), (pairs_table,))
 
 
 def _strongest(found: Identification) -> list[tuple[str, str]]:

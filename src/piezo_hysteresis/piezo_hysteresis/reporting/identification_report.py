@@ -18,7 +18,7 @@ from piezo_hysteresis.reporting.identification_certainty import (
     parameter_section,
 )
 from piezo_hysteresis.reporting.identification_where import where_section
-from piezo_hysteresis.reporting.page import Plot, Section, render, table
+from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.units import micrometres
@@ -97,7 +97,7 @@ def sentence_of(found: Identification) -> str:
 
 def fit_section(
     records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
-) -> Section:
+) -> PageSection:
     """Return measured and simulated loops, and one record over time.
 
     Parameters
@@ -126,10 +126,10 @@ def fit_section(
         f'measured displacement. {which} {worst.nrmse_percent:.3g} % of the standard deviation '
         f'of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
     )
-    return Section('Does the model follow the actuator?', text, tuple(figures))
+    return PageSection('Does the model follow the actuator?', text, tuple(figures))
 
 
-def choice_section(steps: Sequence[Step]) -> Section:
+def choice_section(steps: Sequence[Step]) -> PageSection:
     """Return how the model was chosen."""
     rows = [
         (
@@ -148,10 +148,10 @@ def choice_section(steps: Sequence[Step]) -> Section:
         'alternatives run `discover`.'
     )
     headers = ('added', 'parameters', 'error, fitted [µm]', 'error, held out [µm]', 'kept')
-    return Section('How was the model chosen?', text, (), (table(headers, rows),))
+    return PageSection('How was the model chosen?', text, (), (table(headers, rows),))
 
 
-def next_section(found: Identification, data: Sequence[str] = ()) -> Section:
+def next_section(found: Identification, data: Sequence[str] = ()) -> PageSection:
     """Return what to do with this model, the most urgent thing first."""
     words = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     lines = []
@@ -173,7 +173,7 @@ def next_section(found: Identification, data: Sequence[str] = ()) -> Section:
         '`python -m piezo_hysteresis param load /feedforward params.yaml` makes the running '
         'feedforward node invert it.'
     )
-    return Section('What next?', '\n'.join(f'- {line}' for line in lines))
+    return PageSection('What next?', '\n'.join(f'- {line}' for line in lines))
 
 
 def _spread(records: Sequence[Record]) -> list[Record]:

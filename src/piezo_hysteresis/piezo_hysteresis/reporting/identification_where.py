@@ -11,7 +11,7 @@ from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.reporting.page import Plot, Section, Table, table
+from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
 from piezo_hysteresis.reporting.signals import last_periods, stands_out
 from piezo_hysteresis.reporting.units import micrometres
@@ -21,7 +21,7 @@ _ORDERS = 9  # highest harmonic that is looked at
 
 def where_section(
     records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
-) -> Section:
+) -> PageSection:
     """Return the error by frequency, and its spectrum and course in the worst record.
 
     Parameters
@@ -49,7 +49,7 @@ def where_section(
         )
     if found.discrepancy is not None:
         text += f' `model.yaml` keeps that the model {discrepancy_words(found.discrepancy, "µm")}.'
-    return Section('Where is the model wrong?', text, tuple(figures), (_table(rows),))
+    return PageSection('Where is the model wrong?', text, tuple(figures), (_table(rows),))
 
 
 def over_frequency(records: Sequence[Record], found: Identification) -> Plot:

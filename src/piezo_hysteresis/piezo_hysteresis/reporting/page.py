@@ -69,7 +69,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A part of the report.
 
     Attributes
@@ -98,7 +98,7 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[object]], caption: str
     return Table(tuple(headers), cells, caption)
 
 
-def render(title: str, verdict: str, sections: Sequence[Section]) -> str:
+def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
     """Return the whole page as HTML.
 
     Parameters
@@ -107,7 +107,7 @@ def render(title: str, verdict: str, sections: Sequence[Section]) -> str:
         Heading of the page.
     verdict : str
         What came out, in one sentence.
-    sections : sequence of Section
+    sections : sequence of PageSection
         In the order in which they are read.
     """
     figures = [plot.figure for section in sections for plot in section.figures]
@@ -126,7 +126,9 @@ def render(title: str, verdict: str, sections: Sequence[Section]) -> str:
     )
 
 
-def write_report(path: str | Path, title: str, verdict: str, sections: Sequence[Section]) -> None:
+def write_report(
+    path: str | Path, title: str, verdict: str, sections: Sequence[PageSection]
+) -> None:
     """Write the page that `render` makes, whole or not at all.
 
     Raises
@@ -138,7 +140,7 @@ def write_report(path: str | Path, title: str, verdict: str, sections: Sequence[
     write_folder(target.parent, {target.name: render(title, verdict, sections)})
 
 
-def _section(section: Section, places: Sequence[str]) -> str:
+def _section(section: PageSection, places: Sequence[str]) -> str:
     parts = [f'<section>\n<h2>{html.escape(section.title)}</h2>', _prose(section.text)]
     if places:
         plots = ''.join(

@@ -56,37 +56,37 @@ class Taken:
             self.edge = nanoseconds
 
     def counts(self) -> dict[str, int]:
-        """Return what is told, by name."""
-        told = {TAKEN: self.taken, MARKED: self.marked}
+        """Return what is reported, by name."""
+        reported = {TAKEN: self.taken, MARKED: self.marked}
         if self.newest >= 0:
-            told |= {SINCE: self.since, NEWEST: self.newest}
+            reported |= {SINCE: self.since, NEWEST: self.newest}
         if self.edge >= 0:
-            told[EDGE] = self.edge
-        return told
+            reported[EDGE] = self.edge
+        return reported
 
 
 @dataclass
 class Progress:
-    """What a node has told.
+    """What a node has reported.
 
     Attributes
     ----------
     counts : mapping of str to int
         By name.
     heard : bool
-        Whether it has told anything at all.
+        Whether it has reported anything at all.
     first : int
         Samples that it had taken when counting began.
     """
 
     counts: Mapping[str, int] = field(default_factory=dict)
-    heard: bool = False
+    received: bool = False
     first: int = 0
 
     def hear(self, names: str, values: Collection[int]) -> None:
         """Take in the `names` and `values` of a status."""
         self.counts = dict(zip(names.split(','), map(int, values), strict=False))
-        self.heard = True
+        self.received = True
 
     @property
     def takes(self) -> bool:

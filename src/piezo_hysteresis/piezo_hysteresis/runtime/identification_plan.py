@@ -78,25 +78,25 @@ class SegmentEdge:
     frequency: float = 0.0
 
 
-class Run(NamedTuple):
+class RunSinceRest(NamedTuple):
     """What came since the actuator was at rest."""
 
     voltage: list[float]
     displacement: list[float]
 
-    def cut(self, length: int) -> Run:
+    def cut(self, length: int) -> RunSinceRest:
         """Return its beginning."""
-        return Run(self.voltage[:length], self.displacement[:length])
+        return RunSinceRest(self.voltage[:length], self.displacement[:length])
 
 
-class State(NamedTuple):
+class MethodState(NamedTuple):
     """What samples act on; the run is shared, and only its beginning belongs to the state."""
 
     method: OnlineMethod
     refused: int
     taken: int
     open: bool
-    run: Run
+    run: RunSinceRest
     length: int
 
 
@@ -143,12 +143,12 @@ class RecordSegmenter:
     _edges: deque[SegmentEdge] = field(default_factory=deque)
     _passed: deque[SegmentEdge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
     _open: bool = True
-    _run: Run = field(default_factory=lambda: Run([], []))
+    _run: RunSinceRest = field(default_factory=lambda: RunSinceRest([], []))
     _before: Estimate | None = None
 
     def __post_init__(self) -> None:
         self.stamps = StampValidator(1.0 / self.rate)
-        self._hindsight: RollbackBuffer[State] = RollbackBuffer(self._remember)
+        self._hindsight: RollbackBuffer[MethodState] = RollbackBuffer(self._remember)
 
     def mark(self, edge: SegmentEdge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
@@ -226,9 +226,9 @@ class RecordSegmenter:
             self._hindsight.note(sample)
             self._feed(sample)
 
-    def _remember(self) -> State:
+    def _remember(self) -> MethodState:
         run = self._run
-        return State(
+        return MethodState(
             copy.deepcopy(self.method),
             self.refused,
             self.taken,
@@ -312,4 +312,4 @@ class RecordSegmenter:
 
     def _rest(self) -> None:
         self.method.rest()
-        self._run = Run([], [])
+        self._run = RunSinceRest([], [])

@@ -144,7 +144,7 @@ class SweepRun:
         self._closed = self._open = self._asked = None
         self._await(())
         if closed is not None:
-            self._count(closed, [name for name, has in self._told(closed).items() if has])
+            self._count(closed, [name for name, has in self._reported(closed).items() if has])
         if begun is not None:
             self._audience.end(begun.record.name, why, sample)
 
@@ -176,20 +176,20 @@ class SweepRun:
         closed = self._closed
         if closed is None:
             return True
-        told = self._told(closed)
-        late = [name for name, has in told.items() if has is None]
+        reported = self._reported(closed)
+        late = [name for name, has in reported.items() if has is None]
         if late:
             self._await(late, f'the end of record {closed.record.name}')
             return False
         self._closed = None
         self._await(())
-        if not all(told.values()) and self._repeatable(closed):
+        if not all(reported.values()) and self._repeatable(closed):
             self._again(closed, sample, 0)
         else:
-            self._count(closed, [name for name, has in told.items() if has])
+            self._count(closed, [name for name, has in reported.items() if has])
         return True
 
-    def _told(self, closed: Running) -> dict[str, bool | None]:
+    def _reported(self, closed: Running) -> dict[str, bool | None]:
         """Return for each recorder that is still there whether it has all of a record."""
         keepers = self._audience.keepers()
         known = {name: keepers[name] for name in sorted(closed.names & keepers.keys())}
@@ -264,7 +264,7 @@ class SweepRun:
         self.awaited = words
 
 
-def told(kept: Iterable[Kept]) -> str:
+def kept_message(kept: Iterable[Kept]) -> str:
     """Return how many records there are and who recorded them, in one sentence."""
     records = list(kept)
     count = f'{len(records)} record{"" if len(records) == 1 else "s"}'

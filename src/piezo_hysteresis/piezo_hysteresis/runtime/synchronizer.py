@@ -10,7 +10,7 @@ Tag = TypeVar('Tag')
 
 # A tick this much older than the newest voltage is not waited for any longer (real time only: in
 # lock-step the newest voltage cannot come before the older one was answered).
-PATIENCE = 2
+TIMEOUT = 2
 
 # More than this is never kept, even where the voltage stays away for good.
 LONGEST = 5000
@@ -99,7 +99,7 @@ class SampleSynchronizer(Generic[Tag]):
         """
         while self._voltages:
             sample = min(self._voltages)
-            waiting = max(self._voltages) - sample < PATIENCE
+            waiting = max(self._voltages) - sample < TIMEOUT
             point = self._points.get(sample)
             if point is None:
                 if waiting:

@@ -18,7 +18,7 @@ class Watchdog:
     ----------
     limiter : Limiter
         That of the link; its voltage is what is ramped.
-    patience : int
+    timeout : int
         Ticks without a command before the ramp begins; 0 is off.
     safe_voltage : float
         Where to go [V].
@@ -33,7 +33,7 @@ class Watchdog:
     """
 
     limiter: Limiter
-    patience: int
+    timeout: int
     safe_voltage: float
     ramp: float
     stale: bool = False
@@ -41,7 +41,7 @@ class Watchdog:
     newest: int = -1
     _arrived: bool = False
 
-    def fed(self, sample: int) -> None:
+    def received(self, sample: int) -> None:
         """Take note that a command for tick `sample` was passed on."""
         self.newest = sample
         self.stale = self._arrived = False
@@ -69,4 +69,4 @@ class Watchdog:
 
     def overdue(self, tick: int) -> bool:
         """Tell whether `tick` comes too late after the newest command."""
-        return 0 < self.patience < tick - self.newest and self.newest >= 0
+        return 0 < self.timeout < tick - self.newest and self.newest >= 0

@@ -47,7 +47,7 @@ class ActuatorHealth:
         findings = self._watch.findings(book.counts)
         if fault != 'none':
             findings.append((Level.ERROR, f'fault {fault} is injected'))
-        if book.timed_out and book.heard:
+        if book.timed_out and book.received:
             words = f'no commands: the voltage goes to {book.safe_voltage:g} V'
             findings.append((Level.ERROR, words))
         if waited > 0.0:

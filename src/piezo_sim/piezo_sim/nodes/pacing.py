@@ -27,7 +27,7 @@ class CommandQueue:
         How fast it goes there [V/s].
     slew : float
         Fastest change of the command that is applied [V/s].
-    patience : float
+    timeout : float
         A command this many ticks late is counted and not applied: what it was meant for is over.
     wanted : float
         The newest command [V].
@@ -44,13 +44,13 @@ class CommandQueue:
     safe_voltage: float = 0.0
     ramp: float = 1.0
     slew: float = math.inf
-    patience: float = math.inf
+    timeout: float = math.inf
     wanted: float = 0.0
     voltage: float = 0.0
     timed_out: bool = False
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
     _newest: int = -1
-    _heard: int = -1
+    _received: int = -1
 
     def accept(self, voltage: float) -> bool:
         """Take `voltage` as the newest command, or refuse and count it."""
@@ -87,8 +87,8 @@ class CommandQueue:
             return False
         self._newest = sample
         self.counts['late'] += sample < tick
-        if tick - sample <= self.patience and self.accept(voltage):
-            self._heard = tick
+        if tick - sample <= self.timeout and self.accept(voltage):
+            self._received = tick
         return True
 
     def hold(self, tick: int, dt: float, timeout: float) -> None:
@@ -96,7 +96,7 @@ class CommandQueue:
 
         A tick without its command is missed; once the commands are taken to have ended, none is.
         """
-        silence = (tick - self._heard) * dt
+        silence = (tick - self._received) * dt
         self.timed_out = silence > timeout
         if self.timed_out:
             self.counts['timeouts'] += self._newest >= 0 and silence - dt <= timeout
@@ -108,7 +108,7 @@ class CommandQueue:
         self.follow(dt)
 
     @property
-    def heard(self) -> bool:
+    def received(self) -> bool:
         """Whether a command was ever taken."""
         return self._newest >= 0
 

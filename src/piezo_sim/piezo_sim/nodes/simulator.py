@@ -235,7 +235,7 @@ class Simulator(Node):
         self._book.safe_voltage = self._params.number('safe_voltage')
         self._book.ramp = self._params.number('ramp')
         self._book.slew = self._params.number('command_slew')
-        self._book.patience = self._params.number('command_timeout') * self._rate
+        self._book.timeout = self._params.number('command_timeout') * self._rate
 
     def _become_preset(self) -> None:
         """Be the actuator of the parameter, at rest; its numbers become the parameters."""

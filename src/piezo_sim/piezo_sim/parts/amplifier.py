@@ -8,16 +8,20 @@ from __future__ import annotations
 import math
 
 from piezo_kernels.compile import leaf
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 FAR = 1e12  # stands for "no limit": large, yet finite in every product
 
 PARAMETERS = (
-    Parameter('amplifier.range_low', 'V', -5.0, -1e4, 0.0, 'Lowest command that is accepted.'),
-    Parameter('amplifier.range_high', 'V', 5.0, 1e-3, 1e4, 'Highest command that is accepted.'),
-    Parameter('amplifier.resolution', 'V', 3e-4, 0.0, 10.0, 'Step of the D/A converter.'),
-    Parameter('amplifier.delay', 's', 2e-3, 0.0, 0.1, 'Transport delay of the command.'),
-    Parameter(
+    PlantParameter(
+        'amplifier.range_low', 'V', -5.0, -1e4, 0.0, 'Lowest command that is accepted.'
+    ),
+    PlantParameter(
+        'amplifier.range_high', 'V', 5.0, 1e-3, 1e4, 'Highest command that is accepted.'
+    ),
+    PlantParameter('amplifier.resolution', 'V', 3e-4, 0.0, 10.0, 'Step of the D/A converter.'),
+    PlantParameter('amplifier.delay', 's', 2e-3, 0.0, 0.1, 'Transport delay of the command.'),
+    PlantParameter(
         'amplifier.delay_per_volt',
         's/V',
         2e-3,
@@ -25,31 +29,35 @@ PARAMETERS = (
         0.1,
         'Growth of the delay with the magnitude of the command.',
     ),
-    Parameter('amplifier.clip_low', 'V', -0.9, -1e4, 0.0, 'Level at which the output saturates.'),
-    Parameter('amplifier.clip_high', 'V', 0.9, 1e-3, 1e4, 'Level at which the output saturates.'),
-    Parameter('amplifier.slew_rate', 'V/s', 60.0, 1e-3, 1e9, 'Fastest change of the output.'),
-    Parameter('amplifier.lag_time_constant', 's', 1e-3, 1e-6, 10.0, 'First-order lag (RC).'),
+    PlantParameter(
+        'amplifier.clip_low', 'V', -0.9, -1e4, 0.0, 'Level at which the output saturates.'
+    ),
+    PlantParameter(
+        'amplifier.clip_high', 'V', 0.9, 1e-3, 1e4, 'Level at which the output saturates.'
+    ),
+    PlantParameter('amplifier.slew_rate', 'V/s', 60.0, 1e-3, 1e9, 'Fastest change of the output.'),
+    PlantParameter('amplifier.lag_time_constant', 's', 1e-3, 1e-6, 10.0, 'First-order lag (RC).'),
 )
 
 EFFECTS = (
-    Effect('dac_quantisation', 'The command moves in steps.', {'amplifier.resolution': 0.0}),
-    Effect('transport_delay', 'The command acts later.', {'amplifier.delay': 0.0}),
-    Effect(
+    PlantEffect('dac_quantisation', 'The command moves in steps.', {'amplifier.resolution': 0.0}),
+    PlantEffect('transport_delay', 'The command acts later.', {'amplifier.delay': 0.0}),
+    PlantEffect(
         'saturation',
         'The output of the amplifier stops at its clip levels.',
         {'amplifier.clip_low': -FAR, 'amplifier.clip_high': FAR},
     ),
-    Effect(
+    PlantEffect(
         'slew_limit',
         'The output of the amplifier cannot change faster than its slew rate.',
         {'amplifier.slew_rate': FAR},
     ),
-    Effect(
+    PlantEffect(
         'amplifier_lag',
         'Amplifier and capacitance of the actuator form a low-pass filter.',
         {'amplifier.lag_time_constant': 0.0},
     ),
-    Effect(
+    PlantEffect(
         'amplitude_dead_time',
         'The transport delay grows with the magnitude of the command.',
         {'amplifier.delay_per_volt': 0.0},

@@ -17,21 +17,23 @@ import math
 from typing import Any
 
 from piezo_kernels.compile import leaf
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 PARAMETERS = (
-    Parameter('bouc_wen.alpha', '1', 0.4, 0.0, 5.0, 'Share of the hysteresis in the small slope.'),
-    Parameter('bouc_wen.beta', '1/V', 1.2, 0.0, 1e4, 'Dissipation of the hysteresis.'),
-    Parameter('bouc_wen.gamma', '1/V', 0.3, -1e4, 1e4, 'Shape of the hysteresis.'),
-    Parameter('bouc_wen.exponent', '1', 2.0, 1.0, 10.0, 'Exponent n.'),
-    Parameter(
+    PlantParameter(
+        'bouc_wen.alpha', '1', 0.4, 0.0, 5.0, 'Share of the hysteresis in the small slope.'
+    ),
+    PlantParameter('bouc_wen.beta', '1/V', 1.2, 0.0, 1e4, 'Dissipation of the hysteresis.'),
+    PlantParameter('bouc_wen.gamma', '1/V', 0.3, -1e4, 1e4, 'Shape of the hysteresis.'),
+    PlantParameter('bouc_wen.exponent', '1', 2.0, 1.0, 10.0, 'Exponent n.'),
+    PlantParameter(
         'bouc_wen.asymmetry', '1', 0.1, -1.0, 1.0, 'Difference of rising and falling voltage, A0.'
     ),
 )
 
 EFFECTS = (
-    Effect('bouc_wen', 'Hysteresis with local memory (Bouc-Wen).'),
-    Effect(
+    PlantEffect('bouc_wen', 'Hysteresis with local memory (Bouc-Wen).'),
+    PlantEffect(
         'hysteresis_exponent',
         'The Bouc-Wen exponent differs from 1.',
         {'bouc_wen.exponent': 1.0},

@@ -16,11 +16,13 @@ from typing import Any
 
 from piezo_kernels.compile import leaf
 from piezo_sim.parts import bouc_wen, play, preisach
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 PARAMETERS = (
-    Parameter('actuator.gain', 'm/V', 100e-6, 1e-12, 1.0, 'Displacement per volt before losses.'),
-    Parameter(
+    PlantParameter(
+        'actuator.gain', 'm/V', 100e-6, 1e-12, 1.0, 'Displacement per volt before losses.'
+    ),
+    PlantParameter(
         'rate_dependence.widening',
         '1',
         0.08,
@@ -28,7 +30,7 @@ PARAMETERS = (
         0.3,
         'Widening of the loop per e-fold of rate; by the power law, that at the reference.',
     ),
-    Parameter(
+    PlantParameter(
         'rate_dependence.exponent',
         '1',
         0.0,
@@ -36,7 +38,7 @@ PARAMETERS = (
         1.5,
         'Power of the rate with which the loop widens; 0 for its logarithm.',
     ),
-    Parameter(
+    PlantParameter(
         'rate_dependence.reference',
         'V/s',
         4.0,
@@ -44,7 +46,7 @@ PARAMETERS = (
         1e9,
         'Voltage rate at which widening sets in.',
     ),
-    Parameter(
+    PlantParameter(
         'rate_dependence.memory',
         's',
         5e-3,
@@ -52,15 +54,21 @@ PARAMETERS = (
         10.0,
         'Time over which the voltage rate is felt.',
     ),
-    Parameter(
+    PlantParameter(
         'electrostriction.coefficient', '1/V', 0.03, -10.0, 10.0, 'Square law of the voltage.'
     ),
-    Parameter('depolarisation.loss', '1', 0.1, 0.0, 0.9, 'Gain lost in the end.'),
-    Parameter('depolarisation.time_constant', 's', 20.0, 1e-2, 1e6, 'Time constant of the loss.'),
-    Parameter('heating.gain', '1', 0.05, -0.9, 10.0, 'Change of the gain at the reference rate.'),
-    Parameter('heating.reference', 'V/s', 100.0, 1e-6, 1e9, 'Rms voltage rate it is given for.'),
-    Parameter('heating.time_constant', 's', 3.0, 1e-3, 1e6, 'Of warming and cooling.'),
-    Parameter(
+    PlantParameter('depolarisation.loss', '1', 0.1, 0.0, 0.9, 'Gain lost in the end.'),
+    PlantParameter(
+        'depolarisation.time_constant', 's', 20.0, 1e-2, 1e6, 'Time constant of the loss.'
+    ),
+    PlantParameter(
+        'heating.gain', '1', 0.05, -0.9, 10.0, 'Change of the gain at the reference rate.'
+    ),
+    PlantParameter(
+        'heating.reference', 'V/s', 100.0, 1e-6, 1e9, 'Rms voltage rate it is given for.'
+    ),
+    PlantParameter('heating.time_constant', 's', 3.0, 1e-3, 1e6, 'Of warming and cooling.'),
+    PlantParameter(
         'backlash.half_width',
         'm',
         1e-6,
@@ -71,29 +79,29 @@ PARAMETERS = (
 )
 
 EFFECTS = (
-    Effect(
+    PlantEffect(
         'rate_dependence',
         'Loops widen with the logarithm or a power of the voltage rate.',
         {'rate_dependence.widening': 0.0},
     ),
-    Effect(
+    PlantEffect(
         'electrostriction',
         'A strain with the square of the voltage.',
         {'electrostriction.coefficient': 0.0},
     ),
-    Effect(
+    PlantEffect(
         'asymmetry',
         'Rising and falling branches differ.',
         {'bouc_wen.asymmetry': 0.0, 'play.asymmetry': 0.0, 'preisach.asymmetry': 0.0},
     ),
-    Effect('gain_decay', 'The gain falls with time.', {'depolarisation.loss': 0.0}),
-    Effect(
+    PlantEffect('gain_decay', 'The gain falls with time.', {'depolarisation.loss': 0.0}),
+    PlantEffect(
         'self_heating',
         'Losses, with the square of the voltage rate, warm the ceramic and change its gain.',
         {'heating.gain': 0.0},
         exotic=True,
     ),
-    Effect('backlash', 'Lost motion in the drive.', {'backlash.half_width': 0.0}),
+    PlantEffect('backlash', 'Lost motion in the drive.', {'backlash.half_width': 0.0}),
 )
 
 

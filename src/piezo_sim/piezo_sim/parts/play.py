@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from piezo_kernels.compile import leaf
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 OPERATORS = 12
 
@@ -18,19 +18,25 @@ _RADII = (0.02, 0.12, 0.17, 0.27, 0.32, 0.47, 0.52, 0.67, 0.72, 0.82, 0.87, 0.95
 _WEIGHTS = (0.036, 0.015, 0.064, 0.036, 0.046, 0.032, 0.031, 0.056, 0.030, 0.069, 0.004, 0.0)
 
 PARAMETERS = (
-    Parameter('play.linear_weight', '1', 0.77, 0.0, 2.0, 'Share without hysteresis.'),
+    PlantParameter('play.linear_weight', '1', 0.77, 0.0, 2.0, 'Share without hysteresis.'),
     *(
-        Parameter(f'play.radius_{j + 1:02}', 'V', radius, 0.0, 1e4, f'Radius of operator {j + 1}.')
+        PlantParameter(
+            f'play.radius_{j + 1:02}', 'V', radius, 0.0, 1e4, f'Radius of operator {j + 1}.'
+        )
         for j, radius in enumerate(_RADII)
     ),
     *(
-        Parameter(f'play.weight_{j + 1:02}', '1', weight, 0.0, 2.0, f'Weight of operator {j + 1}.')
+        PlantParameter(
+            f'play.weight_{j + 1:02}', '1', weight, 0.0, 2.0, f'Weight of operator {j + 1}.'
+        )
         for j, weight in enumerate(_WEIGHTS)
     ),
-    Parameter('play.asymmetry', '1/V', 0.1, -10.0, 10.0, 'Curvature of the envelope functions.'),
+    PlantParameter(
+        'play.asymmetry', '1/V', 0.1, -10.0, 10.0, 'Curvature of the envelope functions.'
+    ),
 )
 
-EFFECTS = (Effect('play', 'Hysteresis with nonlocal memory (Prandtl-Ishlinskii).'),)
+EFFECTS = (PlantEffect('play', 'Hysteresis with nonlocal memory (Prandtl-Ishlinskii).'),)
 
 
 @leaf

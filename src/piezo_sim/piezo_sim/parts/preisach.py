@@ -19,19 +19,23 @@ import math
 from typing import Any
 
 from piezo_kernels.compile import leaf
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 DEPTH = 128
 
 PARAMETERS = (
-    Parameter('preisach.linear_weight', '1', 0.75, 0.0, 2.0, 'Share without hysteresis.'),
-    Parameter('preisach.weight', '1', 0.45, 0.0, 5.0, 'Weight of the hysteretic share.'),
-    Parameter('preisach.scale', 'V', 0.6, 1e-6, 1e4, 'Typical coercive voltage.'),
-    Parameter('preisach.asymmetry', '1/V', 0.05, -10.0, 10.0, 'Change of the density with bias.'),
-    Parameter('preisach.curvature', '1/V^2', 0.02, 0.0, 100.0, 'Fall of the density with bias.'),
+    PlantParameter('preisach.linear_weight', '1', 0.75, 0.0, 2.0, 'Share without hysteresis.'),
+    PlantParameter('preisach.weight', '1', 0.45, 0.0, 5.0, 'Weight of the hysteretic share.'),
+    PlantParameter('preisach.scale', 'V', 0.6, 1e-6, 1e4, 'Typical coercive voltage.'),
+    PlantParameter(
+        'preisach.asymmetry', '1/V', 0.05, -10.0, 10.0, 'Change of the density with bias.'
+    ),
+    PlantParameter(
+        'preisach.curvature', '1/V^2', 0.02, 0.0, 100.0, 'Fall of the density with bias.'
+    ),
 )
 
-EFFECTS = (Effect('preisach', 'Hysteresis with nonlocal memory (Preisach).'),)
+EFFECTS = (PlantEffect('preisach', 'Hysteresis with nonlocal memory (Preisach).'),)
 
 
 @leaf

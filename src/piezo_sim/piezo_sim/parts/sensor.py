@@ -10,78 +10,92 @@ import numpy as np
 from piezo_kernels.compile import leaf
 from piezo_sim.parts.amplifier import FAR
 from piezo_sim.parts.noise import normal, uniform
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 OCTAVES = 6
 
 PARAMETERS = (
-    Parameter('sensor.offset', 'm', 5e-6, -1e-1, 1e-1, 'Reading at rest.'),
-    Parameter('sensor.quadratic', '1/m', 80.0, -1e6, 1e6, 'Square term of the characteristic.'),
-    Parameter('sensor.cubic', '1/m^2', 1e6, -1e14, 1e14, 'Cubic term of the characteristic.'),
-    Parameter('sensor.noise_rms', 'm', 20e-9, 0.0, 1e-2, 'White noise per sample.'),
-    Parameter('sensor.flicker_rms', 'm', 20e-9, 0.0, 1e-2, '1/f noise over six octaves.'),
-    Parameter('sensor.resolution', 'm', 10e-9, 0.0, 1e-2, 'Step of the A/D converter.'),
-    Parameter('sensor.bandwidth', 'Hz', 500.0, 1e-2, 1e6, 'First-order bandwidth.'),
-    Parameter('sensor.range', 'm', 120e-6, 1e-9, 1.0, 'Largest magnitude of a reading.'),
-    Parameter('sensor.rate_limit', 'm/s', 5e-3, 1e-9, 1e3, 'Fastest change of the reading.'),
-    Parameter('sensor.jitter', 's', 50e-6, 0.0, 1e-2, 'Rms jitter of the sampling instant.'),
-    Parameter('sensor.dropout_probability', '1', 0.005, 0.0, 1.0, 'Share of samples that repeat.'),
-    Parameter('sensor.cyclic_error', 'm', 0.4e-6, 0.0, 1e-2, 'Error that repeats with the scale.'),
-    Parameter('sensor.cyclic_period', 'm', 20e-6, 1e-9, 1.0, 'Pitch of that scale.'),
-    Parameter('sensor.burst_rms', 'm', 2e-6, 0.0, 1e-2, '1/f noise in a burst.'),
-    Parameter('sensor.burst_interval', 's', 2.0, 1e-3, 1e6, 'Mean time between bursts.'),
-    Parameter('sensor.burst_duration', 's', 0.2, 1e-3, 1e6, 'Mean length of a burst.'),
-    Parameter('mains.amplitude', 'm', 0.5e-6, 0.0, 1e-2, 'Hum in the reading.'),
-    Parameter('mains.frequency', 'Hz', 50.0, 1e-3, 1e5, 'Mains frequency.'),
-    Parameter('mains.phase', 'rad', 0.7, -7.0, 7.0, 'Phase at the start.'),
-    Parameter('mains.third', '1', 0.1, 0.0, 10.0, 'Third harmonic of the hum.'),
-    Parameter('vibration.amplitude', 'm', 0.3e-6, 0.0, 1e-2, 'Floor vibration.'),
-    Parameter('vibration.frequency', 'Hz', 17.3, 1e-3, 1e5, 'Its frequency.'),
-    Parameter('modulated_tone.amplitude', 'm', 1e-6, 0.0, 1e-2, 'Tone that swells and fades.'),
-    Parameter('modulated_tone.frequency', 'Hz', 113.0, 1e-3, 1e5, 'Its carrier.'),
-    Parameter('modulated_tone.modulation', 'Hz', 0.7, 1e-4, 1e4, 'Rate at which it swells.'),
-    Parameter('switching.step', 'm', 1.5e-6, -1e-2, 1e-2, 'Jump between the two states.'),
-    Parameter('switching.threshold', 'V', 0.5, 0.0, 1e4, 'Voltage at which the state switches.'),
+    PlantParameter('sensor.offset', 'm', 5e-6, -1e-1, 1e-1, 'Reading at rest.'),
+    PlantParameter(
+        'sensor.quadratic', '1/m', 80.0, -1e6, 1e6, 'Square term of the characteristic.'
+    ),
+    PlantParameter('sensor.cubic', '1/m^2', 1e6, -1e14, 1e14, 'Cubic term of the characteristic.'),
+    PlantParameter('sensor.noise_rms', 'm', 20e-9, 0.0, 1e-2, 'White noise per sample.'),
+    PlantParameter('sensor.flicker_rms', 'm', 20e-9, 0.0, 1e-2, '1/f noise over six octaves.'),
+    PlantParameter('sensor.resolution', 'm', 10e-9, 0.0, 1e-2, 'Step of the A/D converter.'),
+    PlantParameter('sensor.bandwidth', 'Hz', 500.0, 1e-2, 1e6, 'First-order bandwidth.'),
+    PlantParameter('sensor.range', 'm', 120e-6, 1e-9, 1.0, 'Largest magnitude of a reading.'),
+    PlantParameter('sensor.rate_limit', 'm/s', 5e-3, 1e-9, 1e3, 'Fastest change of the reading.'),
+    PlantParameter('sensor.jitter', 's', 50e-6, 0.0, 1e-2, 'Rms jitter of the sampling instant.'),
+    PlantParameter(
+        'sensor.dropout_probability', '1', 0.005, 0.0, 1.0, 'Share of samples that repeat.'
+    ),
+    PlantParameter(
+        'sensor.cyclic_error', 'm', 0.4e-6, 0.0, 1e-2, 'Error that repeats with the scale.'
+    ),
+    PlantParameter('sensor.cyclic_period', 'm', 20e-6, 1e-9, 1.0, 'Pitch of that scale.'),
+    PlantParameter('sensor.burst_rms', 'm', 2e-6, 0.0, 1e-2, '1/f noise in a burst.'),
+    PlantParameter('sensor.burst_interval', 's', 2.0, 1e-3, 1e6, 'Mean time between bursts.'),
+    PlantParameter('sensor.burst_duration', 's', 0.2, 1e-3, 1e6, 'Mean length of a burst.'),
+    PlantParameter('mains.amplitude', 'm', 0.5e-6, 0.0, 1e-2, 'Hum in the reading.'),
+    PlantParameter('mains.frequency', 'Hz', 50.0, 1e-3, 1e5, 'Mains frequency.'),
+    PlantParameter('mains.phase', 'rad', 0.7, -7.0, 7.0, 'Phase at the start.'),
+    PlantParameter('mains.third', '1', 0.1, 0.0, 10.0, 'Third harmonic of the hum.'),
+    PlantParameter('vibration.amplitude', 'm', 0.3e-6, 0.0, 1e-2, 'Floor vibration.'),
+    PlantParameter('vibration.frequency', 'Hz', 17.3, 1e-3, 1e5, 'Its frequency.'),
+    PlantParameter(
+        'modulated_tone.amplitude', 'm', 1e-6, 0.0, 1e-2, 'Tone that swells and fades.'
+    ),
+    PlantParameter('modulated_tone.frequency', 'Hz', 113.0, 1e-3, 1e5, 'Its carrier.'),
+    PlantParameter('modulated_tone.modulation', 'Hz', 0.7, 1e-4, 1e4, 'Rate at which it swells.'),
+    PlantParameter('switching.step', 'm', 1.5e-6, -1e-2, 1e-2, 'Jump between the two states.'),
+    PlantParameter(
+        'switching.threshold', 'V', 0.5, 0.0, 1e4, 'Voltage at which the state switches.'
+    ),
 )
 
 EFFECTS = (
-    Effect('offset', 'The reading at rest is not zero.', {'sensor.offset': 0.0}),
-    Effect(
+    PlantEffect('offset', 'The reading at rest is not zero.', {'sensor.offset': 0.0}),
+    PlantEffect(
         'sensor_nonlinearity',
         'The characteristic of the sensor is curved.',
         {'sensor.quadratic': 0.0, 'sensor.cubic': 0.0},
     ),
-    Effect('noise', 'White sensor noise.', {'sensor.noise_rms': 0.0}),
-    Effect('flicker_noise', '1/f sensor noise.', {'sensor.flicker_rms': 0.0}),
-    Effect('quantisation', 'The reading moves in steps.', {'sensor.resolution': 0.0}),
-    Effect('sensor_bandwidth', 'The sensor is a low-pass filter.', {'sensor.bandwidth': 0.0}),
-    Effect('mains_hum', 'A tone unrelated to the drive in the reading.', {'mains.amplitude': 0.0}),
-    Effect('floor_vibration', 'A tone in the displacement.', {'vibration.amplitude': 0.0}),
-    Effect('sensor_clipping', 'The sensor ends at its range.', {'sensor.range': FAR}, exotic=True),
-    Effect(
+    PlantEffect('noise', 'White sensor noise.', {'sensor.noise_rms': 0.0}),
+    PlantEffect('flicker_noise', '1/f sensor noise.', {'sensor.flicker_rms': 0.0}),
+    PlantEffect('quantisation', 'The reading moves in steps.', {'sensor.resolution': 0.0}),
+    PlantEffect('sensor_bandwidth', 'The sensor is a low-pass filter.', {'sensor.bandwidth': 0.0}),
+    PlantEffect(
+        'mains_hum', 'A tone unrelated to the drive in the reading.', {'mains.amplitude': 0.0}
+    ),
+    PlantEffect('floor_vibration', 'A tone in the displacement.', {'vibration.amplitude': 0.0}),
+    PlantEffect(
+        'sensor_clipping', 'The sensor ends at its range.', {'sensor.range': FAR}, exotic=True
+    ),
+    PlantEffect(
         'rate_limit', 'The sensor cannot follow fast.', {'sensor.rate_limit': FAR}, exotic=True
     ),
-    Effect('jitter', 'Samples are taken early or late.', {'sensor.jitter': 0.0}, exotic=True),
-    Effect(
+    PlantEffect('jitter', 'Samples are taken early or late.', {'sensor.jitter': 0.0}, exotic=True),
+    PlantEffect(
         'dropouts',
         'Some samples repeat the one before.',
         {'sensor.dropout_probability': 0.0},
         exotic=True,
     ),
-    Effect(
+    PlantEffect(
         'cyclic_error',
         'The scale of an encoder repeats its error with its pitch.',
         {'sensor.cyclic_error': 0.0},
         exotic=True,
     ),
-    Effect('noise_bursts', 'Bursts of 1/f noise.', {'sensor.burst_rms': 0.0}, exotic=True),
-    Effect(
+    PlantEffect('noise_bursts', 'Bursts of 1/f noise.', {'sensor.burst_rms': 0.0}, exotic=True),
+    PlantEffect(
         'modulated_tone',
         'A tone that swells and fades.',
         {'modulated_tone.amplitude': 0.0},
         exotic=True,
     ),
-    Effect(
+    PlantEffect(
         'switching',
         'The seat of the actuator jumps between two states.',
         {'switching.step': 0.0},

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from piezo_kernels.compile import leaf
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 KELVIN_VOIGT = 3
 DECADES = 9  # elements that together creep with the logarithm of time, two per decade
@@ -17,25 +17,29 @@ PARAMETERS = (
         row
         for j, gain, time in ((1, 0.03, 0.4), (2, 0.02, 4.0), (3, 0.02, 40.0))
         for row in (
-            Parameter(f'creep.gain_{j}', '1', gain, 0.0, 1.0, f'Creep of element {j} in the end.'),
-            Parameter(f'creep.time_{j}', 's', time, 1e-3, 1e6, f'Time constant of element {j}.'),
+            PlantParameter(
+                f'creep.gain_{j}', '1', gain, 0.0, 1.0, f'Creep of element {j} in the end.'
+            ),
+            PlantParameter(
+                f'creep.time_{j}', 's', time, 1e-3, 1e6, f'Time constant of element {j}.'
+            ),
         )
     ),
-    Parameter('log_creep.gain', '1', 0.015, 0.0, 0.5, 'Creep per decade of time.'),
-    Parameter('log_creep.start', 's', 0.05, 1e-3, 1e3, 'Time at which it sets in.'),
-    Parameter('drift.rate', 'm/s', 0.1e-6, -1e-3, 1e-3, 'Steady drift.'),
-    Parameter('drift.warming', 'm', 2e-6, -1e-2, 1e-2, 'Shift by warming up, in the end.'),
-    Parameter('drift.warming_time', 's', 60.0, 1e-2, 1e6, 'Time constant of warming up.'),
+    PlantParameter('log_creep.gain', '1', 0.015, 0.0, 0.5, 'Creep per decade of time.'),
+    PlantParameter('log_creep.start', 's', 0.05, 1e-3, 1e3, 'Time at which it sets in.'),
+    PlantParameter('drift.rate', 'm/s', 0.1e-6, -1e-3, 1e-3, 'Steady drift.'),
+    PlantParameter('drift.warming', 'm', 2e-6, -1e-2, 1e-2, 'Shift by warming up, in the end.'),
+    PlantParameter('drift.warming_time', 's', 60.0, 1e-2, 1e6, 'Time constant of warming up.'),
 )
 
 EFFECTS = (
-    Effect(
+    PlantEffect(
         'creep',
         'Kelvin-Voigt creep after the drive.',
         {f'creep.gain_{j}': 0.0 for j in range(1, KELVIN_VOIGT + 1)},
     ),
-    Effect('log_creep', 'Creep with the logarithm of time.', {'log_creep.gain': 0.0}),
-    Effect(
+    PlantEffect('log_creep', 'Creep with the logarithm of time.', {'log_creep.gain': 0.0}),
+    PlantEffect(
         'drift', 'Thermal drift, whatever the drive.', {'drift.rate': 0.0, 'drift.warming': 0.0}
     ),
 )

@@ -13,25 +13,27 @@ import math
 from typing import Any
 
 from piezo_kernels.compile import leaf
-from piezo_sim.table import Effect, Parameter
+from piezo_sim.table import PlantEffect, PlantParameter
 
 MODES = 4
 
 PARAMETERS = (
-    Parameter('structure.natural_frequency', 'Hz', 200.0, 0.1, 1e5, 'First undamped frequency.'),
-    Parameter('structure.damping_ratio', '1', 0.03, 1e-5, 50.0, 'Damping of the first mode.'),
-    Parameter('structure.stiffness', 'N/m', 1e6, 1e-3, 1e12, 'Stiffness of the actuator.'),
-    Parameter('structure.load_mass', 'kg', 0.2, 0.0, 1e3, 'Mass mounted on the actuator.'),
-    Parameter(
+    PlantParameter(
+        'structure.natural_frequency', 'Hz', 200.0, 0.1, 1e5, 'First undamped frequency.'
+    ),
+    PlantParameter('structure.damping_ratio', '1', 0.03, 1e-5, 50.0, 'Damping of the first mode.'),
+    PlantParameter('structure.stiffness', 'N/m', 1e6, 1e-3, 1e12, 'Stiffness of the actuator.'),
+    PlantParameter('structure.load_mass', 'kg', 0.2, 0.0, 1e3, 'Mass mounted on the actuator.'),
+    PlantParameter(
         'structure.load_stiffness', 'N/m', 2e5, 0.0, 1e12, 'Spring that the actuator bends.'
     ),
-    Parameter(
+    PlantParameter(
         'structure.cubic', '1/m^2', 2e7, -1e16, 1e16, 'Stiffening with the square of the motion.'
     ),
-    Parameter(
+    PlantParameter(
         'structure.quadratic_damping', '1/m', 200.0, 0.0, 1e6, 'Drag with the speed squared.'
     ),
-    Parameter(
+    PlantParameter(
         'contact.stiffness',
         '1',
         0.3,
@@ -39,11 +41,17 @@ PARAMETERS = (
         1e3,
         'Force of the stop, one reach into it, over stiffness.',
     ),
-    Parameter('contact.position', 'm', 60e-6, -1.0, 1.0, 'Displacement at which it is touched.'),
-    Parameter('contact.reach', 'm', 10e-6, 1e-9, 1.0, 'Motion that the force is given for.'),
-    Parameter('structure.pump_depth', '1', 0.2, 0.0, 0.5, 'Periodic change of the stiffness.'),
-    Parameter('structure.pump_frequency', 'Hz', 31.0, 1e-3, 1e4, 'Frequency of that change.'),
-    Parameter('structure.pump_reach', 'm', 100e-6, 1e-9, 1.0, 'Motion beyond which it fades.'),
+    PlantParameter(
+        'contact.position', 'm', 60e-6, -1.0, 1.0, 'Displacement at which it is touched.'
+    ),
+    PlantParameter('contact.reach', 'm', 10e-6, 1e-9, 1.0, 'Motion that the force is given for.'),
+    PlantParameter(
+        'structure.pump_depth', '1', 0.2, 0.0, 0.5, 'Periodic change of the stiffness.'
+    ),
+    PlantParameter('structure.pump_frequency', 'Hz', 31.0, 1e-3, 1e4, 'Frequency of that change.'),
+    PlantParameter(
+        'structure.pump_reach', 'm', 100e-6, 1e-9, 1.0, 'Motion beyond which it fades.'
+    ),
     *(
         row
         for mode, frequency, damping, share in (
@@ -52,56 +60,66 @@ PARAMETERS = (
             ('4', 1130.0, 0.02, 0.03),
         )
         for row in (
-            Parameter(f'mode_{mode}.frequency', 'Hz', frequency, 0.1, 1e5, 'Undamped frequency.'),
-            Parameter(f'mode_{mode}.damping_ratio', '1', damping, 1e-5, 50.0, 'Damping.'),
-            Parameter(f'mode_{mode}.share', '1', share, -1.0, 1.0, 'Share of the static motion.'),
+            PlantParameter(
+                f'mode_{mode}.frequency', 'Hz', frequency, 0.1, 1e5, 'Undamped frequency.'
+            ),
+            PlantParameter(f'mode_{mode}.damping_ratio', '1', damping, 1e-5, 50.0, 'Damping.'),
+            PlantParameter(
+                f'mode_{mode}.share', '1', share, -1.0, 1.0, 'Share of the static motion.'
+            ),
         )
     ),
-    Parameter('friction.coulomb', 'm', 0.6e-6, 0.0, 1e-2, 'Friction force over stiffness.'),
-    Parameter('friction.stiction', '1', 1.3, 1.0, 3.0, 'Static over sliding friction.'),
-    Parameter('friction.stribeck_speed', 'm/s', 1e-3, 1e-9, 10.0, 'Speed at which sliding rules.'),
-    Parameter('friction.presliding', 'm', 3e-6, 1e-9, 1e-2, 'Motion before it slides.'),
-    Parameter('restoring.share', '1', 0.3, 0.0, 0.95, 'Hysteretic share of the restoring force.'),
-    Parameter('restoring.beta', '1/m', 8e3, 0.0, 1e9, 'Its Bouc-Wen beta.'),
-    Parameter('restoring.gamma', '1/m', 2e3, -1e9, 1e9, 'Its Bouc-Wen gamma.'),
+    PlantParameter('friction.coulomb', 'm', 0.6e-6, 0.0, 1e-2, 'Friction force over stiffness.'),
+    PlantParameter('friction.stiction', '1', 1.3, 1.0, 3.0, 'Static over sliding friction.'),
+    PlantParameter(
+        'friction.stribeck_speed', 'm/s', 1e-3, 1e-9, 10.0, 'Speed at which sliding rules.'
+    ),
+    PlantParameter('friction.presliding', 'm', 3e-6, 1e-9, 1e-2, 'Motion before it slides.'),
+    PlantParameter(
+        'restoring.share', '1', 0.3, 0.0, 0.95, 'Hysteretic share of the restoring force.'
+    ),
+    PlantParameter('restoring.beta', '1/m', 8e3, 0.0, 1e9, 'Its Bouc-Wen beta.'),
+    PlantParameter('restoring.gamma', '1/m', 2e3, -1e9, 1e9, 'Its Bouc-Wen gamma.'),
 )
 
 EFFECTS = (
-    Effect(
+    PlantEffect(
         'resonance',
         'The first mode moves with its inertia; off, it follows at once.',
         {'structure.natural_frequency': 0.0},
     ),
-    Effect('second_mode', 'A second mode.', {'mode_2.share': 0.0}),
-    Effect('third_mode', 'A third mode.', {'mode_3.share': 0.0}),
-    Effect('fourth_mode', 'A fourth mode.', {'mode_4.share': 0.0}),
-    Effect('stiffness', 'A stiffness that changes with the motion.', {'structure.cubic': 0.0}),
-    Effect(
+    PlantEffect('second_mode', 'A second mode.', {'mode_2.share': 0.0}),
+    PlantEffect('third_mode', 'A third mode.', {'mode_3.share': 0.0}),
+    PlantEffect('fourth_mode', 'A fourth mode.', {'mode_4.share': 0.0}),
+    PlantEffect(
+        'stiffness', 'A stiffness that changes with the motion.', {'structure.cubic': 0.0}
+    ),
+    PlantEffect(
         'load',
         'A mass and a spring outside the actuator.',
         {'structure.load_mass': 0.0, 'structure.load_stiffness': 0.0},
     ),
-    Effect(
+    PlantEffect(
         'friction', 'Sliding friction with presliding and stiction.', {'friction.coulomb': 0.0}
     ),
-    Effect(
+    PlantEffect(
         'restoring_hysteresis',
         'Part of the restoring force is hysteretic (Bouc-Wen oscillator).',
         {'restoring.share': 0.0},
     ),
-    Effect(
+    PlantEffect(
         'amplitude_damping',
         'Damping that grows with the motion.',
         {'structure.quadratic_damping': 0.0},
         exotic=True,
     ),
-    Effect(
+    PlantEffect(
         'contact',
         'Beyond a position the mode touches a soft body: force with the square of the way in.',
         {'contact.stiffness': 0.0},
         exotic=True,
     ),
-    Effect(
+    PlantEffect(
         'parametric_excitation',
         'The stiffness is pumped periodically.',
         {'structure.pump_depth': 0.0},

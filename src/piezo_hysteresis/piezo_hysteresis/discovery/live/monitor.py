@@ -18,7 +18,7 @@ from piezo_hysteresis.records import Record
 
 # Above the floor by this factor in this many windows running, the gap is real.
 BEYOND = 1.3
-PATIENCE = 2
+CONFIRMATIONS = 2
 # Share of the power above the floor that makes a family; of harmonics little is telling.
 MOST = 0.5
 TELLING = 0.02
@@ -161,7 +161,7 @@ class GapMonitor:
             rows = np.abs(phasors) / np.where(np.arange(len(orders)) == 0, 1.0, np.sqrt(2.0))
             sizes = [float(size) for size in rows]
         self._streak = self._streak + 1 if floors > BEYOND else 0
-        beyond = self._streak >= PATIENCE
+        beyond = self._streak >= CONFIRMATIONS
         family = family_of(orders, sizes, rms, self._floor) if beyond else ''
         return GapReport(rms, floors, frequency, orders, sizes, beyond, family)
 

@@ -16,7 +16,7 @@ from piezo_common import topics
 from piezo_common.health import CounterWatch, Health, Level, judge
 from piezo_hysteresis.dashboard.backend import Answer, DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.controls import Value
-from piezo_hysteresis.dashboard.live import Job, Live
+from piezo_hysteresis.dashboard.live import BackgroundJob, Live
 from piezo_hysteresis.dashboard.server import DashboardServer
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.dashboard.jobs import Jobs
@@ -221,7 +221,7 @@ class Dashboard(Node):
 
     def start_sweep(self, actuator: str, order: SweepOrder) -> None:
         """Run a sweep and record it, after the experiment that runs has been ended."""
-        self.live(actuator).sweep = Job('asked', 0.0, 'asking the excitation')
+        self.live(actuator).sweep = BackgroundJob('asked', 0.0, 'asking the excitation')
         self._wish(actuator, lambda desk: self._rest_then_sweep(desk, order))
 
     def _rest_then_sweep(self, desk: ActuatorSession, order: SweepOrder) -> None:
@@ -236,7 +236,7 @@ class Dashboard(Node):
             if not answer.done:
                 self._later(LISTEN_EVERY, go_on)
             elif answer.reason:
-                desk.live.sweep = Job('failed', 0.0, answer.reason)
+                desk.live.sweep = BackgroundJob('failed', 0.0, answer.reason)
             else:
                 desk.jobs.run_sweep(order)
 
@@ -248,7 +248,7 @@ class Dashboard(Node):
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
         """Find what the baseline misses in recorded data."""
-        self.live(actuator).discovery = Job('asked', 0.0, 'asking the discovery node')
+        self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'asking the discovery node')
         self._wish(actuator, lambda desk: desk.jobs.run_discovery(order))
 
     def cancel_discovery(self, actuator: str) -> None:

@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from piezo_common import topics
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
-from piezo_hysteresis.dashboard.live import Job, Live
+from piezo_hysteresis.dashboard.live import BackgroundJob, Live
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.dashboard.topic_collector import TopicCollector
 from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
@@ -58,7 +58,7 @@ class ActionJob:
     server : str
         Node that offers it.
     read, write : callable
-        Get and set the `Job` that the page shows.
+        Get and set the `BackgroundJob` that the page shows.
     """
 
     def __init__(
@@ -68,8 +68,8 @@ class ActionJob:
         kind: Any,
         name: str,
         server: str,
-        read: Callable[[], Job],
-        write: Callable[[Job], None],
+        read: Callable[[], BackgroundJob],
+        write: Callable[[BackgroundJob], None],
     ) -> None:
         prefix = f'/{live.actuator}/' if live.actuator else '/'
         self._client = ActionClient(node, kind, prefix + name)
@@ -80,7 +80,9 @@ class ActionJob:
         self._asked = 0.0
         self._unexplained = False
         self.on_end: Callable[[bool], None] = lambda accepted: None
-        self.on_result: Callable[[Any], Job] = lambda result: Job('done', 1.0, result.message)
+        self.on_result: Callable[[Any], BackgroundJob] = lambda result: BackgroundJob(
+            'done', 1.0, result.message
+        )
 
     @property
     def offered(self) -> bool:
@@ -114,7 +116,7 @@ class ActionJob:
             self._explain()
             return
         self._handle = handle
-        self.write(Job('running', 0.0, 'accepted', since=self._asked))
+        self.write(BackgroundJob('running', 0.0, 'accepted', since=self._asked))
         handle.get_result_async().add_done_callback(self._ended)
 
     def _ended(self, future: Any) -> None:
@@ -122,14 +124,14 @@ class ActionJob:
             return
         result = future.result().result
         why = result.message or f'{self._server} failed; its log says why'
-        job = self.on_result(result) if result.success else Job('failed', 1.0, why)
+        job = self.on_result(result) if result.success else BackgroundJob('failed', 1.0, why)
         self.on_end(getattr(result, 'samples', 1) > 0)  # else nothing was recorded
         self.write(job)
 
     def fail(self, reason: str, accepted: bool = True) -> None:
         """End the job with a reason."""
         self.on_end(accepted)
-        self.write(Job('failed', 0.0, reason))
+        self.write(BackgroundJob('failed', 0.0, reason))
 
     def cancel(self) -> None:
         """Ask the node to give it up."""
@@ -224,7 +226,7 @@ class Jobs:
         try:
             self._record(self._folder / SWEEPS / order.name)
         except PiezoError as error:
-            self._live.sweep = Job('failed', 0.0, str(error))
+            self._live.sweep = BackgroundJob('failed', 0.0, str(error))
             return
         goal = RunSweep.Goal(
             frequencies=list(order.frequencies),
@@ -276,11 +278,11 @@ class Jobs:
             self._report.end()
             recorder.close()
 
-    def _swept(self, result: Any) -> Job:
+    def _swept(self, result: Any) -> BackgroundJob:
         assert self._recorder is not None
         text = f'{result.message}, recorded as {self._recorder.path.name}'
         records = tuple(zip(result.names, result.recorded_by, strict=False))
-        return Job('done', 1.0, text, records=records)
+        return BackgroundJob('done', 1.0, text, records=records)
 
     # --- discovery -----------------------------------------------------------------------------
 
@@ -295,10 +297,10 @@ class Jobs:
         )
         self.discovery.send(goal, lambda f: f.detail or f.stage)
 
-    def _found(self, result: Any) -> Job:
+    def _found(self, result: Any) -> BackgroundJob:
         report = Path(result.report).resolve()
         base = self._folder.resolve()
-        return Job(
+        return BackgroundJob(
             'done',
             1.0,
             result.message,

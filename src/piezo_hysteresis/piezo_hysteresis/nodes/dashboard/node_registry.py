@@ -13,15 +13,15 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.controls import Parameter, Value, described
+from piezo_hysteresis.dashboard.controls import ParameterState, Value, described
 from piezo_hysteresis.dashboard.live import Live, NodeState
 
-PATIENCE = 5.0  # for an answer [s]
+TIMEOUT = 5.0  # for an answer [s]
 # Nodes of tools, which come and go.
 NOT_SHOWN = ('_', 'dashboard', 'launch_ros', 'ros2cli', 'rqt', 'transform_listener')
 
 
-def from_ros(node: str, name: str, value: Any, about: ParameterDescriptor) -> Parameter:
+def from_ros(node: str, name: str, value: Any, about: ParameterDescriptor) -> ParameterState:
     """Return a parameter as the page knows it."""
     ranges = list(about.floating_point_range) + list(about.integer_range)
     bounds = (float(ranges[0].from_value), float(ranges[0].to_value)) if ranges else None
@@ -85,7 +85,7 @@ class NodeRegistry:
         """Ask a node for all it has, once its services are there."""
         now = self._live.clock()
         client = self._client(name)
-        if now - self._asked.get(name, -PATIENCE) < PATIENCE or not client.services_are_ready():
+        if now - self._asked.get(name, -TIMEOUT) < TIMEOUT or not client.services_are_ready():
             return
         self._asked[name] = now
         client.list_parameters(callback=lambda listed: self._listed(name, listed))
@@ -100,7 +100,7 @@ class NodeRegistry:
             def note(future: Any) -> None:
                 found[what] = future.result()
                 if len(found) == 2:
-                    self._told(name, names, found)
+                    self._take_values(name, names, found)
 
             return note
 
@@ -108,7 +108,7 @@ class NodeRegistry:
         client.describe_parameters(names, callback=both('about'))
         client.get_parameters(names, callback=both('values'))
 
-    def _told(self, name: str, names: list[str], found: Mapping[str, Any]) -> None:
+    def _take_values(self, name: str, names: list[str], found: Mapping[str, Any]) -> None:
         self._asked.pop(name, None)
         state = self._live.nodes.get(name)
         if state is None or None in found.values():
@@ -151,7 +151,7 @@ class NodeRegistry:
         except (TypeError, ValueError) as error:
             answer.give(str(error))
             return
-        self._answers.append((self._live.clock() + PATIENCE, name, answer))
+        self._answers.append((self._live.clock() + TIMEOUT, name, answer))
 
         def answered(future: Any) -> None:
             if future.result() is None:
@@ -164,9 +164,9 @@ class NodeRegistry:
     def _expire(self, now: float) -> None:
         for due, name, answer in self._answers:
             # one that compiles for the change answers afterwards
-            works = now < self._live.working.get(name, -PATIENCE) + PATIENCE
+            works = now < self._live.working.get(name, -TIMEOUT) + TIMEOUT
             if due < now and not works and not answer.done:
-                answer.give(f'{name} did not answer within {PATIENCE:g} s; see whether it runs')
+                answer.give(f'{name} did not answer within {TIMEOUT:g} s; see whether it runs')
         self._answers = [entry for entry in self._answers if not entry[2].done]
 
 

@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message
 
 from piezo_common import topics
 from piezo_common.stamps import nanoseconds_of
-from piezo_hysteresis.dashboard.live import Counters, Estimate, Gap, Live, LogLine
+from piezo_hysteresis.dashboard.live import Counters, Gap, Live, LogLine, ShownEstimate
 from piezo_hysteresis.dashboard.signals import State
 from piezo_hysteresis.runtime.confirmation import PLACES
 from piezo_interfaces.msg import (
@@ -148,7 +148,7 @@ class TopicCollector:
         now = self._live.clock()
         for m in messages:
             self._live.estimates.append(
-                Estimate(
+                ShownEstimate(
                     now, m.model, m.method, m.message, tuple(m.names), tuple(m.units),
                     tuple(m.values), tuple(m.standard_deviations), m.one_step_rms,
                     m.free_run_rms, m.converged,

@@ -71,7 +71,7 @@ class Excitation(Node):
         self._given_up = ''
         self._ready = False
         self._last: tuple[Publisher, bytes] | None = None
-        self._heard = time.monotonic()
+        self._received = time.monotonic()
         self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
         self._rate = self._params.number('rate')
         # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
@@ -124,7 +124,7 @@ class Excitation(Node):
         self._newest_state = sample
         self._sweeps.note_pace(unasked=sample > self._emitted)
         if not self._sweeps.waits:
-            self._heard = time.monotonic()
+            self._received = time.monotonic()
         self._emit(sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
@@ -138,7 +138,7 @@ class Excitation(Node):
 
     def _begin(self) -> None:
         """Answer the newest state, in case the loop waits for it."""
-        self._heard = time.monotonic()
+        self._received = time.monotonic()
         self._given_up = ''
         self._answer()
 
@@ -169,7 +169,7 @@ class Excitation(Node):
 
     def _repeat(self) -> None:
         """Say the last word again where the loop stands still: somebody may have missed it."""
-        if time.monotonic() - self._heard < REPEAT_AFTER:
+        if time.monotonic() - self._received < REPEAT_AFTER:
             return
         if self._last is None:
             self._answer()
@@ -183,7 +183,7 @@ class Excitation(Node):
             self._last = None
             return
         if self._last is None:
-            self._heard = time.monotonic()  # not the actuator was waited for until now
+            self._received = time.monotonic()  # not the actuator was waited for until now
         self._emitted = sample
         self._publish_voltage(sample, voltage)
 
@@ -283,7 +283,7 @@ class Excitation(Node):
         experiment.length = round(self._params.number('duration') * self._rate)
 
     def _watch(self) -> None:
-        silent = max(time.monotonic() - self._heard, self._sweeps.waiting)
+        silent = max(time.monotonic() - self._received, self._sweeps.waiting)
         deadline = self._params.number('deadline')
         idle = self._params.text('mode') == 'idle' and not self._sweeps.active
         working = self._neighbours.working()
@@ -327,7 +327,7 @@ class Excitation(Node):
             shape, frequency = self._params.text('waveform'), self._params.number('frequency')
             what = f'{mode}: {shape}, {frequency:g} Hz'
             waits = '' if self._listened_to() else self._missing_listeners()
-        silent = time.monotonic() - self._heard
+        silent = time.monotonic() - self._received
         if what and silent > SILENCE:
             waits = self._neighbours.working() or waits
         return Doing(what, waits, self._given_up, silent, self._newest_state)

@@ -52,12 +52,12 @@ class SweepAudience:
         parameters: NodeParameters,
         neighbours: Neighbours,
         edge_at: Callable[[int], int],
-        heard: Callable[[], None],
+        received: Callable[[], None],
     ) -> None:
         self._parameters, self._neighbours = parameters, neighbours
         self.edge_at = edge_at
         self._publisher = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
-        self._reports = Reports(node, topics.MARKER, heard)
+        self._reports = Reports(node, topics.MARKER, received)
 
     def look(self) -> None:
         """Notice who has come and who has gone."""

@@ -14,7 +14,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation.sweep_audience import SweepAudience
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
 from piezo_hysteresis.runtime.sweep_plan import Sweep, parse_options
-from piezo_hysteresis.runtime.sweep_run import Kept, Pause, SweepRun, told
+from piezo_hysteresis.runtime.sweep_run import Kept, Pause, SweepRun, kept_message
 from piezo_interfaces.action import RunSweep
 from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.parameters import NodeParameters
@@ -291,7 +291,7 @@ class SweepServer:
         else:
             goal.succeed()
             result.success = True
-            result.message = told(self._kept)
+            result.message = kept_message(self._kept)
         self._counts['sweeps_failed'] += bool(self._reason) and not self._refuses
         self.last = result.message
         return result

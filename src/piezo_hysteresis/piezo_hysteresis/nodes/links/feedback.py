@@ -26,7 +26,7 @@ _GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 
-class Feedback(TrackingNode):
+class FeedbackNode(TrackingNode):
     """An optional link: adds what a law on the tracking error asks for."""
 
     def __init__(self, *, wired: bool = True) -> None:
@@ -110,4 +110,4 @@ def _designed(weights: tuple[tuple[str, Any], ...], plant: Polynomials, dt: floa
 
 def main() -> None:
     """Run the node as a process."""
-    sys.exit(run_node(Feedback))
+    sys.exit(run_node(FeedbackNode))

@@ -81,7 +81,7 @@ class LinkNode(LifecycleNode):
         self.stamps = StampValidator(self.dt)
         self._limiter = Limiter(self.limits(), self.dt, energy=self.energy())
         self._watchdog = Watchdog(
-            self._limiter, self._patience(), value('safe_voltage'), value('safe_ramp')
+            self._limiter, self._timeout(), value('safe_voltage'), value('safe_ramp')
         )
         self._fade = self.new_fade()
         self._voltage_publisher = self.plain_publisher(VoltageCommand, topic, LOOP)
@@ -119,7 +119,7 @@ class LinkNode(LifecycleNode):
             value('energy_limit'), value('capacitance'), value('energy_window'), supply
         )
 
-    def _patience(self) -> int:
+    def _timeout(self) -> int:
         seconds = self.parameters.number('watchdog')
         return max(2, round(seconds / self.dt)) if seconds > 0.0 else 0
 
@@ -130,7 +130,7 @@ class LinkNode(LifecycleNode):
             self._limiter.retune(self.limits(), self.energy())
         if limits or 'transition' in changes:
             self._fade.retune(self.parameters.number('transition'), self.limits().slew)
-        self._watchdog.patience = self._patience()
+        self._watchdog.timeout = self._timeout()
         self._watchdog.safe_voltage = self.parameters.number('safe_voltage')
         self._watchdog.ramp = self.parameters.number('safe_ramp')
 
@@ -195,7 +195,7 @@ class LinkNode(LifecycleNode):
                 self._late += 1
                 return
             self.get_logger().info(f'input is back at tick {sample}', throttle_duration_sec=5.0)
-        self._watchdog.fed(sample)
+        self._watchdog.received(sample)
         self._send(head, sample, self._limiter.apply(wanted))
 
     def _send(self, head: bytes, sample: int, voltage: float) -> None:
@@ -233,7 +233,7 @@ class LinkNode(LifecycleNode):
         watchdog = self._watchdog
         words = f'no input since tick {watchdog.newest}: the voltage goes to '
         words += f'{watchdog.safe_voltage:g} V'
-        if self.fed_by_somebody():
+        if self.has_publisher():
             self.get_logger().info(
                 f'{words}; whoever publishes {self._source} pauses', throttle_duration_sec=5.0
             )
@@ -243,7 +243,7 @@ class LinkNode(LifecycleNode):
                 throttle_duration_sec=5.0,
             )
 
-    def fed_by_somebody(self) -> bool:
+    def has_publisher(self) -> bool:
         """Tell whether whoever publishes the input is still there."""
         return bool(self.count_publishers(self.resolve_topic_name(self._source)))
 
@@ -276,7 +276,7 @@ class LinkNode(LifecycleNode):
             'voltage_V': self._limiter.voltage,
             'mean_power_W': self._limiter.mean_power,
         }
-        paused = self._watchdog.stale and self.fed_by_somebody()
+        paused = self._watchdog.stale and self.has_publisher()
         return self._health.judge(numbers, self.all_counters(), self._watchdog, paused)
 
     def _publish_status(self) -> None:

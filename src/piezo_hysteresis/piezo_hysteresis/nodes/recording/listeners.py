@@ -24,7 +24,7 @@ class Listeners:
         That plays; its executor must be served by another thread than the one that waits here.
     topic : str
         Topic of the samples.
-    patience : callable
+    timeout : callable
         Returns the longest wait [s].
     neighbours : Neighbours
         Of the node; who of them has just come is waited for.
@@ -43,14 +43,14 @@ class Listeners:
         self,
         node: Node,
         topic: str,
-        patience: Callable[[], float],
+        timeout: Callable[[], float],
         neighbours: Neighbours,
         *,
         recorders: bool = False,
     ) -> None:
         self._node = node
         self._neighbours = neighbours
-        self._patience = patience
+        self._timeout = timeout
         self._recorders = recorders
         self.awaited = ''
         self.since = 0.0
@@ -68,7 +68,7 @@ class Listeners:
         """
         begun = time.monotonic()
         while not self._complete(begun):
-            if time.monotonic() - begun > self._patience() or not self._node.context.ok():
+            if time.monotonic() - begun > self._timeout() or not self._node.context.ok():
                 raise PiezoError(self._missing())
             time.sleep(0.02)
 
@@ -105,7 +105,7 @@ class Listeners:
         """
         begun = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
-            if time.monotonic() - begun > self._patience() or not self._node.context.ok():
+            if time.monotonic() - begun > self._timeout() or not self._node.context.ok():
                 raise PiezoError('the listeners could not be connected; start them and play again')
             time.sleep(0.02)
 
@@ -148,7 +148,7 @@ class Listeners:
         begun = time.monotonic()
 
         def patient() -> bool:
-            return time.monotonic() - begun < self._patience() and self._node.context.ok()
+            return time.monotonic() - begun < self._timeout() and self._node.context.ok()
 
         # In short steps, so that a node that is shut down meanwhile ends too.
         while (late := behind()) and patient():
@@ -160,7 +160,7 @@ class Listeners:
         self.awaited = ''
         if late and self._node.context.ok():
             raise PiezoError(
-                f'{", ".join(late)} did not take {what} within {self._patience():g} s: it died or '
+                f'{", ".join(late)} did not take {what} within {self._timeout():g} s: it died or '
                 'is overloaded; restart it and play again'
             )
         return time.monotonic() - begun

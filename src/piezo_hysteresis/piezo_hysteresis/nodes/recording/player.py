@@ -137,7 +137,7 @@ class PlayerNode(Node):
             self._find_listeners(states[0])
             return
         begun = time.monotonic()
-        while time.monotonic() - begun < self._patience() and not any(
+        while time.monotonic() - begun < self._timeout() and not any(
             publisher.get_subscription_count() for publisher in self._topics.values()
         ):
             time.sleep(0.02)
@@ -145,7 +145,7 @@ class PlayerNode(Node):
             self._find_recorders(states[0])
 
     def _find_listeners(self, state: str) -> None:
-        listeners = self._listeners = Listeners(self, state, self._patience, self._neighbours)
+        listeners = self._listeners = Listeners(self, state, self._timeout, self._neighbours)
         listeners.find()
         # What lies in front of the first marker of the bag belongs to no record.
         marker = self._marker = state.removesuffix(topics.STATE) + topics.MARKER
@@ -158,7 +158,7 @@ class PlayerNode(Node):
         listeners.begin()
 
     def _find_recorders(self, state: str) -> None:
-        listeners = Listeners(self, state, self._patience, self._neighbours, recorders=True)
+        listeners = Listeners(self, state, self._timeout, self._neighbours, recorders=True)
         listeners.find()
         if listeners.anybody:
             listeners.wait_matched(list(self._topics.values()))
@@ -166,7 +166,7 @@ class PlayerNode(Node):
             self._listeners, self._marker = listeners, state.removesuffix(topics.STATE)
             self._marker += topics.MARKER
 
-    def _patience(self) -> float:
+    def _timeout(self) -> float:
         """Return how long somebody is waited for [s]: without end while others still start."""
         wait = self._params.number('wait')
         return wait if self._neighbours.quiet() >= wait else math.inf

@@ -32,7 +32,7 @@ class RecorderReport:
         self._publisher = node.create_publisher(LoopStatus, '~/status', LATCHED)
         self._taken: Taken | None = None
         self._ask: Callable[[], RecorderStatus] = lambda: RecorderStatus(0, 0, 0, '')
-        self._told: list[int] = []
+        self._reported: list[int] = []
 
     def begin(self, ask: Callable[[], RecorderStatus], confirms: bool = True) -> None:
         """Say that a recording begins; it `confirms` where it takes both states and markers."""
@@ -41,7 +41,7 @@ class RecorderReport:
 
     def end(self) -> None:
         """Say that nothing is recorded any more."""
-        self._taken, self._told = None, []
+        self._taken, self._reported = None, []
         self._publisher.publish(LoopStatus())
 
     def on_state(self, payload: bytes, kept: bool) -> None:
@@ -63,7 +63,7 @@ class RecorderReport:
 
     def tell_news(self) -> None:
         """Publish where something was taken since the last word."""
-        if self._taken is not None and list(self._taken.counts().values()) != self._told:
+        if self._taken is not None and list(self._taken.counts().values()) != self._reported:
             self.tell()
 
     def tell(self) -> None:
@@ -75,7 +75,7 @@ class RecorderReport:
             'dropped': status.dropped,
         }
         taken = {} if self._taken is None else self._taken.counts()
-        self._told = list(taken.values())
+        self._reported = list(taken.values())
         counts |= taken
         message = LoopStatus(sample=status.written, missed=status.dropped)
         message.names, message.counts = ','.join(counts), list(counts.values())

@@ -43,10 +43,10 @@ class Reports:
         Subscriptions of the topic that a volatile publisher serves.
     """
 
-    def __init__(self, node: Node, topic: str, heard: Callable[[], None]) -> None:
+    def __init__(self, node: Node, topic: str, received: Callable[[], None]) -> None:
         self._node = node
         self._topic = node.resolve_topic_name(topic)
-        self._heard = heard
+        self._received = received
         self.progress: dict[str, Progress] = {}
         self.subscribed = 0
         self._subscriptions: dict[str, Subscription] = {}
@@ -78,7 +78,7 @@ class Reports:
 
     def silent(self) -> list[str]:
         """Return those that are about to report and have not yet said a word."""
-        return sorted(name for name, known in list(self.progress.items()) if not known.heard)
+        return sorted(name for name, known in list(self.progress.items()) if not known.received)
 
     def takers(self) -> dict[str, Progress]:
         """Return those that tell how many samples they have taken."""
@@ -93,7 +93,7 @@ class Reports:
 
         def on_status(message: LoopStatus) -> None:
             known.hear(message.names, message.counts)
-            self._heard()
+            self._received()
 
         self._subscriptions[name] = self._node.create_subscription(
             LoopStatus, f'{name}/status', on_status, LATCHED

@@ -1,0 +1,31 @@
+"""One name, one thing: what a newcomer looks up by its name is found in one place."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2] / 'src'
+# Each is the natural word of its own package, which never imports the other.
+TWICE = {
+    'Plant': {'piezo_sim', 'export'},  # the simulated actuator; what a library needs of a model
+    'Step': {'discovery', 'identification'},
+    'HeldOut': {'discovery', 'identification'},
+}
+
+
+def classes():
+    """Return the files in which each public class is defined."""
+    found = defaultdict(list)
+    for path in sorted(ROOT.rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
+                found[node.name].append(path.relative_to(ROOT).parts)
+    return found
+
+
+def test_no_class_is_called_like_another():
+    again = {name: places for name, places in classes().items() if len(places) > 1}
+    assert set(again) == set(TWICE)
+    for name, places in again.items():
+        assert len(places) == 2
+        assert all(TWICE[name] & set(place) for place in places), name
