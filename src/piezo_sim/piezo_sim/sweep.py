@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
+from piezo_hysteresis.waveforms.sine import smooth_ramp
 from piezo_sim.errors import SweepError
 from piezo_sim.plant import Plant
 
@@ -111,8 +112,8 @@ def commands(waveform: Waveform, rate: float) -> FloatArray:
 def lead_in(plant: Plant, voltage: float) -> None:
     """Bring the actuator smoothly from 0 V to `voltage` [V], before a record begins."""
     if voltage != 0.0:
-        s = np.linspace(0.0, 1.0, max(2, round(LEAD_IN * plant.rate)))
-        plant.run(voltage * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+        share = np.linspace(0.0, 1.0, max(2, round(LEAD_IN * plant.rate)))
+        plant.run(voltage * smooth_ramp(share, 1.0)[0])
 
 
 def record_names(specs: Sequence[Mapping[str, Any]]) -> list[str]:

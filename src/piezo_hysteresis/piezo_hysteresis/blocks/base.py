@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import Counterpart
 from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
@@ -241,6 +242,9 @@ class Block:
         `before` [m], and its memory.
     tangent : callable or None
         ``tangent(x, y, dx, dy, p, dt)``, compiled: the answer and its derivatives in one pass.
+    counterpart : callable or None
+        ``counterpart(values)`` returns the parameters of the simulator node that mean the same;
+        besides its own values it gets the gain ``A1`` of the model, where there is one.
     formers : tuple of Former
         What it was called in model files of former versions.
     """
@@ -273,6 +277,7 @@ class Block:
     predictor: tuple[str, ...] = ()
     restoring: Restoring | None = None
     tangent: Tangent | None = None
+    counterpart: Counterpart | None = field(default=None, compare=False)
     formers: tuple[Former, ...] = field(default=(), compare=False)  # and so not hashed
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
@@ -366,7 +371,7 @@ class Block:
         state: FloatArray,
         frequency: float = 0.0,
     ) -> FloatArray:
-        """Answer a whole signal, shape (n,), updating `state` in place."""
+        """Return the output for a whole signal, shape (n,), updating `state` in place."""
         output = np.empty_like(signal)
         self.kernel(signal, output, state, values, dt, float(frequency))  # one signature only
         return output

@@ -1,21 +1,24 @@
 """A fixed tone that does not come from the drive."""
 
-from math import cos, pi, sin
+from collections.abc import Mapping
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.spectrum import beside_the_drive
 
 
 @jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the displacement with the tone added; state is (start [s], samples so far)."""
+    """Return the displacement with the tone added; state is (start [s], samples so far)."""
     start, count = state[0], state[1]
     for k in range(x.size):
         cycles = p[0] * (start + count * dt)
@@ -29,13 +32,7 @@ def guess(seen: Residual) -> dict[str, float]:
     """Return the strongest line of the residual that is no harmonic of the drive."""
     n = seen.residual.size
     time = seen.start + np.arange(n) * seen.dt
-    window = np.hanning(n)
-    lines = np.abs(np.fft.rfft(window * (seen.residual - seen.residual.mean())))
-    frequencies = np.fft.rfftfreq(n, seen.dt)
-    lines[:3] = 0.0
-    if seen.frequency > 0.0:
-        order = frequencies / seen.frequency
-        lines[np.abs(order - np.round(order)) * seen.frequency < 3.0 / (n * seen.dt)] = 0.0
+    _, lines = beside_the_drive(seen.residual, seen.dt, seen.frequency)
     place = int(np.argmax(lines))
     if lines[place] == 0.0:
         return {}
@@ -51,8 +48,19 @@ def guess(seen: Residual) -> dict[str, float]:
     return {'hum_frequency': hum, 'hum_sine': float(sine), 'hum_cosine': float(cosine)}
 
 
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        'effects.mains_hum': True,
+        'mains.frequency': values['hum_frequency'],
+        'mains.amplitude': hypot(values['hum_sine'], values['hum_cosine']),
+        'mains.phase': atan2(values['hum_cosine'], values['hum_sine']),
+        'mains.third': 0.0,
+    }
+
+
 BLOCK = Block(
     name='mains_hum',
+    counterpart=_counterpart,
     slot=Slot.ADDED,
     parameters=(
         Parameter('hum_frequency', 'Hz', 50.0, 1e-3, 1e6, 'Frequency of the tone.', 50.0),

@@ -7,6 +7,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
+from piezo_hysteresis.blocks._counterpart import SimulatorValues, first_mode, second_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
@@ -14,6 +15,10 @@ from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.blocks.mode import kernel as mode_kernel
 from piezo_hysteresis.blocks.mode import system as series_system
 from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.spectrum import windowed
+
+# A mode with a share nearer to 1 is the one that carries the whole motion.
+_NEARLY_WHOLE = 0.1
 
 # Frequencies in samples^-1 from which fits may start: seven octaves, six each.
 _GRID = tuple(0.45 * 2.0 ** (-k / 6.0) for k in range(1, 43))
@@ -23,7 +28,7 @@ _GRID = tuple(0.45 * 2.0 ** (-k / 6.0) for k in range(1, 43))
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``(1 - share) v + share q`` at the end of the tick; state is (q [m], q' [m/s])."""
+    """Return ``(1 - share) v + share q`` at the end of the tick; state is (q [m], q' [m/s])."""
     a11, a12, a21, a22 = hold(2.0 * pi * p[0], p[1], dt)
     b1, b2 = 1.0 - a11, -a21
     share = p[2]
@@ -41,7 +46,7 @@ def kernel(
 def pair_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``(1 - share) q1 + share q2``; state is (q1 [m], q1' [m/s], q2, q2')."""
+    """Return ``(1 - share) q1 + share q2``; state is (q1 [m], q1' [m/s], q2, q2')."""
     a11, a12, a21, a22 = hold(2.0 * pi * p[0], p[1], dt)
     b11, b12, b21, b22 = hold(2.0 * pi * p[2], p[3], dt)
     share = p[4]
@@ -84,9 +89,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
     frequency; the share being linear, every frequency of the grid costs one simulation.
     """
     grid = [{'resonance_frequency': each / seen.dt, 'resonance_damping': 0.04} for each in _GRID]
-    window = np.hanning(seen.residual.size)
-    left = np.abs(np.fft.rfft(window * (seen.residual - seen.residual.mean())))
-    moved = np.abs(np.fft.rfft(window * (seen.simulated - seen.simulated.mean())))
+    left, moved = windowed(seen.residual), windowed(seen.simulated)
     ratio = left**2 / (moved + 0.01 * moved.max() + 1e-300)
     ratio[:3] = 0.0
     place = int(np.argmax(ratio))
@@ -114,6 +117,25 @@ def static_gain(values: Mapping[str, float]) -> dict[str, float]:
     return {name: gain * values[name] for name in ('A1', 'A', 'A0')}
 
 
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    if abs(values['resonance_share'] - 1.0) < _NEARLY_WHOLE:
+        return _series_counterpart(values)
+    return second_mode(values)
+
+
+def _series_counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return first_mode(
+        {
+            'natural_frequency': values['resonance_frequency'],
+            'damping_ratio': values['resonance_damping'],
+        }
+    )
+
+
+def _pair_counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {**first_mode(values), **second_mode(values)}
+
+
 _FREQUENCY = Parameter(
     'resonance_frequency', 'Hz', 100.0, 1e-2, 1e6, 'Undamped natural frequency.', 100.0
 )
@@ -139,6 +161,7 @@ _SHARE = Parameter(
 
 _RESONANCE = Block(
     name='resonance',
+    counterpart=_counterpart,
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING, _SHARE),
     kernel=kernel,
@@ -151,6 +174,7 @@ _RESONANCE = Block(
 
 _SERIES = Block(
     name='series_mode',
+    counterpart=_series_counterpart,
     tangent=_tangents.mode,
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING),
@@ -165,6 +189,7 @@ _SERIES = Block(
 
 _PAIR = Block(
     name='mode_pair',
+    counterpart=_pair_counterpart,
     slot=Slot.STRUCTURE,
     parameters=(*MODE.parameters, _FREQUENCY, _DAMPING, _SHARE),
     kernel=pair_kernel,

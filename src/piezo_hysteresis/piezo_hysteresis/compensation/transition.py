@@ -8,9 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
-
-# The steepest slope of the quintic smooth step of unit height and length.
-_STEEPEST = 1.875
+from piezo_hysteresis.numerics.smooth import STEEPEST, smooth_step
 
 # Places in the memory of a change: whether one is asked for, what the output would have jumped by,
 # ticks so far, how long it takes [s], the last output and whether there was one.
@@ -19,27 +17,13 @@ FADE_SIZE = 6
 
 
 @jit
-def smooth_step(s: float) -> tuple[float, float, float]:
-    """Answer the quintic smooth step at `s` in 0..1 and its first two derivatives."""
-    if s <= 0.0:
-        return 0.0, 0.0, 0.0
-    if s >= 1.0:
-        return 1.0, 0.0, 0.0
-    return (
-        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-        30.0 * s**2 * (1.0 - s) ** 2,
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-    )
-
-
-@jit
 def fade(raw: float, memory: FloatArray, dt: float, duration: float, slew: float) -> float:
-    """Answer the output of this tick [V]; `raw` is what the law in charge wants."""
+    """Return the output of this tick [V]; `raw` is what the law in charge wants."""
     if memory[PENDING] > 0.0 and memory[_BEGUN] > 0.0:
         memory[PENDING] = 0.0
         memory[BUMP] = memory[LAST] - raw
         memory[_ELAPSED] = 0.0
-        memory[_LENGTH] = max(duration, dt, _STEEPEST * abs(memory[BUMP]) / slew)
+        memory[_LENGTH] = max(duration, dt, STEEPEST * abs(memory[BUMP]) / slew)
     output = raw
     if memory[BUMP] != 0.0:
         done = memory[_ELAPSED] * dt / memory[_LENGTH]
@@ -102,7 +86,7 @@ class Transition:
         self._duration, self._slew = float(duration), float(slew)
 
     def apply(self, raw: float) -> float:
-        """Answer the output for this tick [V]; `raw` is what the law in charge wants."""
+        """Return the output for this tick [V]; `raw` is what the law in charge wants."""
         return fade(float(raw), self._memory, self._dt, self._duration, self._slew)
 
     @property

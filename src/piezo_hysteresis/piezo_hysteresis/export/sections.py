@@ -47,11 +47,11 @@ from piezo_hysteresis.compensation.sensor import forget_watch
 from piezo_hysteresis.compensation.transition import (
     begin_fade,
     forget_fade,
-    smooth_step,
 )
 from piezo_hysteresis.export.fields import OK, Field, of_table
 from piezo_hysteresis.export.inverse_numbers import numbers_of
 from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.numerics.smooth import smooth_step
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 
 # Time over which a link that is switched goes over [s].

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
@@ -25,8 +26,6 @@ from piezo_hysteresis.reporting.signals import stands_out
 from piezo_hysteresis.reporting.units import MICRO
 
 PERIODS = 3
-# A picture over frequency needs some of them.
-FEWEST_FREQUENCIES = 5
 
 
 def discovery_page(found: Discovery) -> str:

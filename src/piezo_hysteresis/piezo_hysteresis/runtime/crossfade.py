@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_hysteresis.compensation.transition import smooth_step
+from piezo_hysteresis.numerics.smooth import smooth_step
 
 
 class CrossFade:
@@ -36,7 +36,7 @@ class CrossFade:
         self._duration = duration
 
     def apply(self, raw: float) -> float:
-        """Answer the share for this tick [V]; `raw` is what the law in charge wants."""
+        """Return the share for this tick [V]; `raw` is what the law in charge wants."""
         share = raw
         if self._elapsed is not None:
             done = self._elapsed * self._dt / max(self._duration, self._dt)

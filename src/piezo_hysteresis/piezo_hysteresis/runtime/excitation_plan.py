@@ -9,8 +9,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import ReferencePoint
+from piezo_hysteresis.numerics.smooth import smooth_ramp
 from piezo_hysteresis.waveforms import Sine, Waveform
-from piezo_hysteresis.waveforms.base import Samples, smooth_ramp
+from piezo_hysteresis.waveforms.base import Samples
 
 # Ticks that are evaluated together, and to see how far a waveform goes.
 AHEAD = 256
@@ -37,7 +38,7 @@ class Delayed:
         return self.delay + self.waveform.duration
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the waveform at `time` [s], any shape."""
+        """Return the waveform at `time` [s], any shape."""
         return self.waveform.sample(time - self.delay)
 
 
@@ -64,7 +65,7 @@ class Blend:
         return self.new.duration
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the waveform at `time` [s], any shape."""
+        """Return the waveform at `time` [s], any shape."""
         a, b = self.old.sample(time), self.new.sample(time)
         share, rate, bend = smooth_ramp(time - self.start, self.length)
         gap, gap_rate = b.value - a.value, b.velocity - a.velocity

@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.numerics.smooth import smooth_ramp
 
 
 class WaveformError(PiezoError):
@@ -48,7 +49,7 @@ class Waveform(Protocol):
         """Length [s]."""
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the waveform at `time` [s], any shape."""
+        """Return the waveform at `time` [s], any shape."""
 
 
 Shape = tuple[FloatArray, FloatArray, FloatArray]
@@ -78,15 +79,15 @@ class Shaped:
     ramp: float = 0.0
 
     def shape(self, time: FloatArray) -> Shape:
-        """Answer the shape of amplitude 1 at `time` [s]."""
+        """Return the shape of amplitude 1 at `time` [s]."""
         raise NotImplementedError
 
     def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Answer frequency [Hz] and phase [rad] of the fundamental; by default there is none."""
+        """Return frequency [Hz] and phase [rad] of the fundamental; by default there is none."""
         return np.zeros_like(time), np.zeros_like(time)
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the waveform and its derivatives at `time` [s]."""
+        """Return the waveform and its derivatives at `time` [s]."""
         time = np.asarray(time, dtype=np.float64)
         gain, gain_rate, gain_acceleration = smooth_ramp(time, self.ramp)
         shape, rate, acceleration = self.shape(time)
@@ -99,18 +100,3 @@ class Shaped:
             frequency=frequency,
             phase=phase,
         )
-
-
-def smooth_ramp(time: FloatArray, length: float) -> Shape:
-    """Answer a rise from 0 to 1 over `length` seconds, with its first two derivatives.
-
-    The quintic smooth step: value, velocity and acceleration are continuous, so a lightly damped
-    mode is not struck.
-    """
-    if length <= 0:
-        return np.ones_like(time), np.zeros_like(time), np.zeros_like(time)
-    s = np.clip(time / length, 0.0, 1.0)
-    value = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    velocity = 30.0 * s**2 * (1.0 - s) ** 2 / length
-    acceleration = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / length**2
-    return value, velocity, acceleration

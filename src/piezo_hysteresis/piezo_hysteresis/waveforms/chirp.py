@@ -46,13 +46,13 @@ class Chirp(Shaped):
         return phase, frequency, growth * frequency
 
     def shape(self, time: FloatArray) -> Shape:
-        """Answer the sine for the amplitude 1."""
+        """Return the sine for the amplitude 1."""
         phase, frequency, slope = self._run(time)
         omega = 2.0 * np.pi * frequency
         sine, cosine = np.sin(phase), np.cos(phase)
         return sine, omega * cosine, 2.0 * np.pi * slope * cosine - omega**2 * sine
 
     def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Answer the instantaneous frequency and the phase."""
+        """Return the instantaneous frequency and the phase."""
         phase, frequency, _ = self._run(time)
         return frequency, phase

@@ -27,7 +27,7 @@ class Triangle(Shaped):
     phase: float = 0.0
 
     def shape(self, time: FloatArray) -> Shape:
-        """Answer the triangle between -1 and 1."""
+        """Return the triangle between -1 and 1."""
         turn = np.mod(self.frequency * time + self.phase / (2.0 * np.pi) + 0.25, 1.0)
         rising = turn < 0.5
         value = np.where(rising, 4.0 * turn - 1.0, 3.0 - 4.0 * turn)
@@ -35,7 +35,7 @@ class Triangle(Shaped):
         return value, rate, np.zeros_like(time)
 
     def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Answer frequency and phase of the fundamental."""
+        """Return frequency and phase of the fundamental."""
         return (
             np.full_like(time, self.frequency),
             2.0 * np.pi * self.frequency * time + self.phase,
@@ -69,7 +69,7 @@ class Lines:
         return self.times[-1]
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the lines at `time` [s]; at a corner what follows it."""
+        """Return the lines at `time` [s]; at a corner what follows it."""
         time = np.asarray(time, dtype=np.float64)
         corners, levels = np.array(self.times), np.array(self.values)
         after = np.searchsorted(corners, time, side='right')

@@ -32,7 +32,7 @@ class Sequence:
         return float(sum(part.duration for part in self.parts))
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the sequence at `time` [s]."""
+        """Return the sequence at `time` [s]."""
         time = np.asarray(time, dtype=np.float64)
         starts = np.cumsum([0.0, *(part.duration for part in self.parts[:-1])])
         chosen = np.clip(np.searchsorted(starts, time, side='right') - 1, 0, len(self.parts) - 1)

@@ -9,7 +9,8 @@ from math import gcd
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.waveforms.base import Samples, Shape, Shaped, WaveformError, smooth_ramp
+from piezo_hysteresis.numerics.smooth import smooth_ramp
+from piezo_hysteresis.waveforms.base import Samples, Shape, Shaped, WaveformError
 
 __all__ = ['Multisine', 'Sine', 'SineSum', 'common_frequency', 'smooth_ramp']
 
@@ -45,7 +46,7 @@ class Sine:
     ramp: float = 0.0
 
     def sample(self, time: FloatArray) -> Samples:
-        """Answer the sinusoid and its derivatives at `time` [s]."""
+        """Return the sinusoid and its derivatives at `time` [s]."""
         time = np.asarray(time, dtype=np.float64)
         omega = 2.0 * np.pi * self.frequency
         phase = omega * time + self.phase
@@ -88,7 +89,7 @@ class SineSum(Shaped):
                 )
 
     def shape(self, time: FloatArray) -> Shape:
-        """Answer the sum for the amplitude 1."""
+        """Return the sum for the amplitude 1."""
         value, rate, acceleration = (np.zeros_like(time) for _ in range(3))
         for f, weight, start in zip(self.frequencies, self.weights, self.phases, strict=True):
             omega = 2.0 * np.pi * f
@@ -100,7 +101,7 @@ class SineSum(Shaped):
         return value, rate, acceleration
 
     def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Answer the greatest common divisor of the frequencies, and its phase."""
+        """Return the greatest common divisor of the frequencies, and its phase."""
         f = common_frequency(self.frequencies)
         f = f if f * self.duration >= 1.0 else 0.0
         return np.full_like(time, f), 2.0 * np.pi * f * time

@@ -19,6 +19,7 @@ from piezo_hysteresis.compensation.sensor import POINT_SIZE, write_point
 from piezo_hysteresis.compensation.transition import FADE_SIZE, Transition, fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.numerics.smooth import smooth_step
 
 #: Kernel of an inverse: ``run(reference, voltage, memory, p, dt, low, high)``, rows of the
 #: reference displacement, velocity and acceleration.
@@ -60,9 +61,9 @@ def condition(
         d -= offset
         s = state[_TICK] / ticks if ticks > 0.0 else 1.0
         if s < 1.0:
-            gain = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-            rate = 30.0 * s**2 * (1.0 - s) ** 2 / (ticks * dt)
-            bend = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (ticks * dt) ** 2
+            gain, rate, bend = smooth_step(s)
+            rate /= ticks * dt
+            bend /= (ticks * dt) ** 2
             a = bend * d + 2.0 * rate * v + gain * a
             v = rate * d + gain * v
             d = gain * d
@@ -157,7 +158,7 @@ class InverseLink:
     def step(
         self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
     ) -> float:
-        """Answer the voltage for this tick: `received` plus that of the inverse [V]."""
+        """Return the voltage for this tick: `received` plus that of the inverse [V]."""
         write_point(self._point, point)
         return self._step(self._point, float(received), self.memory, self.settings, self.packed)
 
@@ -167,7 +168,7 @@ class InverseLink:
         velocity: FloatArray | None = None,
         acceleration: FloatArray | None = None,
     ) -> FloatArray:
-        """Answer the voltage [V] to a whole reference from rest; the link itself is untouched.
+        """Return the voltage [V] to a whole reference from rest; the link itself is untouched.
 
         Gives the same bits as stepping a link that was reset.
 

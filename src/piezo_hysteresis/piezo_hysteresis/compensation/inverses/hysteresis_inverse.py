@@ -21,6 +21,15 @@ _ITERATIONS = 60
 
 
 @jit
+def within_stroke(new: float, low: float, high: float, memory: FloatArray) -> float:
+    """Return the voltage as limited to low..high [V], counted where that is another one."""
+    if new > high or new < low:
+        memory[STROKE] += 1.0
+        return min(max(new, low), high)
+    return new
+
+
+@jit
 def slope(h: float, side: float, p: FloatArray) -> float:
     """Return dw/du [m/V] of the Bouc-Wen model at h for a voltage that moves to `side`."""
     value: float = p[0] - p[1] - side * p[2] + p[4] * abs(h) + side * p[3] * h
@@ -55,9 +64,7 @@ def invert_euler(
             if missing != 0.0:
                 memory[CLAMPED] += 1.0
         new = last + missing / gradient
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[STROKE] += 1.0
+        new = within_stroke(new, low, high, memory)
         h = euler_step(h, new - last, p)
         last = new
         u[k] = new
@@ -78,9 +85,7 @@ def invert_delayed(
     last, h = memory[U], memory[H]
     for k in range(w.size):
         new = (w[k] + h) / p[0]
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[STROKE] += 1.0
+        new = within_stroke(new, low, high, memory)
         h = euler_step(h, new - last, p)
         last = new
         u[k] = new
@@ -138,9 +143,7 @@ def invert_exact(
             if slope(h, 1.0 if missing > 0.0 else -1.0, p) < minimum:
                 memory[CLAMPED] += 1.0
             new = last + solve_exact(missing, h, p, minimum)
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[STROKE] += 1.0
+        new = within_stroke(new, low, high, memory)
         h = exact_step(h, new - last, p[1], p[2], p[3], p[4])
         last = new
         u[k] = new
@@ -160,9 +163,7 @@ def invert_gain(
     """Divide by a gain without memory."""
     for k in range(w.size):
         new = w[k] / p[0]
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[STROKE] += 1.0
+        new = within_stroke(new, low, high, memory)
         u[k] = new
         memory[U] = new
 
@@ -237,9 +238,7 @@ def invert_plays(
             new, clamped = solve_plays(missing, last, plays, weights, p[1], spacing, minimum)
             if clamped:
                 memory[CLAMPED] += 1.0
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[STROKE] += 1.0
+        new = within_stroke(new, low, high, memory)
         bank(new, plays, weights, spacing, 1.0)
         last = new
         u[k] = new

@@ -16,12 +16,11 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.linalg import solve_least_squares, straight_line
+from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.spectrum import BINS, beside_the_drive
 
 # A line stands out from this many times the local median of the spectrum.
 PROMINENT = 30.0
-# Lines nearer to a harmonic of the drive than so many bins belong to it.
-BINS = 3.0
 # A phase is trusted where the tone has at least this share of its usual amplitude.
 TRUSTED = 0.5
 _FEWEST = 256
@@ -46,17 +45,8 @@ class Tone:
 
 def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and power of what is in `error` beside harmonics of the drive."""
-    window = np.hanning(error.size)
-    level, slope = straight_line(error)
-    flat = error - (level + slope * np.arange(error.size))
-    power = np.abs(np.fft.rfft(window * flat)) ** 2
-    frequency = np.fft.rfftfreq(error.size, view.dt)
-    power[:3] = 0.0
-    if view.frequency > 0:
-        order = frequency / view.frequency
-        near = np.abs(order - np.round(order)) * view.frequency
-        power[near < BINS / (error.size * view.dt)] = 0.0
-    return np.asarray(frequency), np.asarray(power)
+    frequency, lines = beside_the_drive(error, view.dt, view.frequency, trend=True)
+    return frequency, lines**2
 
 
 def phasor(view: Target, error: FloatArray, frequency: float) -> complex:

@@ -11,6 +11,7 @@ from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.verdict.locate import places
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.spectrum import beside_the_drive
 
 # A line counts from this many times the local median of the spectrum.
 LINE = 60.0
@@ -73,14 +74,8 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
     for view, error in zip(views, errors, strict=True):
         if error.size < 1000:
             continue
-        window = np.hanning(error.size)
-        power = np.abs(np.fft.rfft(window * (error - error.mean()))) ** 2
-        power[:3] = 0.0
-        frequency = np.fft.rfftfreq(error.size, view.dt)
-        if view.frequency > 0:
-            order = frequency / view.frequency
-            near = np.abs(order - np.round(order)) * view.frequency < 3.0 / (error.size * view.dt)
-            power[near] = 0.0
+        frequency, lines = beside_the_drive(error, view.dt, view.frequency)
+        power = lines**2
         top = int(np.argmax(power))
         others = power[power > 0]
         if others.size and power[top] > LINE * float(np.median(others)):
