@@ -19,8 +19,6 @@ LABELS = {  # of a line in a figure
     'mode': ('reporting/identification_where.py',),
     'resonance': ('reporting/demo_report.py',),
 }
-# Files that still name blocks; the list only ever gets shorter.
-STILL = {'discovery/live/apply.py'}
 
 
 def names():
@@ -60,12 +58,7 @@ def named_outside():
 
 
 def test_no_other_room_names_a_block_or_an_effect():
-    found = named_outside()
-    assert {place: lines for place, lines in found.items() if place not in STILL} == {}
-
-
-def test_the_list_of_files_that_still_do_is_not_longer_than_it_must_be():
-    assert STILL - set(named_outside()) == set()
+    assert dict(named_outside()) == {}
 
 
 def test_a_name_that_is_written_elsewhere_is_noticed(tmp_path):

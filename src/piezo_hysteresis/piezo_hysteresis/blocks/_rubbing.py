@@ -138,7 +138,7 @@ def parts_of_a_tick(p: FloatArray, dt: float) -> int:
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the position; state is (position [m], velocity [m/s], bristle)."""
+    """Return the position; state is (position [m], velocity [m/s], bristle)."""
     parts = parts_of_a_tick(p, dt)
     h = dt / parts
     half = hold(2.0 * pi * p[0], p[1], 0.5 * h)
@@ -156,7 +156,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer the position along a path, three points to a step; state as in the kernel."""
+    """Return the position along a path, three points to a step; state as in the kernel."""
     steps = points // 3
     middle = max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))
     parts = 2 * middle

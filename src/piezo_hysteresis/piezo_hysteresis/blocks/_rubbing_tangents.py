@@ -44,7 +44,7 @@ def _steps_of(x: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
 def nonlinear_mode(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
-    """Answer as the block does; the derivatives of each tick are those of its own differences."""
+    """Return what the block does; a tick is differentiated through its own differences."""
     m = dx.shape[0]
     moved, own = _steps_of(x, p)
     others = np.empty((_OWN, _OWN))

@@ -281,7 +281,7 @@ def _bank_rows(
 def prandtl_ishlinskii(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
-    """Answer by each play its weight's derivative; the range must be held."""
+    """Return for each play its weight's derivative; the range must be held."""
     _straight(x, y, dx, dy, p)
     _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 1), 1.0, dx.shape[0] + 2)
 
@@ -290,7 +290,7 @@ def prandtl_ishlinskii(
 def prandtl_ishlinskii_fine(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
-    """Answer by each play its weight's derivative; the range must be held."""
+    """Return for each play its weight's derivative; the range must be held."""
     _straight(x, y, dx, dy, p)
     _bank_rows(x, y, dx, dy, p[2:], p[0] / (p.size - 2), 0.5, dx.shape[0] + 2)
 
@@ -309,7 +309,7 @@ def _straight(x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: F
 def nonlocal_memory(
     x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
 ) -> None:
-    """Answer by each play its weight's derivative; the range must be held."""
+    """Return for each play its weight's derivative; the range must be held."""
     m = dx.shape[0]
     y[:] = 0.0
     dy[: m + 1] = 0.0

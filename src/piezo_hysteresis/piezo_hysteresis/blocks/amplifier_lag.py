@@ -1,10 +1,12 @@
 """An amplifier or a sensor of limited bandwidth."""
 
-from math import exp, inf
+from collections.abc import Mapping
+from math import exp, inf, pi
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import Counterpart, SimulatorValues, switched
 from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot, System, Way
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -16,7 +18,7 @@ _SHORTEST = 1e-18  # s; stands for none where the lag is a pole among others
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer what lags behind an input that is held, at the end of each tick; state is that."""
+    """Return what lags behind an input that is held, at the end of each tick; state is that."""
     kept = exp(-dt / p[0]) if p[0] > 0.0 else 0.0
     lagging = state[0]
     for k in range(x.size):
@@ -36,9 +38,24 @@ def way(p: FloatArray) -> Way:
     return Way(float(p[0]), inf)
 
 
-def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -> Block:
+def _sensor_counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    if values['sensor_lag_time'] <= 0.0:
+        return {}
+    corner = 1.0 / (2.0 * pi * values['sensor_lag_time'])
+    return {'effects.sensor_bandwidth': True, 'sensor.bandwidth': corner}
+
+
+def _block(
+    name: str,
+    parameter: str,
+    slot: Slot,
+    what: str,
+    description: str,
+    counterpart: Counterpart,
+) -> Block:
     return Block(
         name=name,
+        counterpart=counterpart,
         formers=(Former(f'{name}_sampled', {parameter: f'sampled_{parameter}'}),),
         slot=slot,
         parameters=(
@@ -70,6 +87,7 @@ BLOCKS = (
         'the bandwidth',
         'Low pass of first order between the command and the actuator: output resistance into '
         'the capacitance.',
+        switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),
     ),
     _block(
         'sensor_lag',
@@ -77,6 +95,7 @@ BLOCKS = (
         Slot.SENSOR,
         'the bandwidth of the sensor',
         'Low pass of first order between the displacement and the reading.',
+        _sensor_counterpart,
     ),
 )
 

@@ -14,7 +14,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``y[k] = y[k-1] + c1 y[k-2] + c2 y[k-3] + v[k]``; state is the last three y [m]."""
+    """Return ``y[k] = y[k-1] + c1 y[k-2] + c2 y[k-3] + v[k]``; state is the last three y [m]."""
     c1, c2 = p[0], p[1]
     y1, y2, y3 = state[0], state[1], state[2]
     for k in range(x.size):

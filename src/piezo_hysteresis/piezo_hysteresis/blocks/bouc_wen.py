@@ -3,6 +3,7 @@
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -12,7 +13,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m])."""
+    """Return ``A1 u - h``; state is (last voltage [V], h [m])."""
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h = state[0], state[1]
     for k in range(x.size):
@@ -27,6 +28,7 @@ def kernel(
 
 BLOCK = Block(
     name='bouc_wen',
+    counterpart=bouc_wen,
     part=Part.EULER,
     tangent=_tangents.bouc_wen,
     slot=Slot.HYSTERESIS,

@@ -15,7 +15,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
+    """Return ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
 
     Exact but for the voltage in the bias term, which is that of the middle of the step; the rate
     is that of the tick.
@@ -40,7 +40,7 @@ def along(
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer at every tick."""
+    """Return the output at every tick."""
     along(x, y, state, p, dt, frequency, 1)
 
 

@@ -103,7 +103,7 @@ def fastest(p: FloatArray) -> float:
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the displacement at each sample; state is (x, v, z, last inputs, newest first)."""
+    """Return the displacement at each sample; state is (x, v, z, last inputs, newest first)."""
     scale = abs(p[4]) + abs(p[5])
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
     # as many steps between two interpolated forces as the structure needs
@@ -145,7 +145,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer the displacement along a path of the force, three points to a step."""
+    """Return the displacement along a path of the force, three points to a step."""
     scale = abs(p[4]) + abs(p[5])
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
     steps = points // 3

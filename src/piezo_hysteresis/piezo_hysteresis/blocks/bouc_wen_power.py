@@ -1,9 +1,11 @@
 """Bouc-Wen hysteresis with an exponent: how abruptly h saturates."""
 
+from collections.abc import Mapping
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -65,7 +67,7 @@ def long_strides(
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m]).
+    """Return ``A1 u - h``; state is (last voltage [V], h [m]).
 
     Well above exponent 1 the decay is smooth and strides are of fourth order. Elsewhere, and where
     h decays so fast that strides would be many, the decay is frozen at the middle of short strides
@@ -111,7 +113,7 @@ def kernel(
 def euler_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u - h`` by the Euler step; state is (last voltage [V], h [m])."""
+    """Return ``A1 u - h`` by the Euler step; state is (last voltage [V], h [m])."""
     a1, a, a0, beta, gamma, exponent = p[0], p[1], p[2], p[3], p[4], p[5]
     height = full_height(a, a0, beta, gamma)
     last, h = state[0], state[1]
@@ -126,6 +128,14 @@ def euler_kernel(
         y[k] = a1 * last - h
     state[0] = last
     state[1] = h
+
+
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **bouc_wen(values),
+        'effects.hysteresis_exponent': True,
+        'bouc_wen.exponent': values['exponent'],
+    }
 
 
 _PARAMETERS = (
@@ -147,6 +157,7 @@ _DESCRIPTION = (
 BLOCKS = (
     Block(
         name='bouc_wen_power',
+        counterpart=_counterpart,
         slot=Slot.HYSTERESIS,
         parameters=_PARAMETERS,
         kernel=kernel,

@@ -28,7 +28,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
+    """Return ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
 
     The rate of a tick is that of the line from where the voltage was to where it goes: a held
     voltage has no other.
@@ -51,7 +51,7 @@ def along(
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer at every tick."""
+    """Return the output at every tick."""
     along(x, y, state, p, dt, frequency, 1)
 
 
@@ -60,7 +60,7 @@ def euler_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer ``A1 u - h`` by the Euler step; state as in the exact one."""
+    """Return ``A1 u - h`` by the Euler step; state as in the exact one."""
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
     for tick in range(0, x.size, points):
@@ -81,7 +81,7 @@ def euler_along(
 def euler_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer at every tick by the Euler step."""
+    """Return the output at every tick by the Euler step."""
     euler_along(x, y, state, p, dt, frequency, 1)
 
 

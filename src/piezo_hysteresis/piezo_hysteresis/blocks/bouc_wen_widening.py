@@ -1,9 +1,11 @@
 """Bouc-Wen hysteresis whose loop widens with the logarithm or a power of the rate."""
 
+from collections.abc import Mapping
 from math import log1p
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import felt
@@ -16,7 +18,7 @@ def widen(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
     power: float, points: int,
 ) -> None:  # fmt: skip
-    """Answer ``A1 u - w h``, w by a power of the rate, or where that is 0 by its logarithm.
+    """Return ``A1 u - w h``, w by a power of the rate, or where that is 0 by its logarithm.
 
     State is (last voltage [V], h [m], felt rate [V/s]); the rate is that of the tick.
     """
@@ -68,8 +70,31 @@ def power_kernel(
     power_along(x, y, state, p, dt, frequency, 1)
 
 
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **bouc_wen(values),
+        'effects.rate_dependence': True,
+        'rate_dependence.widening': values['widening'],
+        'rate_dependence.exponent': 0.0,
+        'rate_dependence.reference': values['widening_corner'],
+        'rate_dependence.memory': values['widening_memory'],
+    }
+
+
+def _power_counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **bouc_wen(values),
+        'effects.rate_dependence': True,
+        'rate_dependence.widening': values['power_widening'],
+        'rate_dependence.exponent': values['widening_power'],
+        'rate_dependence.reference': values['power_reference'],
+        'rate_dependence.memory': values['power_memory'],
+    }
+
+
 _LOGARITHM = Block(
     name='bouc_wen_widening',
+    counterpart=_counterpart,
     slot=Slot.HYSTERESIS,
     parameters=(
         *PARAMETERS,
@@ -96,6 +121,7 @@ _LOGARITHM = Block(
 
 _POWER = Block(
     name='bouc_wen_power_widening',
+    counterpart=_power_counterpart,
     slot=Slot.HYSTERESIS,
     parameters=(
         *PARAMETERS,

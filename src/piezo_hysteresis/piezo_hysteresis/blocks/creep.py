@@ -1,11 +1,13 @@
 """Displacement that goes on growing under a constant voltage."""
 
+from collections.abc import Mapping
 from math import expm1
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _creep_tangents
+from piezo_hysteresis.blocks._counterpart import SimulatorValues, switched
 from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -38,7 +40,7 @@ def element(
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + c`` at the end of the tick; state is c [m] there."""
+    """Return ``v + c`` at the end of the tick; state is c [m] there."""
     element(x, y, state, 0, p[0], p[1], dt)
 
 
@@ -46,7 +48,7 @@ def kernel(
 def pair_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + c1 + c2`` at the end of the tick; state is c1, c2 [m] there."""
+    """Return ``v + c1 + c2`` at the end of the tick; state is c1, c2 [m] there."""
     element(x, y, state, 0, p[0], p[1], dt)
     element(x, y, state, 1, p[2], p[1] * p[3], dt)
 
@@ -55,7 +57,7 @@ def pair_kernel(
 def logarithmic_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v`` with a bank of elements two to the decade; state is their outputs [m]."""
+    """Return ``v`` with a bank of elements two to the decade; state is their outputs [m]."""
     for i in range(ELEMENTS):
         element(x, y, state, i, p[0] / PER_DECADE, p[1] * over_onset(i), dt)
 
@@ -64,7 +66,7 @@ def logarithmic_kernel(
 def spectrum_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v`` with one element per decade; state is their outputs [m]."""
+    """Return ``v`` with one element per decade; state is their outputs [m]."""
     for i in range(p.size):
         element(x, y, state, i, p[i], SPECTRUM[i], dt)
 
@@ -96,6 +98,24 @@ def spectrum_system(p: FloatArray) -> System:
     return _elements(list(p), list(SPECTRUM))
 
 
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        'effects.creep': True,
+        'creep.gain_1': values['creep_share'],
+        'creep.time_1': values['creep_time'],
+        'creep.gain_2': 0.0,
+        'creep.gain_3': 0.0,
+    }
+
+
+def _pair_counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        **_counterpart(values),
+        'creep.gain_2': values['slow_creep_share'],
+        'creep.time_2': values['creep_time'] * values['slow_creep_ratio'],
+    }
+
+
 _ELEMENT = (
     Parameter(
         'creep_share',
@@ -112,6 +132,7 @@ _ELEMENT = (
 BLOCKS = (
     Block(
         name='creep',
+        counterpart=_counterpart,
         tangent=_creep_tangents.creep,
         slot=Slot.SLOW,
         parameters=_ELEMENT,
@@ -124,6 +145,7 @@ BLOCKS = (
     ),
     Block(
         name='creep_pair',
+        counterpart=_pair_counterpart,
         tangent=_creep_tangents.creep_pair,
         slot=Slot.SLOW,
         parameters=(
@@ -179,6 +201,9 @@ BLOCKS = (
     ),
     Block(
         name='logarithmic_creep',
+        counterpart=switched(
+            'log_creep', creep_per_decade='log_creep__gain', creep_onset='log_creep__start'
+        ),
         tangent=_creep_tangents.logarithmic_creep,
         slot=Slot.SLOW,
         parameters=(

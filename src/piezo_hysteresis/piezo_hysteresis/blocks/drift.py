@@ -3,6 +3,7 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -12,7 +13,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + rate t``; state is the number of samples so far."""
+    """Return ``v + rate t``; state is the number of samples so far."""
     count = state[0]
     for k in range(x.size):
         y[k] = x[k] + p[0] * (count * dt)
@@ -24,7 +25,7 @@ def kernel(
 def warming_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + shift (1 - exp(-t/tau))``; state is the number of samples so far."""
+    """Return ``v + shift (1 - exp(-t/tau))``; state is the number of samples so far."""
     count = state[0]
     for k in range(x.size):
         y[k] = x[k] - p[0] * expm1(-count * dt / p[1])
@@ -35,6 +36,7 @@ def warming_kernel(
 BLOCKS = (
     Block(
         name='drift',
+        counterpart=switched('drift', drift_rate='drift__rate'),
         slot=Slot.SLOW,
         parameters=(
             Parameter(

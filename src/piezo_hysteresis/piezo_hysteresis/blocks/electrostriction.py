@@ -1,6 +1,9 @@
 """Strain that grows with the square of the voltage."""
 
+from collections.abc import Mapping
+
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -10,7 +13,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``e u^2`` [m]; no state."""
+    """Return ``e u^2`` [m]; no state."""
     for k in range(x.size):
         y[k] = p[0] * x[k] * x[k]
 
@@ -19,14 +22,23 @@ def kernel(
 def input_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``u + q u^2`` [V]; no state."""
+    """Return ``u + q u^2`` [V]; no state."""
     for k in range(x.size):
         y[k] = x[k] + p[0] * x[k] * x[k]
+
+
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    # A strain is counted against the gain of the actuator there.
+    return {
+        'effects.electrostriction': True,
+        'electrostriction.coefficient': values['electrostriction'] / values['A1'],
+    }
 
 
 BLOCKS = (
     Block(
         name='electrostriction',
+        counterpart=_counterpart,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(

@@ -3,6 +3,7 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks._plays import play
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
@@ -13,7 +14,7 @@ from piezo_hysteresis.jit import jit
 def backlash_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer a play; state is its last output [m]."""
+    """Return the output of a play; state is its last output [m]."""
     for k in range(x.size):
         state[0] = play(x[k], state[0], p[0])
         y[k] = state[0]
@@ -23,7 +24,7 @@ def backlash_kernel(
 def stiction_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer stick-slip; state is the last position [m]."""
+    """Return the position under stick-slip; state is the last position [m]."""
     for k in range(x.size):
         if abs(x[k] - state[0]) > p[0] or p[0] == 0.0:
             state[0] = x[k]
@@ -35,7 +36,7 @@ def stiction_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer stick-slip along a path; state is the last position [m].
+    """Return the position under stick-slip along a path; state is the last position [m].
 
     A drive that jumps, as it may at a tick, is caught up with; one that moves is let go by the
     break-away distance every time it has run ahead by that.
@@ -64,6 +65,7 @@ _STICTION = (
 BLOCKS = (
     Block(
         name='backlash',
+        counterpart=switched('backlash', backlash='backlash__half_width'),
         slot=Slot.STRUCTURE,
         parameters=(
             Parameter(

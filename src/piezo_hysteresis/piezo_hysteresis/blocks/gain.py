@@ -13,7 +13,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``A1 u``; no state."""
+    """Return ``A1 u``; no state."""
     for k in range(x.size):
         y[k] = p[0] * x[k]
 

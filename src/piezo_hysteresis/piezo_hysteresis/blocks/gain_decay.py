@@ -3,6 +3,7 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -12,7 +13,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v (1 - loss (1 - exp(-t/tau)))``; state is the number of samples so far."""
+    """Return ``v (1 - loss (1 - exp(-t/tau)))``; state is the number of samples so far."""
     count = state[0]
     for k in range(x.size):
         y[k] = x[k] * (1.0 + p[0] * expm1(-count * dt / p[1]))
@@ -22,6 +23,11 @@ def kernel(
 
 BLOCK = Block(
     name='gain_decay',
+    counterpart=switched(
+        'gain_decay',
+        gain_loss='depolarisation__loss',
+        gain_loss_time='depolarisation__time_constant',
+    ),
     slot=Slot.SLOW,
     parameters=(
         Parameter('gain_loss', '1', 0.0, -1.0, 1.0, 'Share of the stroke lost in the end.', 0.05),

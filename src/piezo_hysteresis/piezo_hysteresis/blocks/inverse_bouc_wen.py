@@ -61,7 +61,7 @@ def solve_step(
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the displacement; state is (displacement [m], h [V])."""
+    """Return the displacement; state is (displacement [m], h [V])."""
     gain, a, beta, gamma = p[0], p[1], p[2], p[3]
     position, h = state[0], state[1]
     for k in range(x.size):
@@ -90,7 +90,7 @@ def selector_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer the displacement; state is (displacement [m], h [V], voltage of the law [V], slope).
+    """Return the displacement; state is (displacement [m], h [V], voltage of the law [V], slope).
 
     The slope is that of the last tick. Voltage and h are kept when the parameters change.
     """
@@ -121,7 +121,7 @@ def selector_along(
 def selector_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer at every tick."""
+    """Return the output at every tick."""
     selector_along(x, y, state, p, dt, frequency, 1)
 
 

@@ -13,7 +13,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the position; state is (position [m], velocity [m/s]) at the next sample."""
+    """Return the position; state is (position [m], velocity [m/s]) at the next sample."""
     mass, damping, stiffness = p[0], p[1], p[2]
     ratio = 0.5 * damping / sqrt(mass * stiffness)
     a11, a12, a21, a22 = hold(sqrt(stiffness / mass), ratio, dt)

@@ -4,6 +4,7 @@ from math import pi
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
+from piezo_hysteresis.blocks._counterpart import first_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Part, Slot, System
 from piezo_hysteresis.jit import jit
@@ -13,7 +14,7 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the position; state is (position [m], velocity [m/s]) at the next sample."""
+    """Return the position; state is (position [m], velocity [m/s]) at the next sample."""
     a11, a12, a21, a22 = hold(2.0 * pi * p[0], p[1], dt)
     b1, b2 = 1.0 - a11, -a21
     position, velocity = state[0], state[1]
@@ -34,6 +35,7 @@ def system(p: FloatArray) -> System:
 
 BLOCK = Block(
     name='mode',
+    counterpart=first_mode,
     part=Part.STRUCTURE,
     tangent=_tangents.mode,
     slot=Slot.STRUCTURE,

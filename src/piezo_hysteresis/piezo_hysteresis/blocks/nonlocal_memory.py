@@ -14,7 +14,7 @@ _COARSE, _FINE = 9, 39
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``sum m_j play_j(u)``; state is the outputs of the plays [V]."""
+    """Return ``sum m_j play_j(u)``; state is the outputs of the plays [V]."""
     spacing = p[0] / p.size
     weights = p[1:]
     for k in range(x.size):

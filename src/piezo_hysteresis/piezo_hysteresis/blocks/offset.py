@@ -1,7 +1,10 @@
 """Constant offset of the sensor."""
 
+from collections.abc import Mapping
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
+from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -11,13 +14,18 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the displacement as the sensor reads it; no state."""
+    """Return the displacement as the sensor reads it; no state."""
     for k in range(x.size):
         y[k] = x[k] + p[0]
 
 
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {'effects.offset': values['offset'] != 0.0, 'sensor.offset': values['offset']}
+
+
 BLOCK = Block(
     name='offset',
+    counterpart=_counterpart,
     part=Part.ZERO,
     tangent=_tangents.offset,
     slot=Slot.SENSOR,

@@ -17,7 +17,7 @@ FINE = 20
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``w0 u + sum w_j play_j(u)``; state is the outputs of the plays [V]."""
+    """Return ``w0 u + sum w_j play_j(u)``; state is the outputs of the plays [V]."""
     weights = p[2:]
     spacing = p[0] / (weights.size + 1)
     for k in range(x.size):
@@ -28,7 +28,7 @@ def kernel(
 def fine_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer as `kernel`, with the thresholds of the fine bank."""
+    """Return the same as `kernel`, with the thresholds of the fine bank."""
     weights = p[2:]
     spacing = p[0] / weights.size
     for k in range(x.size):

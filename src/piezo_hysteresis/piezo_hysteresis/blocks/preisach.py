@@ -74,7 +74,7 @@ def remember(state: FloatArray, count: int, position: float, output: float) -> i
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the displacement from the demagnetised state.
+    """Return the displacement from the demagnetised state.
 
     Positions are in cells from the middle. On the virgin curve (no reversal remembered beyond
     the present extreme) the output is half the change between the mirrored inputs.

@@ -1,8 +1,11 @@
 """An amplifier that runs out of voltage."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
@@ -12,16 +15,25 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the voltage within the range of the amplifier; no state."""
+    """Return the voltage within the range of the amplifier; no state."""
     for k in range(x.size):
         y[k] = min(max(x[k], -p[1]), p[0])
 
 
 # Shares of the largest voltage at which a limit is looked for; the last one cuts next to nothing.
+def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
+    return {
+        'effects.saturation': True,
+        'amplifier.clip_high': values['saturation_high'],
+        'amplifier.clip_low': -values['saturation_low'],
+    }
+
+
 _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99, 0.997)
 
 BLOCK = Block(
     name='saturation',
+    counterpart=_counterpart,
     slot=Slot.INPUT,
     parameters=(
         Parameter('saturation_high', 'V', 1e5, 0.0, 1e5, 'Largest voltage that arrives.', 1.0),

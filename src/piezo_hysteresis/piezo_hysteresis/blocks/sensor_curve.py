@@ -13,7 +13,7 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + s2 d^2 + s3 d^3``, ``d = v - c``, less that at ``v = 0``; no state."""
+    """Return ``v + s2 d^2 + s3 d^3``, ``d = v - c``, less that at ``v = 0``; no state."""
     c = p[2]
     zero = (p[0] - p[1] * c) * c * c
     for k in range(x.size):

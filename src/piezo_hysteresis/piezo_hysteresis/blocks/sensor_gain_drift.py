@@ -13,7 +13,7 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v - rate t (v - c)``; state is the number of samples so far."""
+    """Return ``v - rate t (v - c)``; state is the number of samples so far."""
     count = state[0]
     for k in range(x.size):
         y[k] = x[k] - p[0] * count * dt * (x[k] - p[1])

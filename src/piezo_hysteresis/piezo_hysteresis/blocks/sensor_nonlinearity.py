@@ -1,6 +1,7 @@
 """A sensor that is not linear."""
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -10,13 +11,16 @@ from piezo_hysteresis.jit import jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer ``v + s2 v^2 + s3 v^3``; no state."""
+    """Return ``v + s2 v^2 + s3 v^3``; no state."""
     for k in range(x.size):
         y[k] = x[k] + (p[0] + p[1] * x[k]) * x[k] * x[k]
 
 
 BLOCK = Block(
     name='sensor_nonlinearity',
+    counterpart=switched(
+        'sensor_nonlinearity', sensor_quadratic='sensor__quadratic', sensor_cubic='sensor__cubic'
+    ),
     slot=Slot.SENSOR,
     parameters=(
         Parameter(

@@ -3,6 +3,7 @@
 from math import inf
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot, Way
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
@@ -14,7 +15,7 @@ NO_LIMIT = 1e12
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the voltage that follows no faster than the limit, at the end of each tick.
+    """Return the voltage that follows no faster than the limit, at the end of each tick.
 
     State is that voltage [V].
     """
@@ -35,7 +36,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Answer along a path, three points to a step; state is the last voltage [V].
+    """Return the output along a path, three points to a step; state is the last voltage [V].
 
     Where the limit is left behind within the first half of a step, its start is answered such
     that the mean of the step by Simpson's rule is that of the ramp and of what follows it.
@@ -71,6 +72,7 @@ def way(p: FloatArray) -> Way:
 
 BLOCK = Block(
     name='slew_limit',
+    counterpart=switched('slew_limit', slew_rate='amplifier__slew_rate'),
     formers=(Former('slew_limit_mean', {'slew_rate': 'mean_slew_rate'}),),
     slot=Slot.INPUT,
     parameters=(

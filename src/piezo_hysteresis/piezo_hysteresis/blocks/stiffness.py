@@ -23,7 +23,7 @@ def bent(v: float, cubic: float) -> float:
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the displacement at which spring and drive balance; no state."""
+    """Return the displacement at which spring and drive balance; no state."""
     for k in range(x.size):
         y[k] = bent(x[k], p[0])
 

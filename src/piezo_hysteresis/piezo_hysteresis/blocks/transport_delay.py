@@ -3,6 +3,7 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -20,7 +21,7 @@ def in_ticks(delay: float, dt: float) -> tuple[int, float]:
 
 @jit
 def shift(x: FloatArray, y: FloatArray, state: FloatArray, ticks: int) -> None:
-    """Answer `x` some `ticks` ago; state is the place to write and a ring of past values."""
+    """Return `x` some `ticks` ago; state is the place to write and a ring of past values."""
     length = state.size - 1
     place = int(state[0])
     for k in range(x.size):
@@ -35,7 +36,7 @@ def shift(x: FloatArray, y: FloatArray, state: FloatArray, ticks: int) -> None:
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Answer the delayed voltage at the end of each tick; state is that of `shift` [V].
+    """Return the delayed voltage at the end of each tick; state is that of `shift` [V].
 
     A held voltage that comes late by a part of a tick has come by its end.
     """
@@ -49,6 +50,7 @@ def ring_size(dt: float) -> int:
 
 BLOCK = Block(
     name='transport_delay',
+    counterpart=switched('transport_delay', delay='amplifier__delay'),
     formers=(Former('delayed_motion', {'delay': 'motion_delay'}, first=True),),
     slot=Slot.INPUT,
     parameters=(
