@@ -43,7 +43,7 @@ class Straight:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Answer the voltage of a straight line."""
+        """Return the voltage of a straight line."""
         return received + self._bias + (point.displacement - self._middle) / self._gain
 
     def reset(self) -> None:

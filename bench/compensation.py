@@ -140,7 +140,7 @@ class Signed:
         return numbers
 
     def __call__(self, frequency: float) -> complex:
-        """Answer the gain [m/V] at `frequency` [Hz]."""
+        """Return the gain [m/V] at `frequency` [Hz]."""
         return self.sign * self.right(frequency)
 
 

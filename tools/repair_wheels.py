@@ -26,7 +26,7 @@ LARGE = 50_000
 
 
 def replacement(found: re.Match[str]) -> str:
-    """Answer the local folder for a header folder of the build machine."""
+    """Return the local folder for a header folder of the build machine."""
     if 'numpy' in found.group():
         return np.get_include()
     return str(sysconfig.get_config_var('INCLUDEPY'))
@@ -48,7 +48,7 @@ def mend_exports(prefix: Path) -> int:
 
 
 def copies(prefix: Path) -> Iterator[tuple[Path, Path]]:
-    """Answer pairs of shared libraries with the same content, the one to keep first."""
+    """Return pairs of shared libraries with the same content, the one to keep first."""
     sizes = defaultdict(list)
     for path in sorted(prefix.rglob('*.so*')):
         if path.is_file() and not path.is_symlink() and path.stat().st_size >= LARGE:

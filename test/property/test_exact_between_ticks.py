@@ -107,14 +107,14 @@ def packed(model, first, second, ticks, u):
 
 
 def finely(blocks, p, u):
-    """Answer a held input at 64 times the rate, at 0, dt/64, ...: one value more than that."""
+    """Return the output for an input held at 64 times the rate: one more value than that."""
     model = Model('part', tuple(blocks))
     y = model.respond(np.repeat(u, FINER), p, DT / FINER, frequency=17.0)
     return np.concatenate([[0.0], y]) if answers_at_once(model, {}, DT) else np.append(y, np.nan)
 
 
 def truth(model, p, u):
-    """Answer at the ticks, or where nothing has inertia at the ends of the ticks."""
+    """Return the output at the ticks, or where nothing has inertia at the ends of the ticks."""
     at_once = answers_at_once(model, {}, DT)
     counts = np.cumsum([0, *(len(b.parameters) for b in model.blocks)])
     own = [p[a:b] for a, b in itertools.pairwise(counts)]

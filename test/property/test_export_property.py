@@ -64,7 +64,7 @@ CHAINS = (
 
 
 def models():
-    """Answer every named model, chains with paths between the ticks, all other blocks alone."""
+    """Return every named model, chains with paths between the ticks, all other blocks alone."""
     yield from map(named, NAMES)
     covered = {block.name for name in NAMES for block in named(name).blocks}.union(*CHAINS)
     yield from (Model(f'block {k}', (b,)) for k, b in BLOCKS.items() if k not in covered)
@@ -152,7 +152,7 @@ def attenuation(**chosen):
 
 
 def inverses():
-    """Answer an inverse of every kind for named models, and for chains."""
+    """Return an inverse of every kind for named models, and for chains."""
     kinds = set()
     for law in INVERSES:
         for name in NAMES if law in ('auto', 'tatebatake2017', 'zhou2021') else ():

@@ -23,7 +23,7 @@ SHARE = st.floats(0.0, 1.0)
 
 
 def stable_recursion(radius, place):
-    """Answer coefficients whose poles are a pair within the unit circle and a real one."""
+    """Return coefficients whose poles are a pair within the unit circle and a real one."""
     radius *= 0.999
     real = radius * max(place, 1e-3)
     third = 1.0 - 2.0 * real
@@ -31,7 +31,7 @@ def stable_recursion(radius, place):
 
 
 def drawn(q, share):
-    """Answer a parameter: signed over nine decades about its scale, inside the bounds."""
+    """Return a parameter: signed over nine decades about its scale, inside the bounds."""
     low = max(q.low, -20 * q.scale if q.low < 0 else q.low)
     high = min(q.high, 20 * q.scale)
     if low <= 0.0:

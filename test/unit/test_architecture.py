@@ -98,7 +98,7 @@ def test_the_rooms_of_compensation_know_only_what_they_share(room):
 
 
 def needing_ros(path):
-    """Answer the names that a file imports within ``with ros_needed():``, inside a function."""
+    """Return the names that a file imports within ``with ros_needed():``, inside a function."""
     for function in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if not isinstance(function, ast.FunctionDef):
             continue

@@ -47,7 +47,7 @@ def lively(block_or_model):
 
 
 def signal_for(block, n=3000):
-    """Answer nested loops, a pause and a jump, in the unit of the slot."""
+    """Return nested loops, a pause and a jump, in the unit of the slot."""
     t = np.arange(n) * DT
     wave = np.sin(2 * np.pi * FREQUENCY * t) * (1 - 0.6 * t / t[-1])
     wave += 0.3 * np.sin(2 * np.pi * 3.1 * t)

@@ -233,7 +233,7 @@ REHEARSALS = (
 
 
 def _records() -> Iterator[Record]:
-    """Answer two short records of a lagging actuator."""
+    """Return two short records of a lagging actuator."""
     for k, frequency in enumerate((5.0, 20.0)):
         phase = np.arange(400, dtype=np.float64) * (2 * math.pi * frequency * DT)
         noise = 1e-9 * np.random.default_rng(k).standard_normal(phase.size)

@@ -96,7 +96,7 @@ def _bound(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _globals(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
-    """Answer what a function names beyond itself, in modules of the suite that it names too."""
+    """Return what a function names beyond itself, in modules of the suite that it names too."""
     names = set(_names(function.__code__))
     known = function.__globals__
     for name in sorted(names & known.keys()):

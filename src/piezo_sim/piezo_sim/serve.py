@@ -21,7 +21,7 @@ _NUMBER = struct.Struct('<d')
 
 
 def serve(plant: Plant, source: BinaryIO, sink: BinaryIO) -> None:
-    """Answer voltages until `source` ends."""
+    """Send voltages until `source` ends."""
     values = plant.parameters
     about = {
         'preset': plant.preset.name,

@@ -60,7 +60,7 @@ class Link(Protocol):
     """
 
     def step(self, point: ReferencePoint, received: float, measured: Measured | None) -> float:
-        """Answer the voltage to pass on [V]."""
+        """Return the voltage to pass on [V]."""
 
     def reset(self) -> None:
         """Forget everything but the parameters."""

@@ -39,7 +39,7 @@ def go(goal: float, memory: FloatArray, settings: FloatArray) -> float:
 
 @jit
 def limit(voltage: float, memory: FloatArray, settings: FloatArray) -> float:
-    """Answer the safe voltage nearest to `voltage` [V]; what is no number is held."""
+    """Return the safe voltage nearest to `voltage` [V]; what is no number is held."""
     if not math.isfinite(voltage):
         memory[_NOT_FINITE] += 1.0
         voltage = memory[VOLTAGE]
@@ -52,7 +52,7 @@ def limit(voltage: float, memory: FloatArray, settings: FloatArray) -> float:
 
 @jit
 def ramp(rest: float, pace: float, memory: FloatArray, settings: FloatArray) -> float:
-    """Answer the next voltage on the way to `rest` [V], `pace` [V] a tick or slower."""
+    """Return the next voltage on the way to `rest` [V], `pace` [V] a tick or slower."""
     goal = min(max(rest, settings[LOW]), settings[HIGH])
     pace = min(pace, settings[STEP])
     distance = goal - memory[VOLTAGE]
@@ -168,14 +168,14 @@ class Limiter:
         return float(self._memory[MEAN])
 
     def apply(self, voltage: float) -> float:
-        """Answer the safe voltage nearest to `voltage` [V].
+        """Return the safe voltage nearest to `voltage` [V].
 
         What is not a number is refused: the last safe voltage is held and ``not_finite`` counted.
         """
         return limit(float(voltage), self._memory, self._settings)
 
     def ramp_to_rest(self, rest: float = 0.0, duration: float = 1.0) -> float:
-        """Answer the next voltage on the way to `rest`; call it once per tick.
+        """Return the next voltage on the way to `rest`; call it once per tick.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Limiter:
         return self.ramp_to(rest, span / duration if duration > 0 else math.inf)
 
     def ramp_to(self, rest: float, rate: float) -> float:
-        """Answer the next voltage on the way to `rest` [V] at `rate` [V/s]; once per tick.
+        """Return the next voltage on the way to `rest` [V] at `rate` [V/s]; once per tick.
 
         Never faster than the slew limit, and counted as limited only where the energy limit slows
         the ramp.

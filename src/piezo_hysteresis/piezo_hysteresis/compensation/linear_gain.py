@@ -30,12 +30,12 @@ class LinearGain(Protocol):
         """Numbers that `gain_at` reads."""
 
     def __call__(self, frequency: float) -> complex:
-        """Answer the gain [m/V] at `frequency` [Hz]."""
+        """Return the gain [m/V] at `frequency` [Hz]."""
 
 
 @jit
 def gain_at(frequency: float, packed: FloatArray) -> complex:
-    """Answer the gain [m/V] at `frequency` [Hz] from the numbers of a `LinearGain`."""
+    """Return the gain [m/V] at `frequency` [Hz] from the numbers of a `LinearGain`."""
     kind = int(packed[0])
     if kind == _MODE:
         answer = complex(packed[1], 0.0)
@@ -94,7 +94,7 @@ class ModeGain:
         )
 
     def __call__(self, frequency: float) -> complex:
-        """Answer the gain [m/V] at `frequency` [Hz]."""
+        """Return the gain [m/V] at `frequency` [Hz]."""
         return complex(gain_at(float(frequency), self.packed))
 
 
@@ -123,7 +123,7 @@ class ArGain:
         return np.array([_RECURSION, self.gain, self.c1, self.c2, self.dt])
 
     def __call__(self, frequency: float) -> complex:
-        """Answer the gain [m/V] at `frequency` [Hz]."""
+        """Return the gain [m/V] at `frequency` [Hz]."""
         return complex(gain_at(float(frequency), self.packed))
 
 

@@ -75,7 +75,7 @@ class Switch:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Answer what the link in charge passes on [V]."""
+        """Return what the link in charge passes on [V]."""
         link = self._links.get(self._active)
         wanted = received if link is None else link.step(point, received, measured)
         # Only the share of the links fades, never what came from the front of the chain.

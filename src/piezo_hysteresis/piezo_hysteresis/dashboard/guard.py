@@ -100,7 +100,7 @@ class _Refused(RequestHandler):
         self._refusal = refusal
 
     def prepare(self) -> None:
-        """Answer before the method is looked at."""
+        """Reply before the method is looked at."""
         self.set_status(self._refusal.status)
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(self._refusal.reason + '\n')
@@ -123,5 +123,5 @@ class _Head(RequestHandler):
     """Tells that the page is there, without opening it."""
 
     def head(self) -> None:
-        """Answer as the page would begin."""
+        """Return what the page would begin with."""
         self.set_header('Content-Type', 'text/html; charset=UTF-8')

@@ -252,7 +252,7 @@ def _run(
     state: FloatArray,
     answer: FloatArray,
 ) -> None:
-    """Answer a sampled linear system, sample by sample."""
+    """Return the output of a sampled linear system, sample by sample."""
     n = state.size
     after = np.zeros(n)
     for k in range(signal.size):

@@ -187,7 +187,7 @@ def run_held(
     row: FloatArray,
     gain: float,
 ) -> None:
-    """Answer a held input, one value per tick; `state` in place."""
+    """Return the output for a held input, one value per tick; `state` in place."""
     n = state.size
     new, first, last = scratch(n), scratch(n), scratch(n)
     reaching(phi, first, last)
@@ -208,7 +208,7 @@ def run_held(
 
 @jit
 def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray, gain: FloatArray) -> None:
-    """Answer every state alone, `gain` of it at the first tick: rows, shape (q, n)."""
+    """Return what every state makes alone, `gain` of it at the first tick: rows, shape (q, n)."""
     q = row.size
     seen, new, first, last = row.copy(), scratch(q), scratch(q), scratch(q)
     reaching(phi, first, last)
@@ -233,7 +233,7 @@ def run_path(
     rows: FloatArray,
     gains: FloatArray,
 ) -> None:
-    """Answer a path, three points to a step; `state` in place."""
+    """Return the output along a path, three points to a step; `state` in place."""
     n = state.size
     new, first, last = scratch(n), scratch(n), scratch(n)
     reaching(phi, first, last)

@@ -171,7 +171,7 @@ class PathRun:
         frequency: float,
         steps: int | None = None,
     ) -> FloatArray:
-        """Answer one number per tick, updating `state` in place.
+        """Return one number per tick, updating `state` in place.
 
         Parameters
         ----------

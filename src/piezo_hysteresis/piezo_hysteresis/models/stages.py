@@ -54,7 +54,7 @@ class Stage(Protocol):
     def respond(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
     ) -> FloatArray:
-        """Answer one number per tick, shape (n,), updating `state` in place."""
+        """Return one number per tick, shape (n,), updating `state` in place."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class TickStage:
     def respond(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
     ) -> FloatArray:
-        """Answer one number per tick."""
+        """Return one number per tick."""
         return self.block.respond(signal, p, dt, state=state, frequency=frequency)
 
 
@@ -133,7 +133,7 @@ class LinearStage:
     def respond(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
     ) -> FloatArray:
-        """Answer one number per tick."""
+        """Return one number per tick."""
         whole, hold = self.hold(p, dt)
         ring = self.delays * ring_size(dt) + 1 if self.delays else 0
         if ring:
@@ -214,7 +214,7 @@ class PathStage:
         frequency: float,
         steps: int | None = None,
     ) -> FloatArray:
-        """Answer one number per tick; `steps` of a tick as many as `p` needs, or as given."""
+        """Return one number per tick; `steps` of a tick as many as `p` needs, or as given."""
         return self.run.respond(signal, p, dt, state=state, frequency=frequency, steps=steps)
 
 

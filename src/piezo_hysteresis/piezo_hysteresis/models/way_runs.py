@@ -69,7 +69,7 @@ class WayRun:
     def respond(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, layout: Layout
     ) -> FloatArray:
-        """Answer a held input, one number per tick, updating `state` in place."""
+        """Return the output for a held input, one number per tick, updating `state` in place."""
         memories = layout.memories[1 : 1 + len(self.middle)]
         behind = slice(layout.memories[1 + len(self.middle)].start, layout.size)
         output = np.empty_like(signal)

@@ -194,7 +194,7 @@ def take_up(
     y: FloatArray, state: FloatArray, last: FloatArray, phi: FloatArray, impulse: FloatArray,
     integral: FloatArray, row: FloatArray, direct: float, ahead: bool,
 ) -> None:  # fmt: skip
-    """Answer with linear blocks what goes as `values` within the ticks; `state` in place.
+    """Return what linear blocks make of what goes as `values` within the ticks; `state` in place.
 
     Several signals that go for equally long are answered at once: `values` is of shape (signals,
     n, pieces, points + 1), `lasts` (n, pieces), `y` (signals, n), `state` (signals, states).

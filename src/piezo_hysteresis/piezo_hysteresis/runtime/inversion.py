@@ -76,7 +76,7 @@ class Inversion:
         return ''
 
     def voltage(self, point: ReferencePoint) -> float | None:
-        """Answer the voltage for this tick [V], None where there is no model."""
+        """Return the voltage for this tick [V], None where there is no model."""
         self._past.append(point)
         return None if self._inverse is None else self._inverse.step(point, 0.0, None)
 

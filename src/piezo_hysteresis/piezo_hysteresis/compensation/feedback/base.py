@@ -172,7 +172,7 @@ class FeedbackLink:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Answer `received` plus the share of the law [V]."""
+        """Return `received` plus the share of the law [V]."""
         write_point(self._point, point)
         write_read(self._read, measured)
         answer: float = self.kernel(

@@ -88,7 +88,7 @@ _INTEGRAL_RULES = _PROPORTIONAL_RULES + 49
 
 @jit
 def level(rules: FloatArray, error: float, rate: float) -> float:
-    """Answer the level -1..1 that the rules give, for error and rate in -1..1 (clamped).
+    """Return the level -1..1 that the rules give, for error and rate in -1..1 (clamped).
 
     Seven triangular sets that add up to one everywhere, product inference and weighted mean of
     the levels: this is bilinear interpolation of the table, whose 49 levels stand row by row.
@@ -107,13 +107,13 @@ def level(rules: FloatArray, error: float, rate: float) -> float:
 
 
 def infer(rules: FloatArray, error: float, rate: float) -> float:
-    """Answer the level -1..1 that a table of 7 x 7 levels gives, see `level`."""
+    """Return the level -1..1 that a table of 7 x 7 levels gives, see `level`."""
     return level(np.ravel(rules).astype(np.float64), float(error), float(rate))
 
 
 @jit
 def scheduled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
-    """Answer the share of the voltage [V] by gains that follow error and rate."""
+    """Return the share of the voltage [V] by gains that follow error and rate."""
     # The filtered slope of the tick before: the raw one is mostly noise.
     x, y = error / p[_ERROR_SCALE], memory[SLOPE] / p[_RATE_SCALE]
     levels = p[_PROPORTIONAL_RULES:_INTEGRAL_RULES]

@@ -197,7 +197,7 @@ _STATES, _DIRECT, _A = range(3)
 
 @jit
 def controlled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
-    """Answer the share of the voltage [V] and move the state on."""
+    """Return the share of the voltage [V] and move the state on."""
     n = int(p[_STATES])
     entry = _A + n * n
     share, moved = hold(memory, p) + p[_DIRECT] * error, scratch(n)
@@ -213,7 +213,7 @@ def controlled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> fl
 
 @jit
 def hold(memory: FloatArray, p: FloatArray) -> float:
-    """Answer the share without a measurement: that of the state [V]."""
+    """Return the share without a measurement: that of the state [V]."""
     n = int(p[_STATES])
     row, total = _A + n * n + n, 0.0
     for i in range(n):

@@ -26,7 +26,7 @@ class StateSpace:
     d: FloatArray
 
     def gain(self, frequency: float) -> ComplexArray:
-        """Answer the complex gain matrix at `frequency` [Hz]."""
+        """Return the complex gain matrix at `frequency` [Hz]."""
         s = 2j * np.pi * frequency
         resolved = np.linalg.solve(s * np.eye(len(self.a)) - self.a, self.b)
         return np.asarray(self.c @ resolved + self.d, dtype=np.complex128)

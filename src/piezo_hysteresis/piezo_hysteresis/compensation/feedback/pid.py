@@ -32,7 +32,7 @@ def pid(
     p: FloatArray,
     dt: float,
 ) -> float:
-    """Answer the share of the voltage [V] by gains that may differ from those in `p`."""
+    """Return the share of the voltage [V] by gains that may differ from those in `p`."""
     last = memory[_LAST] if memory[_BEGUN] > 0.0 else error
     memory[_INTEGRAL] += 0.5 * dt * integral * (error + last)
     twice = 2.0 * p[_FILTER]
@@ -43,13 +43,13 @@ def pid(
 
 @jit
 def plain(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
-    """Answer the share of the voltage [V]."""
+    """Return the share of the voltage [V]."""
     return pid(error, p[PROPORTIONAL], p[INTEGRAL], memory, p, dt)
 
 
 @jit
 def hold(memory: FloatArray, p: FloatArray) -> float:
-    """Answer the share without a measurement: the integral [V]."""
+    """Return the share without a measurement: the integral [V]."""
     return float(memory[_INTEGRAL])
 
 

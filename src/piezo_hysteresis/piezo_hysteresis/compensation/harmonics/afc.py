@@ -125,7 +125,7 @@ def update(
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
-    """Answer what to subtract from the voltage [V] at `phase` [rad]."""
+    """Return what to subtract from the voltage [V] at `phase` [rad]."""
     total = memory[_MEAN + THETA]
     for i in range(int(memory[_COUNT])):
         line = _LINES + LINE_SIZE * i

@@ -186,7 +186,7 @@ class HarmonicAttenuation:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Answer `received` minus the correction [V]."""
+        """Return `received` minus the correction [V]."""
         write_point(self._point, point)
         write_read(self._read, measured)
         return self._step(

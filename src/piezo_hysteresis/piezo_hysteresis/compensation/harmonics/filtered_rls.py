@@ -105,7 +105,7 @@ def update(
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
-    """Answer what to subtract from the voltage [V] at `phase` [rad]."""
+    """Return what to subtract from the voltage [V] at `phase` [rad]."""
     if frequency <= 0.0:
         return 0.0
     total = 0.0

@@ -56,7 +56,7 @@ _REACH = 3  # newest sample that filter and interpolation need, ahead of the one
 
 @jit
 def _recall(memory: FloatArray, newest: int, back: float) -> float:
-    """Answer the ring `memory` `back` samples ago, low-passed; cubic between samples."""
+    """Return the ring `memory` `back` samples ago, low-passed; cubic between samples."""
     size = memory.size
     whole = int(np.floor(back))
     t = back - whole
@@ -103,7 +103,7 @@ class OddRepetitive:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Answer `received` plus what was learned [V]."""
+        """Return `received` plus what was learned [V]."""
         s = self._settings
         tick = point.sample
         pair = self._sensor.pair(point, measured)

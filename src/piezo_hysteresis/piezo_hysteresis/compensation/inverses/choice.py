@@ -232,7 +232,7 @@ class ModelGain:
         return packed_pulse(self._pulse, self._dt)
 
     def __call__(self, frequency: float) -> complex:
-        """Answer the gain [m/V] at `frequency` [Hz]."""
+        """Return the gain [m/V] at `frequency` [Hz]."""
         return complex(gain_at(float(frequency), self.packed))
 
 

@@ -57,7 +57,7 @@ class FrequencySwitch:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Answer what the link in charge passes on [V]; both take part."""
+        """Return what the link in charge passes on [V]; both take part."""
         slow, fast = (link.step(point, received, measured) for link in self._links)
         now = point.frequency > self._frequency
         if self._fast is not None and now != self._fast:

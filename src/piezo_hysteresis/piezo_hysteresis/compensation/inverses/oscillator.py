@@ -48,7 +48,7 @@ def invert_oscillator(
     low: float,
     high: float,
 ) -> None:
-    """Answer the force that moves the oscillator along the reference, sample by sample."""
+    """Return the force that moves the oscillator along the reference, sample by sample."""
     own, x = _OWN + STATE_SIZE, scratch(1)
     k1, k2 = p[1] / p[2], p[0] / p[2]
     for k in range(voltage.size):

@@ -79,7 +79,7 @@ def invert_structure(
     lead: float,
     dt: float,
 ) -> None:
-    """Answer the quasi-static displacement [m] that moves the structure along the reference.
+    """Return the quasi-static displacement [m] that moves the structure along the reference.
 
     The reference, rows displacement, velocity and acceleration, is carried ahead by `lead`
     seconds; where there is a lead the droop of the hold is lifted too.

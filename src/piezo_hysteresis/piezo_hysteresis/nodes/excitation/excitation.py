@@ -137,13 +137,13 @@ class Excitation(Node):
         self._sweeps.follow_restart()
 
     def _begin(self) -> None:
-        """Answer the newest state, in case the loop waits for it."""
+        """Reply to the newest state, in case the loop waits for it."""
         self._received = time.monotonic()
         self._given_up = ''
         self._answer()
 
     def _answer(self) -> None:
-        """Answer the newest state where that has not been done."""
+        """Reply to the newest state where that has not been done."""
         if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
 

@@ -93,7 +93,7 @@ class Feedforward(LinkNode):
         self.take_reference(*point_of(payload))
 
     def take_reference(self, head: bytes, point: ReferencePoint) -> None:
-        """Answer the reference of one tick."""
+        """Publish the voltage for the reference of one tick."""
         sample, newest = point.sample, self.intake.newest
         if not self.intake.take(sample):
             if sample == newest:

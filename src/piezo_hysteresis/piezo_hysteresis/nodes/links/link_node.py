@@ -37,7 +37,7 @@ class Fade(Protocol):
         """Make the next share begin where the last one was."""
 
     def apply(self, raw: float) -> float:
-        """Answer the share for this tick [V]."""
+        """Return the share for this tick [V]."""
 
     def retune(self, duration: float, slew: float) -> None:
         """Change how long [s] and how fast [V/s] changes may be."""

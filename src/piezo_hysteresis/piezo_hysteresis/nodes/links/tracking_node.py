@@ -25,7 +25,7 @@ class Law(Protocol):
     """What such a link asks at every tick."""
 
     def step(self, point: ReferencePoint, received: float, measured: Measured | None) -> float:
-        """Answer the voltage to pass on [V]."""
+        """Return the voltage to pass on [V]."""
 
     def reset(self) -> None:
         """Forget everything but the settings."""
