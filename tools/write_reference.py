@@ -22,7 +22,7 @@ PAGES = {
     'models': ('Chains of blocks. In words: [models](../models.md).', ('models',)),
     'identification': (
         'Parameters from records. In words: [identification](../identification.md).',
-        ('identification', 'identification.automatic', 'identification.errors'),
+        ('identification', 'identification.errors'),
     ),
     'compensation': (
         'Voltages from a reference. In words: [compensation](../compensation.md).',
@@ -35,7 +35,10 @@ PAGES = {
             )
         ),
     ),
-    'discovery': ('What a model misses. In words: [discovery](../discovery.md).', ('discovery',)),
+    'discovery': (
+        'What a model misses. In words: [discovery](../discovery.md).',
+        ('discovery', 'discovery.choice.choose'),
+    ),
     'batch': ('Many data sets at once. In words: [batch](../batch.md).', ('batch',)),
     'waveforms': ('Signals with derivatives.', ('waveforms',)),
 }  # fmt: skip
@@ -58,16 +61,13 @@ def reference_pages() -> dict[Path, str]:
 
 
 def _policy() -> str:
+    from piezo_hysteresis.discovery.choice import policy as choice
     from piezo_hysteresis.discovery.selection import policy
 
     example = (
         'python -m piezo_hysteresis discover sweep --baseline classical --out found '
         '--policy min_share=0.5'
     )
-    told = [
-        '| ' + ' | '.join((f'`{name}`', value, unit, f'{means} *{source}*')) + ' |'
-        for name, value, unit, means, source in policy.rows()
-    ]
     return '\n'.join(
         (
             '# What decides',
@@ -79,14 +79,27 @@ def _policy() -> str:
             '',
             f'    {example}',
             '',
-            '| name | value | unit | what it means, and where it is from |',
-            '|---|---|---|---|',
-            *told,
+            *_numbers(policy.rows()),
+            '',
+            'A model that is chosen to predict (`demo --data`) asks these besides:',
+            '',
+            *_numbers(choice.rows()),
             '',
             NOTE,
             '',
         )
     )
+
+
+def _numbers(rows: list[tuple[str, str, str, str, str]]) -> list[str]:
+    return [
+        '| name | value | unit | what it means, and where it is from |',
+        '|---|---|---|---|',
+        *(
+            '| ' + ' | '.join((f'`{name}`', value, unit, f'{means} *{source}*')) + ' |'
+            for name, value, unit, means, source in rows
+        ),
+    ]
 
 
 def _page(title: str, sentence: str, modules: tuple[str, ...]) -> str:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from math import inf
+
 import numpy as np
 import pytest
 
+from piezo_hysteresis.discovery.choice import rules
+from piezo_hysteresis.discovery.choice.choose import choose_model
+from piezo_hysteresis.discovery.choice.policy import ChoicePolicy, rows
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.automatic import choose_model
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_hysteresis.models.named import LADDER, MEMORIES
 from piezo_hysteresis.records import Record
@@ -81,3 +86,51 @@ def test_an_effect_that_the_records_do_not_tell_is_left_out():
     choice = choose_model(one_tone((1.0, 0.4)))
     kept = {step.name for step in choice.steps if step.kept and step.memory == 'modified'}
     assert kept == {'modified'}
+
+
+@pytest.mark.parametrize(
+    ('trained', 'held_out', 'better'),
+    [
+        ((1.0, 0.97), (1.0, 1.0), True),
+        ((1.0, 0.99), (1.0, 0.97), True),
+        ((1.0, 0.99), (1.0, 0.99), False),
+        # held-out data veto, within 1 %
+        ((1.0, 0.5), (1.0, 1.005), True),
+        ((1.0, 0.5), (1.0, 1.02), False),
+        ((1.0, inf), (1.0, inf), False),
+    ],
+)
+def test_what_predicts_better(trained, held_out, better):
+    assert rules.predicts_better(trained, held_out) is better
+
+
+def test_parameters_differ_from_none_together():
+    std, apart = np.array([1.0, 1.0]), np.eye(2)
+    assert rules.differs_from_none(np.empty(0), np.empty(0), np.empty((0, 0)))
+    assert rules.differs_from_none(np.array([3.0, 3.0]), std, apart)
+    assert not rules.differs_from_none(np.array([4.0, 1.0]), std, apart)
+    # what is correlated counts once
+    close = np.array([[1.0, 0.99], [0.99, 1.0]])
+    assert not rules.differs_from_none(np.array([3.0, 3.0]), std, close)
+    assert not rules.differs_from_none(np.array([9.0, 9.0]), np.array([1.0, inf]), apart)
+    assert not rules.differs_from_none(np.array([9.0, 9.0]), np.array([1.0, 0.0]), apart)
+
+
+@pytest.mark.parametrize(
+    ('plays', 'one_amplitude', 'taken'),
+    [(1.2, False, True), (1.3, False, False), (9.0, True, True)],
+)
+def test_plays_are_taken_where_they_cost_little(plays, one_amplitude, taken):
+    assert rules.plays_are_bearable(plays, 1.0, one_amplitude) is taken
+
+
+def test_what_is_one_amplitude():
+    voltage = np.array([-1.0, 3.0])
+    assert rules.has_one_amplitude(voltage, np.array([3.0, -1.0, 2.8]))
+    assert not rules.has_one_amplitude(voltage, np.array([3.0, -1.0, 2.0]))
+    assert not rules.has_one_amplitude(voltage, np.empty(0))
+
+
+def test_every_number_says_where_it_is_from():
+    assert len(rows()) == len(fields(ChoicePolicy))
+    assert all(source for *_, source in rows())

@@ -8,8 +8,6 @@ ROOT = Path(__file__).parents[2] / 'src'
 # Each is the natural word of its own package, which never imports the other.
 TWICE = {
     'Plant': {'piezo_sim', 'export'},  # the simulated actuator; what a library needs of a model
-    'Step': {'discovery', 'identification'},
-    'HeldOut': {'discovery', 'identification'},
 }
 
 

@@ -73,7 +73,7 @@ def show(out: Path) -> None:
 def identify_own(data: Sequence[str], out: Path) -> None:
     """Choose a model for the user's records, identify it, write the results."""
     from piezo_hysteresis.cli.demo_results import write_model, write_summary
-    from piezo_hysteresis.identification.automatic import choose_model
+    from piezo_hysteresis.discovery.choice.choose import choose_model
     from piezo_hysteresis.identification.identify import identify
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.demo_report import write_data_report

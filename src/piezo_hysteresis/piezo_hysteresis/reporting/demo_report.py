@@ -8,7 +8,7 @@ from typing import Protocol
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.loop import TrackingMetrics
-from piezo_hysteresis.identification.automatic import Step
+from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.folder import write_folder
@@ -99,7 +99,7 @@ def write_data_report(
     path: Path,
     records: Sequence[Record],
     found: Identification,
-    steps: Sequence[Step],
+    steps: Sequence[TriedModel],
     data: Sequence[str] = (),
 ) -> None:
     """Write the report of an identification whose model was chosen automatically.

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.discovery.data.annotate import annotated
-from piezo_hysteresis.identification.automatic import Step
 from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models.named import LADDER
@@ -31,7 +31,7 @@ def identification_page(
     records: Sequence[Record],
     found: Identification,
     *,
-    steps: Sequence[Step] = (),
+    steps: Sequence[TriedModel] = (),
     data: Sequence[str] = (),
 ) -> str:
     """Return the whole report as HTML.
@@ -42,7 +42,7 @@ def identification_page(
         What was measured.
     found : Identification
         What was identified from it.
-    steps : sequence of Step
+    steps : sequence of TriedModel
         How the model was chosen, where that was not said beforehand.
     data : sequence of str
         Paths, for the commands that come next; ``DATA`` where not given.
@@ -129,7 +129,7 @@ def fit_section(
     return PageSection('Does the model follow the actuator?', text, tuple(figures))
 
 
-def choice_section(steps: Sequence[Step]) -> PageSection:
+def choice_section(steps: Sequence[TriedModel]) -> PageSection:
     """Return how the model was chosen."""
     rows = [
         (

@@ -1,0 +1,1 @@
+"""A model that predicts, chosen without asking; `selection` finds effects that have a name."""
