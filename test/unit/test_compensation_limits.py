@@ -9,7 +9,6 @@ from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.loop import closed_loop, reference_points, tracking_metrics
-from piezo_hysteresis.compensation.switching import Switch
 from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.waveforms.sine import Sine
@@ -200,23 +199,6 @@ def test_metrics_name_mean_rms_and_harmonics():
     assert metrics.harmonics[1] < 1e-12
     with pytest.raises(CompensationError):
         tracking_metrics(result, from_seconds=5.0)
-
-
-def test_switch_changes_controllers_without_a_jump_and_refuses_unknown_names():
-    switch = Switch({'a': Spy(0.5), 'b': Spy(-0.5)}, 'a', DT, transition=0.1)
-    points = list(reference_points(Sine(1e-6, 10.0, 1.0).sample(np.arange(600) * DT)))
-    path = [switch.step(point, 1.0) for point in points[:100]]
-    switch.select('b')
-    path += [switch.step(point, 1.0) for point in points[100:400]]
-    switch.select('')
-    path += [switch.step(point, 1.0) for point in points[400:]]
-    assert path[0] == 1.5
-    assert path[399] == 0.5
-    assert path[-1] == 1.0
-    assert np.max(np.abs(np.diff(path))) < 0.03
-    with pytest.raises(CompensationError, match='choose one of a, b'):
-        switch.select('c')
-    assert switch.active == ''
 
 
 def test_reference_points_are_numbered_from_the_first_tick():

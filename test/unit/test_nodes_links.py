@@ -7,9 +7,9 @@ import pytest
 
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.runtime.crossfade import CrossFade
 from piezo_hysteresis.runtime.inversion import HISTORY, Inversion
 from piezo_hysteresis.runtime.synchronizer import LONGEST, SampleSynchronizer
 

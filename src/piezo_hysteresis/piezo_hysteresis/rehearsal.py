@@ -103,6 +103,7 @@ def inverses() -> None:
     from piezo_hysteresis.compensation.base import INVERSES, ReferencePoint
     from piezo_hysteresis.compensation.inverses.base import InverseLink
     from piezo_hysteresis.compensation.inverses.choice import inverse_for
+    from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
     from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
     from piezo_hysteresis.models import NAMES, named
     from piezo_hysteresis.models.named import BANK
@@ -119,6 +120,8 @@ def inverses() -> None:
         inverse.respond(np.zeros(3))
         for k in range(3):
             inverse.step(ReferencePoint(k, 1e-6 * k, 0.0, 0.0, 1.0, 0.0))
+    both = FrequencySwitch(ways[0], ways[0], 1.0, DT)
+    both.step(ReferencePoint(0, 1e-6, 0.0, 0.0, 1.0, 0.0), 0.0)
 
 
 def laws() -> None:
@@ -165,19 +168,21 @@ def errors() -> None:
 def limits() -> None:
     """Limit a voltage, let it go to rest, and change a model smoothly."""
     from piezo_hysteresis.compensation.base import Limits
+    from piezo_hysteresis.compensation.energy import EnergyLimits
     from piezo_hysteresis.compensation.inverses.choice import inverse_for
     from piezo_hysteresis.compensation.limiter import Limiter
     from piezo_hysteresis.compensation.sensor import SensorWatch
-    from piezo_hysteresis.compensation.transition import Transition
+    from piezo_hysteresis.compensation.transition import CrossFade, Transition
     from piezo_hysteresis.models import named
 
     limiter = Limiter(Limits(), DT)
     limiter.apply(0.1)
     limiter.ramp_to_rest()
-    change = Transition(DT)
-    change.apply(1.0)
-    change.start()
-    change.apply(0.0)
+    Limiter(Limits(), DT, energy=EnergyLimits())
+    for change in (Transition(DT), CrossFade(DT, 0.1)):
+        change.apply(1.0)
+        change.start()
+        change.apply(0.0)
     SensorWatch(DT).reset()
     model = named('bouc_wen_mode')
     inverse_for(model, model.defaults(), DT).set_parameters({'A': 3e-5})
@@ -192,6 +197,7 @@ def rivals() -> None:
     )
 
     law = OddRepetitive(RepetitiveSettings(1e-6), DT)
+    law.reset()
     for k in range(3):
         point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 0.1 * k)
         law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))

@@ -61,13 +61,28 @@ def packed_energy(limits: EnergyLimits, dt: float) -> tuple[float, float, float]
         raise CompensationError(f'energy_limit must not be negative, got {limits.power:g} W')
     if min(values[1:]) <= 0.0:
         raise CompensationError('capacitance, window and supply voltage must be positive')
-    share = dt / limits.window
-    if share * (1.0 + 1.0 / TAPER) > 1.0:
+    capacitance, window, supply = map(float, values[1:])
+    share, per_volt = energy_numbers(capacitance, window, supply, dt)
+    if not slow_enough(share):
         raise CompensationError(
             f'the window of the energy limit is too short: {limits.window:g} s is less than '
             f'eleven samples of {dt:g} s'
         )
-    return limits.power, share, 0.5 * limits.capacitance * limits.supply / dt
+    return limits.power, share, per_volt
+
+
+@jit
+def energy_numbers(
+    capacitance: float, window: float, supply: float, dt: float
+) -> tuple[float, float]:
+    """Return the share of a tick in the mean, and the power of a volt in a tick [W/V]."""
+    return dt / window, 0.5 * capacitance * supply / dt
+
+
+@jit
+def slow_enough(share: float) -> bool:
+    """Tell whether the mean lasts long enough for the bound of `largest_change` to hold."""
+    return bool(share * (1.0 + 1.0 / TAPER) <= 1.0)
 
 
 @jit

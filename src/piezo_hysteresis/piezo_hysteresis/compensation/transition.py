@@ -14,6 +14,10 @@ from piezo_hysteresis.numerics.smooth import STEEPEST, smooth_step
 # ticks so far, how long it takes [s], the last output and whether there was one.
 PENDING, BUMP, _ELAPSED, _LENGTH, LAST, _BEGUN = range(6)
 FADE_SIZE = 6
+# Places in the memory of a cross-fade: ticks so far (-1 for none), the share before it, the last
+# share and whether there was one.
+_TICKS, _BEFORE, _SHARE, _SHARED = range(4)
+CROSS_SIZE = 4
 
 
 @jit
@@ -46,6 +50,64 @@ def begin_fade(memory: FloatArray) -> None:
 def forget_fade(memory: FloatArray) -> None:
     """Forget the last output and any change under way."""
     memory[PENDING] = memory[BUMP] = memory[_BEGUN] = 0.0
+
+
+@jit
+def cross_fade(raw: float, memory: FloatArray, dt: float, duration: float) -> float:
+    """Return the share of this tick [V]: the old one fades out while `raw` fades in."""
+    share = raw
+    if memory[_TICKS] >= 0.0:
+        done = memory[_TICKS] * dt / max(duration, dt)
+        share = memory[_BEFORE] + smooth_step(done)[0] * (raw - memory[_BEFORE])
+        memory[_TICKS] = -1.0 if done >= 1.0 else memory[_TICKS] + 1.0
+    memory[_SHARE], memory[_SHARED] = share, 1.0
+    return share
+
+
+@jit
+def begin_cross(memory: FloatArray) -> None:
+    """Make the next share begin where the last one was, if there was one."""
+    if memory[_SHARED] > 0.0:
+        memory[_BEFORE], memory[_TICKS] = memory[_SHARE], 0.0
+
+
+@jit
+def forget_cross(memory: FloatArray) -> None:
+    """Forget the last share and any change under way."""
+    memory[_TICKS], memory[_SHARED] = -1.0, 0.0
+
+
+class CrossFade:
+    """Fades the old share out and the new one in.
+
+    A law that learns from the measurement answers wildly at first. It so begins with no weight,
+    where `Transition` would pass its first answers on.
+
+    Parameters
+    ----------
+    dt : float
+        Sampling interval [s].
+    duration : float
+        Seconds that a change takes [s].
+    """
+
+    def __init__(self, dt: float, duration: float) -> None:
+        self._dt = float(dt)
+        self._duration = float(duration)
+        self._memory = np.zeros(CROSS_SIZE)
+        forget_cross(self._memory)
+
+    def start(self) -> None:
+        """Make the next output begin where the last one was, if there was one."""
+        begin_cross(self._memory)
+
+    def retune(self, duration: float, _slew: float) -> None:
+        """Change how long a change takes [s]; the slew is left to the limiter behind."""
+        self._duration = float(duration)
+
+    def apply(self, raw: float) -> float:
+        """Return the share for this tick [V]; `raw` is what the law in charge wants."""
+        return cross_fade(float(raw), self._memory, self._dt, self._duration)
 
 
 class Transition:

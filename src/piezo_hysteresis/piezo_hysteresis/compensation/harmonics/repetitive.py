@@ -9,7 +9,20 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
-from piezo_hysteresis.compensation.sensor import SensorWatch
+from piezo_hysteresis.compensation.sensor import (
+    DISPLACEMENT,
+    FREQUENCY,
+    POINT_SIZE,
+    READ_DISPLACEMENT,
+    READ_SIZE,
+    SAMPLE,
+    WATCH_SIZE,
+    SensorWatch,
+    frozen_ticks,
+    partner_of,
+    write_point,
+    write_read,
+)
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
 
@@ -48,6 +61,13 @@ class RepetitiveSettings:
             raise CompensationError('lead_ticks must be 0 or more, lowest_frequency positive')
 
 
+# Places in the settings; the learning filter comes last.
+DT, FROZEN, LEARNING, LEAD, LOWEST, _FILTER = range(6)
+# Places in the memory, behind that of the watch: the last two errors that went through the
+# learning filter and what it answered, then two rings of the same size: what was learned, and the
+# filtered errors.
+_PAST, _RINGS = WATCH_SIZE, WATCH_SIZE + 4
+
 # Zero-phase low-pass that is flat up to a fifth of the Nyquist frequency and 0 at it: what the
 # learning filter does not invert must not be repeated for ever.
 _TAPS = (-0.0625, 0.25, 0.625, 0.25, -0.0625)
@@ -77,6 +97,50 @@ def _recall(memory: FloatArray, newest: int, back: float) -> float:
     return total
 
 
+@jit
+def forget_repetitive(memory: FloatArray) -> None:
+    """Forget what was learned; the watch over the sensor is forgotten apart."""
+    for k in range(_PAST, memory.size):
+        memory[k] = 0.0
+
+
+@jit
+def _filtered(error: float, past: FloatArray, b: FloatArray) -> float:
+    """Pass an error [m] through the learning filter; answers [V]."""
+    value: float = b[0] * error + b[1] * past[0] + b[2] * past[1] - b[3] * past[2] - b[4] * past[3]
+    past[1], past[3] = past[0], past[2]
+    past[0], past[2] = error, value
+    return value
+
+
+@jit
+def repeat(
+    point: FloatArray, read: FloatArray, received: float, memory: FloatArray, settings: FloatArray
+) -> float:
+    """Return `received` plus what was learned [V]."""
+    size = (memory.size - _RINGS) // 2
+    learned, errors = memory[_RINGS : _RINGS + size], memory[_RINGS + size :]
+    tick, frequency = int(point[SAMPLE]), point[FREQUENCY]
+    place = partner_of(point, read, memory, settings[FROZEN])
+    errors[tick % size] = 0.0
+    if place >= 0:
+        errors[int(memory[place + SAMPLE]) % size] = _filtered(
+            memory[place + DISPLACEMENT] - read[READ_DISPLACEMENT],
+            memory[_PAST:_RINGS],
+            settings[_FILTER:],
+        )
+    voltage = 0.0
+    if frequency >= settings[LOWEST]:
+        half = 0.5 / (frequency * settings[DT])
+        if half > 2 * _REACH:
+            lead = min(settings[LEAD], half - _REACH - 1.0)
+            before = _recall(learned, tick, half)
+            error = _recall(errors, tick, half - lead)
+            voltage = -(before + settings[LEARNING] * error)
+    learned[tick % size] = voltage
+    return received + voltage
+
+
 class OddRepetitive:
     """Learns the odd harmonics of the voltage over half periods of the reference.
 
@@ -93,36 +157,21 @@ class OddRepetitive:
     """
 
     def __init__(self, settings: RepetitiveSettings, dt: float) -> None:
-        self._settings = settings
-        self._dt = dt
-        self._size = int(0.5 / (settings.lowest_frequency * dt)) + 16
-        self._filter = _mode_cancelling(settings, dt)
-        self._sensor = SensorWatch(dt)
-        self._clear()
+        s, self.dt = settings, float(dt)
+        own = (self.dt, frozen_ticks(dt), s.learning, s.lead_ticks, s.lowest_frequency)
+        #: Settings and learning filter, as the kernel reads them.
+        self.numbers = np.array([*own, *_mode_cancelling(s, dt)], dtype=np.float64)
+        self.memory = np.zeros(_RINGS + 2 * (int(0.5 / (s.lowest_frequency * dt)) + 16))
+        self._sensor = SensorWatch(dt, memory=self.memory)
+        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
         """Return `received` plus what was learned [V]."""
-        s = self._settings
-        tick = point.sample
-        pair = self._sensor.pair(point, measured)
-        self._errors[tick % self._size] = 0.0
-        if pair is not None:
-            partner, displacement = pair
-            self._errors[partner.sample % self._size] = self._filtered(
-                partner.displacement - displacement
-            )
-        learned = 0.0
-        if point.frequency >= s.lowest_frequency:
-            half = 0.5 / (point.frequency * self._dt)
-            if half > 2 * _REACH:
-                lead = min(s.lead_ticks, half - _REACH - 1.0)
-                before = _recall(self._learned, tick, half)
-                error = _recall(self._errors, tick, half - lead)
-                learned = -(before + s.learning * error)
-        self._learned[tick % self._size] = learned
-        return received + learned
+        write_point(self._point, point)
+        write_read(self._read, measured)
+        return repeat(self._point, self._read, float(received), self.memory, self.numbers)
 
     def counters(self) -> dict[str, int]:
         """Return what the watch over the sensor counted."""
@@ -131,20 +180,7 @@ class OddRepetitive:
     def reset(self) -> None:
         """Forget what was learned."""
         self._sensor.reset()
-        self._clear()
-
-    def _clear(self) -> None:
-        self._learned: FloatArray = np.zeros(self._size)
-        self._errors: FloatArray = np.zeros(self._size)
-        self._past = [0.0, 0.0, 0.0, 0.0]
-
-    def _filtered(self, error: float) -> float:
-        """Pass an error [m] through the learning filter; answers [V]."""
-        b0, b1, b2, a1, a2 = self._filter
-        e1, e2, v1, v2 = self._past
-        value = b0 * error + b1 * e1 + b2 * e2 - a1 * v1 - a2 * v2
-        self._past = [error, e1, value, v1]
-        return value
+        forget_repetitive(self.memory)
 
 
 def _mode_cancelling(

@@ -2,22 +2,80 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 
-from piezo_hysteresis.compensation.base import Limits, Link, Measured, ReferencePoint
-from piezo_hysteresis.compensation.transition import Transition
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.inverses import base
+from piezo_hysteresis.compensation.inverses.base import InverseLink, Run
+from piezo_hysteresis.compensation.sensor import FREQUENCY, POINT_SIZE, write_point
+from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
+
+# Places in the memory: whether the fast one is in charge (-1 before the first tick), the changes
+# so far; then that of a change.
+_FAST, SWITCHES, _FADING = range(3)
+SWITCH_SIZE = _FADING + FADE_SIZE
+
+# Places in the settings.
+DT, BORDER, DURATION, SLEW = range(4)
+
+
+@jit
+def forget_switch(memory: FloatArray) -> None:
+    """Forget which one is in charge, and every change."""
+    memory[_FAST], memory[SWITCHES] = -1.0, 0.0
+    forget_fade(memory[_FADING:])
+
+
+@jit
+def choose(
+    slow: float, fast: float, received: float, frequency: float,
+    memory: FloatArray, settings: FloatArray,
+) -> float:  # fmt: skip
+    """Return the voltage of the one in charge [V]; a change goes over smoothly."""
+    now = 1.0 if frequency > settings[BORDER] else 0.0
+    changing = memory[_FADING:]
+    if memory[_FAST] >= 0.0 and now != memory[_FAST]:
+        memory[SWITCHES] += 1.0
+        begin_fade(changing)
+    memory[_FAST] = now
+    share = (fast if now > 0.0 else slow) - received
+    return received + fade(share, changing, settings[DT], settings[DURATION], settings[SLEW])
+
+
+@functools.cache
+def stepping(slow: Run, fast: Run) -> Callable[..., float]:
+    """Return the kernel for two inverses: their memories, settings and numbers, slow first."""
+    step_slow, step_fast = base.stepping(slow), base.stepping(fast)
+
+    @jit
+    def step(
+        point: FloatArray, received: float, memory: FloatArray, settings: FloatArray,
+        slow_memory: FloatArray, slow_settings: FloatArray, slow_p: FloatArray,
+        fast_memory: FloatArray, fast_settings: FloatArray, fast_p: FloatArray,
+    ) -> float:  # fmt: skip
+        slow_voltage = step_slow(point, received, slow_memory, slow_settings, slow_p)
+        fast_voltage = step_fast(point, received, fast_memory, fast_settings, fast_p)
+        return choose(slow_voltage, fast_voltage, received, point[FREQUENCY], memory, settings)
+
+    return step
 
 
 class FrequencySwitch:
-    """A link that passes on what one of two links answers, by the frequency of the reference.
+    """A link that passes on what one of two inverses answers, by the frequency of the reference.
 
     Both run all the time, so that the hysteresis of either has the whole history; a change of the
     one in charge goes over along a smooth step.
 
     Parameters
     ----------
-    slow, fast : Link
+    slow, fast : InverseLink
         In charge up to `frequency`, and above it.
     frequency : float
         Of the fundamental of the reference [Hz]; 1 in the paper.
@@ -36,8 +94,8 @@ class FrequencySwitch:
 
     def __init__(
         self,
-        slow: Link,
-        fast: Link,
+        slow: InverseLink,
+        fast: InverseLink,
         frequency: float,
         dt: float,
         *,
@@ -48,33 +106,32 @@ class FrequencySwitch:
             raise CompensationError(
                 f'the frequency of the switch must be positive, got {frequency:g} Hz'
             )
-        self._links = slow, fast
-        self._frequency = frequency
-        self._transition = Transition(dt, transition, math.inf if limits is None else limits.slew)
-        self._fast: bool | None = None
-        self._switches = 0
+        self.slow, self.fast = slow, fast
+        slew = math.inf if limits is None else limits.slew
+        self.settings = np.array([dt, frequency, transition, slew], dtype=np.float64)
+        self._memory, self._point = np.zeros(SWITCH_SIZE), np.zeros(POINT_SIZE)
+        self._step = stepping(slow.run, fast.run)
+        forget_switch(self._memory)
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
         """Return what the link in charge passes on [V]; both take part."""
-        slow, fast = (link.step(point, received, measured) for link in self._links)
-        now = point.frequency > self._frequency
-        if self._fast is not None and now != self._fast:
-            self._switches += 1
-            self._transition.start()
-        self._fast = now
-        return received + self._transition.apply((fast if now else slow) - received)
+        write_point(self._point, point)
+        slow, fast = self.slow, self.fast
+        return self._step(
+            self._point, float(received), self._memory, self.settings,
+            slow.memory, slow.settings, slow.packed, fast.memory, fast.settings, fast.packed,
+        )  # fmt: skip
 
     def counters(self) -> dict[str, int]:
         """Return the changes so far and the counters of both links."""
-        slow, fast = (link.counters() for link in self._links)
+        slow, fast = self.slow.counters(), self.fast.counters()
         both = {name: slow.get(name, 0) + fast.get(name, 0) for name in {**slow, **fast}}
-        return {'switches': self._switches, **both}
+        return {'switches': int(self._memory[SWITCHES]), **both}
 
     def reset(self) -> None:
         """Reset both links."""
-        for link in self._links:
-            link.reset()
-        self._transition.reset()
-        self._fast, self._switches = None, 0
+        self.slow.reset()
+        self.fast.reset()
+        forget_switch(self._memory)

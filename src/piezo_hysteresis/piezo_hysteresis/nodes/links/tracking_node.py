@@ -11,10 +11,10 @@ from piezo_common import topics
 from piezo_common.order import SequenceFilter
 from piezo_common.table import ParameterTable, Value
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
-from piezo_hysteresis.runtime.crossfade import CrossFade
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common.flat import nanoseconds_of_head
