@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.parallel import side_by_side
 from piezo_hysteresis.compensation.base import INVERSES, Limits
+from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback import hinf
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
@@ -22,8 +23,10 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.loop import closed_loop
 from piezo_hysteresis.compensation.model_plant import ModelPlant
@@ -31,6 +34,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.export.compensator import compensator_of
 from piezo_hysteresis.export.doors import compensator_doors, plant_doors
 from piezo_hysteresis.export.fields import of_model
+from piezo_hysteresis.export.more_sections import frequency_section, repetitive_section
 from piezo_hysteresis.export.native import object_code
 from piezo_hysteresis.export.plant import plant_of
 from piezo_hysteresis.export.sections import (
@@ -42,6 +46,7 @@ from piezo_hysteresis.export.sections import (
 )
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.waveforms import Sine
+from piezo_hysteresis.waveforms.base import Samples
 
 DT, MARK = 1e-3, 7.0
 LIMITS = Limits(-1.2, 1.2, 2000.0)
@@ -144,7 +149,22 @@ LAWS = {
     'pid': lambda: Pid(GAINS, DT, limits=LIMITS),
     'fuzzy_pid': lambda: FuzzyPid(GAINS, FuzzyRules(5e-6, 1e-3, 50.0, 1e4), DT, limits=LIMITS),
     'h_infinity': h_infinity,
+    'h_infinity with little power': h_infinity,
+    'repetitive': lambda: OddRepetitive(RepetitiveSettings(115e-6, 68.0, 0.015), DT),
+    'slow and fast': lambda: slow_and_fast('classical', 'bouc_wen_mode'),
+    'slow and fast, plays and numeric': lambda: slow_and_fast(
+        'prandtl_ishlinskii', '+'.join(CHAINS[0])
+    ),
 }
+ENERGY = {'h_infinity with little power': EnergyLimits(1e-9, 1e-6, 0.05, 2.4)}
+# Above the first, below the second half of a run where they differ.
+BORDER = 31.0
+
+
+def slow_and_fast(slow, fast):
+    models = (MODELS[name] for name in (slow, fast))
+    links = (inverse_for(model, values_of(model), DT, limits=LIMITS) for model in models)
+    return FrequencySwitch(*links, BORDER, DT, limits=LIMITS)
 
 
 def attenuation(**chosen):
@@ -178,17 +198,23 @@ for _name, _model, _law in inverses():
 @functools.cache
 def loops():
     """Return every law before a limiter, and all of them as one library."""
-    found = {}
+    found, nothing = {}, of_model(Model('', ()), np.zeros(0), ())
     for name, build in LAWS.items():
         link = build()
         if isinstance(link, InverseLink):
-            section = inverse_section(link, of_model(Model('', ()), np.zeros(0), ()))
+            section = inverse_section(link, nothing)
         elif isinstance(link, HarmonicAttenuation):
             section = attenuation_section(link)
+        elif isinstance(link, OddRepetitive):
+            section = repetitive_section(link)
+        elif isinstance(link, FrequencySwitch):
+            section = frequency_section(link, nothing, nothing)
         else:
             section = feedback_section(link)
         sections = (section, limiter_section(LIMITS, DT))
-        found[name] = compensator_of(sections, limits_fields(LIMITS), DT, MARK)
+        found[name] = compensator_of(
+            sections, limits_fields(LIMITS, ENERGY.get(name, EnergyLimits())), DT, MARK
+        )
     doors = [
         door
         for k, loop in enumerate(found.values())
@@ -196,6 +222,13 @@ def loops():
         if door.name.endswith(('step', 'init'))
     ]
     return found, library(doors)
+
+
+def in_turn(*waves):
+    """Return the samples of waveforms of 450 ticks each, one after another."""
+    parts = [wave.sample(np.arange(450) * DT) for wave in waves]
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return Samples(*(np.concatenate(rows) for rows in columns))
 
 
 @pytest.mark.parametrize('name', LAWS)
@@ -208,12 +241,16 @@ def loops():
 def test_a_law_has_the_same_bits(name, seed, frequency, amplitude):
     found, library_of_all = loops()
     place, loop = list(found).index(name), found[name]
-    samples = Sine(amplitude, frequency, 0.9, ramp=0.3).sample(np.arange(900) * DT)
+    samples = in_turn(*(Sine(amplitude, f, 0.45, ramp=0.15) for f in (frequency, 62 - frequency)))
     model = named('bouc_wen_mode')
     plant = ModelPlant(model, model.defaults(), DT, noise=1e-8, seed=seed % 1000)
     with np.errstate(all='ignore'):
-        run = closed_loop(samples, [LAWS[name]()], plant, LIMITS, DT)
+        run = closed_loop(samples, [LAWS[name]()], plant, LIMITS, DT, ENERGY.get(name))
     memory, numbers = np.full(loop.size, np.nan), np.array([f.value for f in loop.fields])
+    if name in ENERGY:
+        assert run.counters['limiter']['energy_limited'] > 0
+    if 'slow' in name:
+        assert run.counters['0_FrequencySwitch']['switches'] == 1
     assert getattr(library_of_all, f'c{place}_init')(at(memory), at(numbers)) == 0
     step, given_in, voltage = getattr(library_of_all, f'c{place}_step'), np.zeros(7), np.zeros(1)
     answers = np.empty(900)

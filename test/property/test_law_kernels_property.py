@@ -15,8 +15,9 @@ from piezo_hysteresis.compensation.harmonics.repetitive import (
 from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.sensor import SensorWatch
-from piezo_hysteresis.compensation.transition import CrossFade, Transition, smooth_step
+from piezo_hysteresis.compensation.transition import CrossFade, Transition
 from piezo_hysteresis.models import named
+from piezo_hysteresis.numerics.smooth import smooth_step
 
 DT = 1e-3
 LIMITS = Limits(-1.2, 1.2, 200.0)

@@ -120,6 +120,14 @@ def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
     assert mine['with fuzzy PID'] < 0.95 * own['with fuzzy PID']  # all of the integral, always
 
 
+def test_repetitive_control_is_an_attenuation_too(files, tmp_path):
+    rms, _ = study(files, tmp_path, '--attenuation', 'repetitive', reference=REFERENCE)
+    # the mean stays, and the even orders
+    assert rms['with attenuation'] < 0.5 * rms['feedforward']
+    slower = ('--attenuation', 'repetitive', '--attenuation-set', 'learning=0.01')
+    assert study(files, tmp_path, *slower)[0] != study(files, tmp_path, *slower[:2])[0]
+
+
 def test_attenuation_and_feedback_may_act_together(files, tmp_path):
     rms, _ = study(
         files, tmp_path, '--orders', '0', '1', '3', '--pid', '0', '2e3', '0', '--together'
@@ -224,6 +232,9 @@ def test_a_plant_that_ends_is_told_of(tmp_path):
         ('--attenuation-set orders=3', 'no setting of the attenuation'),
         ('--law tatebatake2017', 'inverts bouc_wen and autoregressive'),
         ('--slow-model PLANT --switch 0', 'must be positive'),
+        ('--attenuation repetitive --orders 3', 'leave --orders out'),
+        ('--attenuation repetitive --resonance 68', 'belongs to --attenuation afc'),
+        ('--attenuation repetitive --attenuation-set gain=3', 'no setting of repetitive'),
     ],
 )
 def test_what_cannot_be_is_one_line(words, says, files, tmp_path, capsys):

@@ -14,15 +14,19 @@ from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import Pid
 from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.compensation.harmonics.settings import METHODS, AttenuationSettings
+from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
-from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile
 
-ATTENUATIONS = (*METHODS, 'none')
+REPETITIVE = 'repetitive'
+ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
 DEFAULT = AttenuationSettings()
 FEEDBACKS = ('none', 'pid', 'fuzzy_pid', 'h_infinity')
 _NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
@@ -56,6 +60,15 @@ class Feedback:
     def name(self) -> str:
         """What people call it."""
         return _NAMES[self.kind]
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """What a user chooses of repetitive control, see `RepetitiveSettings`."""
+
+    learning: float = RepetitiveSettings.learning
+    lead_ticks: float = RepetitiveSettings.lead_ticks
+    lowest_frequency: float = RepetitiveSettings.lowest_frequency
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -121,7 +134,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--together', action='store_true', help='one more run, with attenuation and feedback')
 
 
-def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
+def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | Repetition | None:
     """Return the settings of the attenuation, None where there shall be none.
 
     Raises
@@ -131,6 +144,8 @@ def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
     """
     if arguments.attenuation == 'none':
         return None
+    if arguments.attenuation == REPETITIVE:
+        return _repetition(arguments)
     kinds = get_type_hints(AttenuationSettings)
     known = [f.name for f in fields(AttenuationSettings)]
     more = _settings(arguments.attenuation_set, known[3:], 'the attenuation')
@@ -140,6 +155,18 @@ def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
         resonance=arguments.resonance,
         **{name: _number(name, v) if kinds[name] is float else v for name, v in more.items()},  # type: ignore[arg-type]
     )
+
+
+def _repetition(arguments: argparse.Namespace) -> Repetition:
+    if arguments.resonance:
+        raise CompensationError('--resonance belongs to --attenuation afc')
+    if list(arguments.orders) != list(DEFAULT.orders):
+        raise CompensationError(
+            '--attenuation repetitive takes every odd order; leave --orders out'
+        )
+    known = [each.name for each in fields(Repetition)]
+    more = _settings(arguments.attenuation_set, known, 'repetitive control')
+    return Repetition(**{name: _number(name, value) for name, value in more.items()})
 
 
 def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
@@ -247,6 +274,16 @@ class Builder:
         """Return the gain of the model for small tones."""
         return model_gain(self.model.model, self.model.values, self.dt, self.amplitude)
 
+    def mode_gain(self) -> ModeGain:
+        """Return it as the nodes have it: a mode and a delay."""
+        values = self.model.model.unpack(self.model.packed)
+        gain, delay = abs(self.gain()(0.0)), values.get('delay', 0.0)
+        k1, k2 = structure_coefficients(values)
+        if k2 == 0.0:
+            return ModeGain(gain, 0.0, 1.0, self.dt, delay)
+        frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
+        return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), self.dt, delay)
+
     def straight(self) -> Link:
         """Return no compensation: the reference divided by the gain."""
         return self._inverse(self.model, 'gain')
@@ -259,7 +296,7 @@ class Builder:
         slow = self._inverse(self.slow, self.law)
         return FrequencySwitch(slow, fast, self.switch, self.dt, limits=self.limits)
 
-    def _inverse(self, loaded: ModelFile, law: str) -> Link:
+    def _inverse(self, loaded: ModelFile, law: str) -> InverseLink:
         return inverse_for(
             loaded.model,
             loaded.values,
@@ -269,9 +306,17 @@ class Builder:
             law=law,
         )
 
-    def attenuation(self, settings: AttenuationSettings) -> Link:
+    def attenuation(self, settings: AttenuationSettings | Repetition) -> Link:
         """Return the attenuation of harmonics."""
+        if isinstance(settings, Repetition):
+            return self.repetitive(settings)
         return HarmonicAttenuation(settings, self.gain(), self.dt)
+
+    def repetitive(self, settings: Repetition) -> Link:
+        """Return repetitive control with the gain and the mode of the model."""
+        mode = self.mode_gain()
+        plant = (mode.gain, mode.natural_frequency, mode.damping_ratio)
+        return OddRepetitive(RepetitiveSettings(*plant, **vars(settings)), self.dt)
 
     def feedback(self, asked: Feedback) -> Link:
         """Return the law on the error.
@@ -290,7 +335,6 @@ class Builder:
 
     def _h_infinity(self, weights: Mapping[str, Any], given: TransferFunction | None) -> Link:
         from piezo_hysteresis.compensation.feedback import hinf
-        from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 
         k1, k2 = structure_coefficients(self.model.model.unpack(self.model.packed))
         if given is not None:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import yaml
 
-from piezo_hysteresis.cli.compensate_links import Builder, Feedback
+from piezo_hysteresis.cli.compensate_links import Builder, Feedback, Repetition
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
 from piezo_hysteresis.compensation.inverses.reach import require_reachable
@@ -48,7 +48,7 @@ class Study:
     waveform: Waveform
     dt: float
     limits: Limits
-    attenuation: AttenuationSettings | None
+    attenuation: AttenuationSettings | Repetition | None
     feedback: Feedback | None
     together: bool
     noise: float

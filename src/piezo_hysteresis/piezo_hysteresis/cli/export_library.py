@@ -8,13 +8,12 @@ import re
 from collections.abc import Sequence
 
 from piezo_hysteresis.cli import compensate_links as chain
-from piezo_hysteresis.cli.compensate_links import Builder
+from piezo_hysteresis.cli.compensate_links import Builder, Repetition
 from piezo_hysteresis.compensation.base import Limits, Link
+from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 from piezo_hysteresis.compensation.inverses.reach import reach_of
-from piezo_hysteresis.compensation.limiter import require_limits
-from piezo_hysteresis.compensation.linear_gain import ModeGain
+from piezo_hysteresis.compensation.limiter import packed_limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder, write_folder
@@ -39,6 +38,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[-1.2, 1.2, 2000.0],
         help='of the voltage [V], [V], [V/s] (-1.2 1.2 2000); they cannot be switched off',
     )
+    add(
+        '--energy',
+        type=float,
+        nargs=3,
+        metavar=('WATT', 'FARAD', 'SECONDS'),
+        help='largest mean power of the amplifier, capacitance, time of the mean (no limit)',
+    )
     add('--target', default=TARGETS[0], metavar='TARGET', help=f'one of {", ".join(TARGETS)}')
     add('--name', default='piezo', help='of the library and of everything in it (piezo)')
     add('--frequency', type=float, default=23.0, help='of the sine of the example [Hz] (23)')
@@ -58,16 +64,18 @@ def run(arguments: argparse.Namespace) -> int:
     rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
     _require_numbers(arguments, rate)
     limits = Limits(*arguments.limits)
-    require_limits(limits)
     dt = 1.0 / rate
+    energy = _energy(arguments, limits, dt)
+    packed_limits(limits, dt, energy)
     reach = reach_of(model.model, model.values, dt, limits)
-    build = Builder(model, None, arguments.law, arguments.switch, dt, limits)
+    slow = None if arguments.slow_model is None else ModelFile.load(arguments.slow_model)
+    build = Builder(model, slow, arguments.law, arguments.switch, dt, limits)
     gain = abs(build.gain()(0.0))
     centre = 0.5 * (limits.low + limits.high)
     drive = Drive(arguments.frequency, _SHARE * reach.half, reach.middle, gain, centre)
     asked = Request(
-        arguments.name, model, lambda: _links(arguments, build, gain), limits, dt,
-        arguments.target, drive,
+        arguments.name, model, lambda: _links(arguments, build), limits, energy, dt,
+        arguments.target, drive, slow,
     )  # fmt: skip
     files = files_of(asked)
     write_folder(arguments.out, files, 'export')
@@ -77,28 +85,27 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _links(arguments: argparse.Namespace, build: Builder, gain: float) -> Sequence[Link]:
+def _energy(arguments: argparse.Namespace, limits: Limits, dt: float) -> EnergyLimits:
+    """Return the limit of the mean power; its supply is the range of the voltage, as in nodes."""
+    # without a limit its window is only to be long enough for one
+    power, capacitance, window = arguments.energy or (0.0, 1e-6, max(1.0, 20.0 * dt))
+    return EnergyLimits(power, capacitance, window, limits.high - limits.low)
+
+
+def _links(arguments: argparse.Namespace, build: Builder) -> Sequence[Link]:
     """Return the chain that the words ask for, at rest."""
     if arguments.only:
         return []
-    links = [build.inverse()]
+    links: list[Link] = [build.inverse()]
     settings = chain.attenuation_of(arguments)
-    if settings is not None:
-        links.append(HarmonicAttenuation(settings, _mode_gain(build, gain), build.dt))
+    if isinstance(settings, Repetition):
+        links.append(build.repetitive(settings))
+    elif settings is not None:
+        links.append(HarmonicAttenuation(settings, build.mode_gain(), build.dt))
     feedback = chain.feedback_of(arguments)
     if feedback is not None:
         links.append(build.feedback(feedback))
     return links
-
-
-def _mode_gain(build: Builder, gain: float) -> ModeGain:
-    """Return the gain that attenuation begins with, as the node has it: a mode and a delay."""
-    values = build.model.model.unpack(build.model.packed)
-    k1, k2 = structure_coefficients(values)
-    if k2 == 0.0:
-        return ModeGain(gain, 0.0, 1.0, build.dt, values.get('delay', 0.0))
-    frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
-    return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), build.dt, values.get('delay', 0.0))
 
 
 def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
@@ -113,7 +120,3 @@ def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
         )
     if not _WORD.fullmatch(arguments.name):
         raise CompensationError(f'{arguments.name!r} is no name in C; give letters and digits')
-    if arguments.slow_model is not None:
-        raise CompensationError(
-            'the switch between a slow and a fast model is not exported; leave --slow-model out'
-        )

@@ -10,6 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits, Link, Measured, ReferencePoint
+from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.errors import CompensationError
@@ -102,6 +103,7 @@ def closed_loop(
     plant: LoopPlant,
     limits: Limits,
     dt: float,
+    energy: EnergyLimits | None = None,
 ) -> LoopResult:
     """Run the chain of links on a plant, tick by tick.
 
@@ -121,6 +123,8 @@ def closed_loop(
         Range and slew of the command.
     dt : float
         Sampling interval [s].
+    energy : EnergyLimits, optional
+        Mean power of the command; without one there is no limit.
 
     Raises
     ------
@@ -130,7 +134,7 @@ def closed_loop(
     points = list(reference_points(reference) if isinstance(reference, Samples) else reference)
     if not points:
         raise CompensationError('the reference is empty; give at least one sample')
-    limiter = Limiter(limits, dt)
+    limiter = Limiter(limits, dt, energy=energy)
     n = len(points)
     voltage, displacement = np.empty(n), np.empty(n)
     shares = np.empty((len(links), n))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.energy import slow_enough
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE
 from piezo_hysteresis.compensation.sensor import POINT_SIZE, READ_SIZE
+from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.fields import IMPOSSIBLE, OK, UNBEGUN, Field, checking
 from piezo_hysteresis.export.sections import Section
 from piezo_hysteresis.jit import leaf, scratch
@@ -25,50 +27,29 @@ INPUT_SIZE = 7
 
 # What a step tells, as bits.
 REFERENCE_REFUSED, NOT_USED, OUT_OF_RANGE, SLEW_LIMITED, NOT_FINITE = 1, 2, 4, 8, 16
+ENERGY_LIMITED = 32
+
+# Places of the limits, which are the first fields of the struct.
+LOW, HIGH, SLEW, POWER, CAPACITANCE, WINDOW = range(6)
+LIMITS = 6
 
 # As in `condition`: no actuator moves so far or so fast.
 _ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 
-class Compensator(NamedTuple):
-    """What the library needs of a chain.
-
-    Attributes
-    ----------
-    step : callable
-        ``step(s, x, voltage)``: one tick; answers the bits above.
-    begin, change : callable
-        ``begin(s, values)`` and ``change(s, values)``: 0, or why not.
-    reset : callable
-        ``reset(s)``.
-    size : int
-        Numbers in the state.
-    fields : tuple of Field
-        What may be set.
-    rows : tuple of (str, int)
-        Sections of the state and their sizes.
-    """
-
-    step: Callable[[FloatArray, FloatArray, FloatArray], int]
-    begin: Callable[[FloatArray, FloatArray], int]
-    change: Callable[[FloatArray, FloatArray], int]
-    reset: Callable[[FloatArray], int]
-    size: int
-    fields: tuple[Field, ...]
-    rows: tuple[tuple[str, int], ...]
-
-
 def compensator_of(
     sections: Sequence[Section], limits: Sequence[Field], dt: float, mark: float
-) -> Compensator:
+) -> Component:
     """Return the chain of `sections`, of which the last is the limiter.
+
+    Its ``step(s, x, voltage)`` answers the bits above.
 
     Parameters
     ----------
     sections : sequence of Section
         First to last.
     limits : sequence of Field
-        Low, high, slew; the first fields of the struct.
+        As `limits_fields` answers them; the first fields of the struct.
     dt : float
         Sampling interval [s].
     mark : float
@@ -87,12 +68,11 @@ def compensator_of(
         size, place = end, last
     rest = fields[0].value, fields[1].value
     safe = min(max(0.0, rest[0]), rest[1])
-    check = checking(fields)
-    count = len(fields)
-    return Compensator(
+    judge = _judging(fields, dt)
+    return Component(
         _stepping(step, size, 0.5 / dt, mark, safe),
-        _beginning(check, reset, take, sections, size, count, mark),
-        _changing(check, take, size, count, mark),
+        _beginning(judge, reset, take, sections, size, mark),
+        _changing(judge, take, mark),
         _resetting(reset, mark),
         size,
         fields,
@@ -153,6 +133,22 @@ def _taking(
     return both
 
 
+def _judging(fields: Sequence[Field], dt: float) -> Callable[[FloatArray], int]:
+    """Return what tells whether values can be taken at all: 0, or why not."""
+    check = checking(fields)
+
+    @leaf
+    def judge(values: FloatArray) -> int:
+        code = check(values)
+        if code == OK and not values[LOW] < values[HIGH]:
+            code = IMPOSSIBLE
+        if code == OK and not slow_enough(dt / values[WINDOW]):
+            code = IMPOSSIBLE
+        return int(code)
+
+    return judge
+
+
 def _stepping(
     chain: Any, size: int, nyquist: float, mark: float, safe: float
 ) -> Callable[[FloatArray, FloatArray, FloatArray], int]:
@@ -182,6 +178,7 @@ def _stepping(
             read[2] = np.nan
             code |= NOT_USED
         out, slowed, refused = s[counts + 1], s[counts + 2], s[counts]
+        spared = s[counts + 3]
         given = chain(point, read, 0.0, s)
         if s[counts] != refused:
             code |= NOT_FINITE
@@ -189,6 +186,8 @@ def _stepping(
             code |= OUT_OF_RANGE
         if s[counts + 2] != slowed:
             code |= SLEW_LIMITED
+        if s[counts + 3] != spared:
+            code |= ENERGY_LIMITED
         s[_TICK], s[_VOLTAGE] = tick + 1.0, given
         voltage[0] = given
         return code
@@ -197,9 +196,8 @@ def _stepping(
 
 
 def _beginning(
-    check: Any, reset: Any, take: Any, sections: Sequence[Section], size: int, count: int,
-    mark: float,
-) -> Callable[[FloatArray, FloatArray], int]:  # fmt: skip
+    judge: Any, reset: Any, take: Any, sections: Sequence[Section], size: int, mark: float
+) -> Callable[[FloatArray, FloatArray], int]:
     """Return what begins a state; the packed numbers of every section are copied."""
     copies = [np.trim_zeros(np.concatenate([section.start, [0.0]]), 'b') for section in sections]
     starts = np.cumsum([HEAD, *(section.start.size for section in sections)])[:-1]
@@ -212,16 +210,14 @@ def _beginning(
     @leaf
     def begin(s: FloatArray, values: FloatArray) -> int:
         s[_MARK] = 0.0
-        code = check(values)
-        if code == OK and not values[0] < values[1]:
-            code = IMPOSSIBLE
+        code = judge(values)
         if code != OK:
             return int(code)
         for k in range(size):
             s[k] = 0.0
         for k in range(total):
             s[places[k]] = numbers[k]
-        code = take(values, values[:3], s, True)
+        code = take(values, values[:LIMITS], s, True)
         if code != OK:
             return int(code)
         reset(s)
@@ -231,19 +227,15 @@ def _beginning(
     return begin
 
 
-def _changing(
-    check: Any, take: Any, size: int, count: int, mark: float
-) -> Callable[[FloatArray, FloatArray], int]:
+def _changing(judge: Any, take: Any, mark: float) -> Callable[[FloatArray, FloatArray], int]:
     @leaf
     def change(s: FloatArray, values: FloatArray) -> int:
         if s[_MARK] != mark:
             return UNBEGUN
-        code = check(values)
-        if code == OK and not values[0] < values[1]:
-            code = IMPOSSIBLE
+        code = judge(values)
         if code != OK:
             return int(code)
-        return int(take(values, values[:3], s, False))
+        return int(take(values, values[:LIMITS], s, False))
 
     return change
 

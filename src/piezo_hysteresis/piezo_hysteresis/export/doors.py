@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numba import carray
 
-from piezo_hysteresis.export.compensator import INPUT_SIZE, Compensator
+from piezo_hysteresis.export.compensator import INPUT_SIZE
+from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.fields import Field
 from piezo_hysteresis.export.native import Entry
-from piezo_hysteresis.export.plant import Plant
 from piezo_hysteresis.jit import leaf
 
 
-def compensator_doors(name: str, chain: Compensator) -> list[Entry]:
+def compensator_doors(name: str, chain: Component) -> list[Entry]:
     """Return the functions of a chain under the name of the library."""
     run, size = chain.step, chain.size
 
@@ -26,7 +26,7 @@ def compensator_doors(name: str, chain: Compensator) -> list[Entry]:
     return [Entry(f'{name}_step', step, 'ppp'), *_common(name, chain)]
 
 
-def plant_doors(name: str, plant: Plant) -> list[Entry]:
+def plant_doors(name: str, plant: Component) -> list[Entry]:
     """Return the functions of a free run under the name of the library."""
     run, size = plant.step, plant.size
 
@@ -37,7 +37,7 @@ def plant_doors(name: str, plant: Plant) -> list[Entry]:
     return [Entry(f'{name}_step', step, 'pdp'), *_common(name, plant)]
 
 
-def _common(name: str, part: Compensator | Plant) -> list[Entry]:
+def _common(name: str, part: Component) -> list[Entry]:
     begin, change, forget, size = part.begin, part.change, part.reset, part.size
     count = len(part.fields)
 

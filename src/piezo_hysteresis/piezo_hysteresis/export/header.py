@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from piezo_hysteresis.export.compensator import Compensator
+from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.fields import Field
-from piezo_hysteresis.export.plant import Plant
 from piezo_hysteresis.export.programs import template
 
 
@@ -46,7 +45,7 @@ class About:
     links: str
 
 
-def header(about: About, chain: Compensator | None, plant: Plant) -> str:
+def header(about: About, chain: Component | None, plant: Component) -> str:
     """Return the text of the header."""
     n, whole = about.name, f'{about.name}_plant'
     words = {

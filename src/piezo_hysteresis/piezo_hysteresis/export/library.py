@@ -12,19 +12,24 @@ from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between
 from piezo_hysteresis.compensation.base import Limits, Link
+from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback.base import FeedbackLink
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive
 from piezo_hysteresis.compensation.inverses.base import InverseLink
+from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.loop import closed_loop
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.export.archive import archive
 from piezo_hysteresis.export.build_files import cmake, makefile
-from piezo_hysteresis.export.compensator import Compensator, compensator_of
+from piezo_hysteresis.export.compensator import compensator_of
+from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.doors import compensator_doors, plant_doors
 from piezo_hysteresis.export.fields import of_model
 from piezo_hysteresis.export.header import About, header
+from piezo_hysteresis.export.more_sections import frequency_section, repetitive_section
 from piezo_hysteresis.export.native import ExportError, known_target, object_code
-from piezo_hysteresis.export.plant import Plant, plant_of
+from piezo_hysteresis.export.plant import plant_of
 from piezo_hysteresis.export.programs import Drive, bench, example, plant_test, selftest
 from piezo_hysteresis.export.sections import (
     Section,
@@ -54,7 +59,7 @@ class Request:
         Plant, and what is inverted.
     links : callable
         Answers the chain at rest, first to last; none for the plant alone.
-    limits : Limits
+    limits, energy : Limits, EnergyLimits
         Of the voltage.
     dt : float
         Sampling interval [s].
@@ -62,15 +67,19 @@ class Request:
         One of `TARGETS`.
     drive : Drive
         Sine of the example and the vectors.
+    slow : ModelFile or None
+        What is inverted for slow drives, where it is another model.
     """
 
     name: str
     model: ModelFile
     links: Callable[[], Sequence[Link]]
     limits: Limits
+    energy: EnergyLimits
     dt: float
     target: str
     drive: Drive
+    slow: ModelFile | None = None
 
 
 def files_of(asked: Request) -> dict[str, bytes | str]:
@@ -82,9 +91,13 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
         If the target is unknown, a link has no kernel, or the model does not know the rate.
     """
     known_target(asked.target)
-    require_rate(asked.model, asked.dt)
-    text = asked.model.text()
-    digest = hashlib.sha256(text.encode()).hexdigest()
+    texts = {'model.yaml': asked.model.text()}
+    if asked.slow is not None:
+        texts['slow_model.yaml'] = asked.slow.text()
+    for each in (asked.model, asked.slow):
+        if each is not None:
+            require_rate(each, asked.dt)
+    digest = hashlib.sha256(''.join(texts.values()).encode()).hexdigest()
     model, packed, name = asked.model.model, asked.model.packed, asked.name
     links = list(asked.links())
     mark = float(int(digest[:12], 16) + 1)
@@ -93,7 +106,8 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
     doors = plant_doors(f'{name}_plant', plant)
     if links:
         sections = _sections(asked, links, packed)
-        chain = compensator_of(sections, limits_fields(asked.limits), asked.dt, mark)
+        limits = limits_fields(asked.limits, asked.energy)
+        chain = compensator_of(sections, limits, asked.dt, mark)
         doors = [*compensator_doors(name, chain), *doors]
         kinds = ', '.join(each.name for each in sections)
     about = About(
@@ -107,7 +121,7 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
         f'lib{name}.a': archive('piezo.o', code, [door.name for door in doors]),
         'Makefile': makefile(name, bool(links)),
         'CMakeLists.txt': cmake(name, __version__, bool(links)),
-        'model.yaml': text,
+        **texts,
         'vectors.h': _vectors(asked, links),
         **_programs(asked, links, plant, chain),
     }
@@ -137,6 +151,11 @@ def _sections(asked: Request, links: Sequence[Link], packed: FloatArray) -> list
     for link in links:
         if isinstance(link, InverseLink) and not found:
             found.append(inverse_section(link, fields))
+        elif isinstance(link, FrequencySwitch) and asked.slow is not None and not found:
+            slow = of_model(asked.slow.model, asked.slow.packed, ())
+            found.append(frequency_section(link, slow, fields))
+        elif isinstance(link, OddRepetitive):
+            found.append(switched(repetitive_section(link), asked.dt))
         elif isinstance(link, HarmonicAttenuation):
             found.append(switched(attenuation_section(link), asked.dt))
         elif isinstance(link, FeedbackLink):
@@ -156,7 +175,7 @@ def _vectors(asked: Request, links: Sequence[Link]) -> str:
     samples = sine.sample(time)
     plant = ModelPlant(asked.model.model, asked.model.values, asked.dt)
     if links:
-        run = closed_loop(samples, links, plant, limits, asked.dt)
+        run = closed_loop(samples, links, plant, limits, asked.dt, asked.energy)
         voltage, displacement = run.voltage, run.displacement
     else:
         voltage = drive.centre + (samples.value - drive.middle) / drive.gain
@@ -182,7 +201,7 @@ def _vectors(asked: Request, links: Sequence[Link]) -> str:
 
 
 def _programs(
-    asked: Request, links: Sequence[Link], plant: Plant, chain: Compensator | None
+    asked: Request, links: Sequence[Link], plant: Component, chain: Component | None
 ) -> dict[str, str]:
     stroke = 2.0 * asked.drive.amplitude
     if chain is None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.export.compensator import NOT_FINITE
+from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.fields import OK, UNBEGUN, Field, checking, of_model
 from piezo_hysteresis.export.pieces import in_series, piece_of
 from piezo_hysteresis.jit import leaf, scratch
@@ -25,42 +26,17 @@ _FREQUENCY = Field(
 )  # fmt: skip
 
 
-class Plant(NamedTuple):
-    """What the library needs of a model's free run.
+def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Component:
+    """Return the free run of `model` at one sampling interval [s].
 
-    Attributes
-    ----------
-    step : callable
-        ``step(s, voltage, displacement)``: one tick; 0, or 16 where the voltage was no number and
-        the last one was held.
-    begin, change : callable
-        ``begin(s, values)`` and ``change(s, values)``: 0, or why not.
-    reset : callable
-        ``reset(s)``.
-    size : int
-        Numbers in the state.
-    fields : tuple of Field
-        What may be set.
-    rows : tuple of (str, int)
-        Sections of the state and their sizes.
+    Its ``step(s, voltage, displacement)`` answers 0, or 16 where the voltage was no number and the
+    last one was held.
     """
-
-    step: Callable[[FloatArray, float, FloatArray], int]
-    begin: Callable[[FloatArray, FloatArray], int]
-    change: Callable[[FloatArray, FloatArray], int]
-    reset: Callable[[FloatArray], int]
-    size: int
-    fields: tuple[Field, ...]
-    rows: tuple[tuple[str, int], ...]
-
-
-def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Plant:
-    """Return the free run of `model` at one sampling interval [s]."""
     whole = in_series([piece_of(stage, packed, dt) for stage in model.stages])
     fields = (_FREQUENCY, *of_model(model, packed, whole.live))
     values, states = len(fields), whole.start.size
     first = HEAD + values
-    return Plant(
+    return Component(
         _stepping(whole.run, first, states, mark),
         *_changing(fields, whole.start, first, mark),
         first + states,

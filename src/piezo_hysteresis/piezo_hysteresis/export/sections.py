@@ -2,12 +2,14 @@
 
 A section is made from the very link that runs in Python: its packed numbers are what the C library
 begins with. ``step(point, read, received, s)`` answers what it passes on, ``reset(s)`` forgets,
-and ``take(values, limits, s, first)`` takes the values of its fields and the limits (low, high,
-slew) over and answers 0 or why not, in which case everything stays as it was.
+and ``take(values, limits, s, first)`` takes the values of its fields and the limits (as
+`limits_fields` orders them) over and answers 0 or why not, in which case everything
+stays as it was.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +17,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.energy import EnergyLimits, energy_numbers
 from piezo_hysteresis.compensation.feedback import base as feedback
 from piezo_hysteresis.compensation.feedback.base import FeedbackLink, forget_link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid
@@ -38,6 +41,9 @@ from piezo_hysteresis.compensation.limiter import (
     HIGH,
     LIMITER_SIZE,
     LOW,
+    PER_VOLT,
+    POWER,
+    SHARE,
     STEP,
     VOLTAGE,
     limit,
@@ -45,13 +51,16 @@ from piezo_hysteresis.compensation.limiter import (
 )
 from piezo_hysteresis.compensation.sensor import forget_watch
 from piezo_hysteresis.compensation.transition import (
+    CROSS_SIZE,
+    begin_cross,
     begin_fade,
+    cross_fade,
+    forget_cross,
     forget_fade,
 )
 from piezo_hysteresis.export.fields import OK, Field, of_table
 from piezo_hysteresis.export.inverse_numbers import numbers_of
 from piezo_hysteresis.jit import leaf, scratch
-from piezo_hysteresis.numerics.smooth import smooth_step
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 
 # Time over which a link that is switched goes over [s].
@@ -86,10 +95,14 @@ class Section:
     fields: tuple[Field, ...]
 
 
-def limits_fields(limits: Limits) -> tuple[Field, ...]:
+def limits_fields(limits: Limits, energy: EnergyLimits) -> tuple[Field, ...]:
     """Return the fields of the limits, which every section is told."""
-    rows = (('low', limits.low), ('high', limits.high), ('slew', limits.slew))
-    return tuple(of_table(FEEDFORWARD, f'limits.{name}', value) for name, value in rows)
+    rows = (
+        ('limits.low', limits.low), ('limits.high', limits.high), ('limits.slew', limits.slew),
+        ('energy_limit', energy.power), ('capacitance', energy.capacitance),
+        ('energy_window', energy.window),
+    )  # fmt: skip
+    return tuple(of_table(FEEDFORWARD, name, value) for name, value in rows)
 
 
 def limiter_section(limits: Limits, dt: float) -> Section:
@@ -109,7 +122,8 @@ def limiter_section(limits: Limits, dt: float) -> Section:
 
     @leaf
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
-        s[LOW], s[HIGH], s[STEP] = bounds[0], bounds[1], bounds[2] * dt
+        s[LOW], s[HIGH], s[STEP], s[POWER] = bounds[0], bounds[1], bounds[2] * dt, bounds[3]
+        s[SHARE], s[PER_VOLT] = energy_numbers(bounds[4], bounds[5], bounds[1] - bounds[0], dt)
         return OK
 
     start = np.concatenate([numbers, np.zeros(LIMITER_SIZE)])
@@ -273,25 +287,23 @@ def switched(section: Section, dt: float) -> Section:
     While nothing changes, it passes on exactly what the section does.
     """
     inner_step, inner_reset, inner_take = section.step, section.reset, section.take
-    # whether it is on, ticks of a change so far (-1 for none), share before it, last share
-    head = 4
+    # whether it is on, then the change
+    head = 1 + CROSS_SIZE
 
     @leaf
     def step(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
         given = received
         if s[0] > 0.0:
             given = inner_step(point, read, received, s[head:])
-        if s[1] >= 0.0:
-            done = s[1] * dt / max(_SWITCHING, dt)
-            share = s[2] + smooth_step(done)[0] * (given - received - s[2])
-            s[1] = -1.0 if done >= 1.0 else s[1] + 1.0
-            given = received + share
-        s[3] = given - received
-        return given
+        share = given - received
+        if not math.isfinite(share):  # refused by the limiter, and nothing to go over from later
+            return given
+        faded = cross_fade(share, s[1:head], dt, _SWITCHING)
+        return given if faded == share else received + faded
 
     @leaf
     def reset(s: FloatArray) -> None:
-        s[1], s[2], s[3] = -1.0, 0.0, 0.0
+        forget_cross(s[1:head])
         inner_reset(s[head:])
 
     @leaf
@@ -301,7 +313,7 @@ def switched(section: Section, dt: float) -> Section:
         if code == OK and on != s[0]:
             s[0] = on
             if not first:
-                s[1], s[2] = 0.0, s[3]
+                begin_cross(s[1:head])
                 if on > 0.0:
                     inner_reset(s[head:])
         return code
