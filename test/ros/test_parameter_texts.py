@@ -37,7 +37,7 @@ def context() -> Iterator[rclpy.Context]:
 def new_node(context: rclpy.Context, *given: str) -> tuple[Node, NodeParameters]:
     words = ['--ros-args', *(word for each in given for word in ('-p', each))] if given else []
     node = Node('texts', context=context, cli_args=words, start_parameter_services=False)
-    return node, NodeParameters(node, TABLE, lambda _: None)
+    return node, NodeParameters(node, TABLE)
 
 
 def typed(node: Node, name: str, text: str) -> str:

@@ -77,7 +77,7 @@ def test_real_time(processes: NodeProcesses, listener: Listener) -> None:
     listener.until(lambda: states[-1].voltage == 0.25)
     taken = states[-1].sample
     listener.until(lambda: status and status[-1].sample > taken)
-    known = dict(zip(status[-1].names.split(','), status[-1].counts, strict=True))
+    known = dict(zip(status[-1].names, status[-1].counts, strict=True))
     assert status[-1].late >= 1
     assert status[-1].doubled == 1
     assert status[-1].refused == 1

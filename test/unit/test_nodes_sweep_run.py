@@ -28,7 +28,7 @@ class Recorder:
     def tell(self) -> None:
         if not self.deaf:
             counts = {'written': 0, **self.taken.counts()}
-            self.known.hear(','.join(counts), list(counts.values()))
+            self.known.receive(list(counts), list(counts.values()))
 
 
 class World:
@@ -261,7 +261,7 @@ def test_samples_without_a_gap_are_known_by_their_ends() -> None:
 
     def hear() -> None:
         counts = taken.counts()
-        known.hear(','.join(counts), list(counts.values()))
+        known.receive(list(counts), list(counts.values()))
 
     hear()
     assert known.takes

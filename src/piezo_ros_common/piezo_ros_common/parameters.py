@@ -46,17 +46,15 @@ class _Group:
 class NodeParameters:
     """The parameters of a node: declared from a table, judged on merged values, then applied.
 
+    A node asks `serve` to call it as soon as it has what its callbacks use; before, the table
+    alone judges.
+
     Parameters
     ----------
     node : rclpy node
         Whose parameters they are.
     table : ParameterTable
         What there is and what is allowed.
-    apply : callable
-        Gets the accepted changes ``{name: value}``, after they are stored.
-    refuse : callable, optional
-        Gets the changes that the table allows and returns '' or a reason to refuse them all;
-        must change nothing.
 
     Raises
     ------
@@ -64,16 +62,37 @@ class NodeParameters:
         If a value of a parameter file is not allowed; the reason has been logged.
     """
 
-    def __init__(
-        self, node: Node, table: ParameterTable, apply: Apply, refuse: Refuse | None = None
-    ) -> None:
+    def __init__(self, node: Node, table: ParameterTable) -> None:
         self._node = node
         self._groups: list[_Group] = []
         self.values: dict[str, Value] = {}
-        self.extend(table, apply, refuse)
+        self.extend(table, lambda _: None)
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._accept)
+
+    def serve(self, apply: Apply, refuse: Refuse | None = None) -> None:
+        """Let the node judge the values of its table now, and call it from now on.
+
+        Parameters
+        ----------
+        apply : callable
+            Gets the accepted changes ``{name: value}``, after they are stored.
+        refuse : callable, optional
+            Gets the changes that the table allows and returns '' or a reason to refuse them all;
+            must change nothing.
+
+        Raises
+        ------
+        SystemExit
+            If the node refuses the values that it was started with.
+        """
+        table = self._groups[0].table
+        own = {spec.name: self.values[spec.name] for spec in table.specs}
+        reason = '' if refuse is None else refuse(own)
+        if reason:
+            self._give_up(reason)
+        self._groups[0] = _Group(table, apply, refuse)
 
     def extend(self, table: ParameterTable, apply: Apply, refuse: Refuse | None = None) -> None:
         """Declare further rows, for parts that are known only once the node runs."""

@@ -36,7 +36,7 @@ class DiscoveryNode(Node):
 
     def __init__(self) -> None:
         super().__init__('discovery')
-        self._params = NodeParameters(self, DISCOVERY, lambda _: None)
+        self._params = NodeParameters(self, DISCOVERY)
         self._busy = False
         self._at = ''
         self._problem = ''

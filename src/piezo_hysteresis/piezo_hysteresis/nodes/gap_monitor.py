@@ -47,7 +47,8 @@ class GapMonitorNode(Node):
         self._watch = CounterWatch(SENTENCES)
         self._monitor: GapMonitor | None = None
         self._loaded: ModelFile | None = None
-        self._params = NodeParameters(self, GAP_MONITOR, self._apply)
+        self._params = NodeParameters(self, GAP_MONITOR)
+        self._params.serve(self._apply)
         self._stamps = StampValidator(1.0 / self._params.number('rate'))
         self._model_parameters = ModelParameters(self._params)
         self._message = Gap()

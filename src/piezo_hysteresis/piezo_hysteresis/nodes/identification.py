@@ -54,14 +54,15 @@ class IdentificationNode(Node):
         Diagnostics(self, self._judge)
         self._received = 0
         self._marked = 0
-        self._params = NodeParameters(self, IDENTIFICATION, self._apply, self._refuse)
+        self._params = NodeParameters(self, IDENTIFICATION)
+        self._params.serve(self._apply, self._refuse)
         value = self._params
         self._course = RecordSegmenter(
             self._new_method(), value.number('rate'), value.flag('only_records')
         )
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
-        self._status = LoopStatus(names='taken,marked', counts=[0, 0])
+        self._status = LoopStatus(names=['taken', 'marked'], counts=[0, 0])
         self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
         self._status_publisher.publish(self._status)
         # Before the states: a marker that waits beside them is taken first.
@@ -135,9 +136,8 @@ class IdentificationNode(Node):
         self._publisher.publish(message)
 
     def _refuse(self, changes: dict[str, Value]) -> str:
-        known = self._params.values if hasattr(self, '_params') else {}
         try:
-            new_method({**known, **changes})
+            new_method({**self._params.values, **changes})
         except PiezoError as error:
             return str(error)
         return ''

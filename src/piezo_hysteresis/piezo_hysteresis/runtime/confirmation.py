@@ -73,7 +73,7 @@ class Progress:
     ----------
     counts : mapping of str to int
         By name.
-    heard : bool
+    received : bool
         Whether it has reported anything at all.
     first : int
         Samples that it had taken when counting began.
@@ -83,9 +83,9 @@ class Progress:
     received: bool = False
     first: int = 0
 
-    def hear(self, names: str, values: Collection[int]) -> None:
+    def receive(self, names: Collection[str], values: Collection[int]) -> None:
         """Take in the `names` and `values` of a status."""
-        self.counts = dict(zip(names.split(','), map(int, values), strict=False))
+        self.counts = dict(zip(names, map(int, values), strict=False))
         self.received = True
 
     @property

@@ -53,7 +53,8 @@ class Simulator(Node):
         self._warned = self._refuses = False
         self._newest_command = -1
         self._table = simulator_table()
-        self._params = NodeParameters(self, self._table, self._apply, self._refuse)
+        self._params = NodeParameters(self, self._table)
+        self._params.serve(self._apply, self._refuse)
         value = self._params
         self._rate = value.number('rate')
         self._stamps = StampValidator(1.0 / self._rate)
@@ -204,7 +205,7 @@ class Simulator(Node):
         status = LoopStatus(sample=self._tick, low=self._book.low, high=self._book.high)
         for name in ('late', 'missed', 'refused', 'doubled'):
             setattr(status, name, counts.pop(name))
-        status.names, status.counts = ','.join(counts), list(counts.values())
+        status.names, status.counts = list(counts), list(counts.values())
         if now > self._status_time:
             status.rate = (self._tick - self._status_tick) / (now - self._status_time)
         self._status_tick, self._status_time = self._tick, now
@@ -213,10 +214,9 @@ class Simulator(Node):
     # --- parameters and services ---------------------------------------------------------------
 
     def _refuse(self, changes: dict[str, Value]) -> str:
-        known = self._params.values if hasattr(self, '_params') else {}
         try:
             if 'preset' in changes:
-                _plant({**known, **changes})
+                _plant({**self._params.values, **changes})
         except SimulationError as error:
             return str(error)
         return ''

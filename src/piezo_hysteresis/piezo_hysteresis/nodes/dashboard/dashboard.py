@@ -72,7 +72,7 @@ class Dashboard(Node):
 
     def __init__(self) -> None:
         super().__init__('dashboard')
-        self._params = NodeParameters(self, DASHBOARD, lambda _: None)
+        self._params = NodeParameters(self, DASHBOARD)
         self._folder = Path(self._params.text('folder')).expanduser()
         self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._due: list[tuple[float, Callable[[], None]]] = []

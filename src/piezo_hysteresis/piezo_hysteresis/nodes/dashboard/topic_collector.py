@@ -160,8 +160,8 @@ class TopicCollector:
         counts = {
             key: getattr(m, key) for key in ('late', 'missed', 'refused', 'limited', 'doubled')
         }
-        named = zip(m.names.split(','), m.counts, strict=False)
-        counts |= {key: count for key, count in named if key and key not in PLACES}
+        named = zip(m.names, m.counts, strict=False)
+        counts |= {key: count for key, count in named if key not in PLACES}
         self._live.counters[name] = Counters(self._live.clock(), m.sample, m.rate, counts)
 
 

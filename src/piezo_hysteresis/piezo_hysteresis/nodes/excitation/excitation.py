@@ -72,7 +72,7 @@ class Excitation(Node):
         self._ready = False
         self._last: tuple[Publisher, bytes] | None = None
         self._received = time.monotonic()
-        self._params = NodeParameters(self, EXCITATION, self._apply, self._refuse)
+        self._params = NodeParameters(self, EXCITATION)
         self._rate = self._params.number('rate')
         # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
         self._intake = SequenceFilter(anew=False)
@@ -87,10 +87,7 @@ class Excitation(Node):
         self._sweeps = SweepServer(
             self, self._params, self._neighbours, self._begin, self._answer, self._times.edge_at
         )
-        reason = self._refuse({})
-        if reason:
-            self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
-            raise SystemExit(2)
+        self._params.serve(self._apply, self._refuse)
         self._health = ExcitationHealth()
         Diagnostics(self, self._judge)
         wall_timer(self, 0.5, self._watch)
@@ -248,8 +245,6 @@ class Excitation(Node):
         return waveform_of(values['waveform'], wanted, options, self._params.number('rate'))
 
     def _refuse(self, changes: dict[str, Value]) -> str:
-        if not hasattr(self, '_sweeps'):
-            return ''
         if changes.get('mode', 'idle') != 'idle' and self._sweeps.busy:
             return 'mode: a sweep is running; cancel it first'
         try:

@@ -42,7 +42,7 @@ class SweepAudience:
         Who of them starts or compiles.
     edge_at : callable
         Returns the time at which a tick begins for whoever reads the states of the actuator [ns].
-    heard : callable
+    received : callable
         Called when one of them has told how far it is.
     """
 

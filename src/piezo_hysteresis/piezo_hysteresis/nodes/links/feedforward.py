@@ -83,7 +83,7 @@ class Feedforward(LinkNode):
 
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return '' or why the loaded model has no inverse by another law."""
-        if 'law' in changes and hasattr(self, '_inversion'):
+        if 'law' in changes:
             return self._inversion.refusal(str(changes['law']))
         return ''
 

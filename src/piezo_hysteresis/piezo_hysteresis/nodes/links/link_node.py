@@ -75,7 +75,7 @@ class LinkNode(LifecycleNode):
         self._said: tuple[bytes, int, float] | None = None
         self._next: Callable[[bytes, int, float], None] | None = None
         self._alarms: set[str] = set()
-        self.parameters = NodeParameters(self, table, self.apply, self.refuse)
+        self.parameters = NodeParameters(self, table)
         value = self.parameters.number
         self.dt = 1.0 / value('rate')
         self.stamps = StampValidator(self.dt)
@@ -94,7 +94,8 @@ class LinkNode(LifecycleNode):
         return Node.create_publisher(self, kind, topic, qos)
 
     def autostart(self) -> None:
-        """Configure and activate, where the parameter says so; call at the end of __init__."""
+        """Serve parameters, and activate where they say so; call at the end of __init__."""
+        self.parameters.serve(self.apply, self.refuse)
         if self.parameters.flag('autostart'):
             self.trigger_configure()
             self.trigger_activate()
@@ -286,7 +287,7 @@ class LinkNode(LifecycleNode):
         status.refused = counts['refused'] + counts['strays']
         status.doubled = counts['doubled'] + counts['reordered']
         status.limited = sum(self._limiter.counters().values())
-        status.names = ','.join(counts)
+        status.names = list(counts)
         status.counts = list(counts.values())
         self._status_publisher.publish(status)
         alarms = {name for name in ALARMS if counts.get(name)}

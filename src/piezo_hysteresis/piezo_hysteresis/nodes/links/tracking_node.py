@@ -118,8 +118,7 @@ class TrackingNode(LinkNode):
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return '' or why there is no such law."""
         try:
-            if hasattr(self, 'parameters'):
-                self.build(changes)
+            self.build(changes)
         except PiezoError as error:
             return str(error)
         return ''
@@ -239,7 +238,7 @@ class TrackingNode(LinkNode):
     # --- forgetting ----------------------------------------------------------------------------
 
     def _become(self, active: bool) -> None:
-        if active and not self.active and hasattr(self, 'law') and self.law is not None:
+        if active and not self.active and self.law is not None:
             self.law.reset()
         super()._become(active)
 

@@ -62,7 +62,7 @@ class PlayerNode(Node):
         self._neighbours = Neighbours(self, everywhere=True)
         self.stop = Future()
         self.exit_code = 0
-        self._params = NodeParameters(self, PLAYER, lambda _: None)
+        self._params = NodeParameters(self, PLAYER)
         self._lock_step = self._params.flag('lock_step')
         try:
             self._player = self._open()

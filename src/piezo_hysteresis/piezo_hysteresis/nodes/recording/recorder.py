@@ -49,7 +49,7 @@ class RecorderNode(Node):
         super().__init__('recorder')
         Diagnostics(self, self._judge)
         self._report = RecorderReport(self)
-        self._params = NodeParameters(self, RECORDER, lambda _: None)
+        self._params = NodeParameters(self, RECORDER)
         out = self._params.text('out')
         if not out:
             self._give_up('give the bag to create: -p out:=FOLDER')

@@ -78,5 +78,5 @@ class RecorderReport:
         self._reported = list(taken.values())
         counts |= taken
         message = LoopStatus(sample=status.written, missed=status.dropped)
-        message.names, message.counts = ','.join(counts), list(counts.values())
+        message.names, message.counts = list(counts), list(counts.values())
         self._publisher.publish(message)

@@ -32,7 +32,7 @@ class Reports:
         That looks.
     topic : str
         What they take in.
-    heard : callable
+    received : callable
         Called after each status, by the executor of the node.
 
     Attributes
@@ -92,7 +92,7 @@ class Reports:
         known = self.progress[name] = Progress()
 
         def on_status(message: LoopStatus) -> None:
-            known.hear(message.names, message.counts)
+            known.receive(message.names, message.counts)
             self._received()
 
         self._subscriptions[name] = self._node.create_subscription(
