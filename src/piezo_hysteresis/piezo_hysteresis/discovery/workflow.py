@@ -13,7 +13,6 @@ from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import Progress
-from piezo_hysteresis.discovery.selection.search import Found
 from piezo_hysteresis.discovery.selection.start import Searching, find
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.tell import tell
@@ -103,10 +102,10 @@ def discover(
     coverage = check(known)
     data = split(known, how.choices.start)
     progress(0.02, 'checked, split and noise measured')
-    base, found = find(data, baseline, how, progress)
-    progress(0.95, 'proving on held-out records')
-    found, proof = _proven(found)
-    verdict = tell(coverage, base, found, proof, name or base.joint.model.name, seed)
+    base, outcome = find(data, baseline, how, progress)
+    found = outcome.found
+    proof = prove(found.evaluator.data, outcome.before, outcome.after)
+    verdict = tell(coverage, base, outcome, proof, name or base.joint.model.name, seed)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         found.evaluator.data,
@@ -118,12 +117,3 @@ def discover(
         coverage,
         baseline if isinstance(baseline, ModelFile) else None,
     )
-
-
-def _proven(found: Found) -> tuple[Found, Proof]:
-    """Return the end of a search without what is worse on records that it has not seen."""
-    proof = prove(found.evaluator.data, found.start, found.final)
-    if not found.steps or proof.after_in_floors <= proof.before_in_floors:
-        return found, proof
-    nothing = replace(found, steps=(), final=found.start)
-    return nothing, prove(found.evaluator.data, found.start, found.start)

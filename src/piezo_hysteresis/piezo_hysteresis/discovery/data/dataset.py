@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of
 from piezo_hysteresis.identification.periods import period_of
@@ -203,9 +202,3 @@ def _fastest(view: Target) -> int:
     """Return the number of samples until the input has once moved as fast as it ever does."""
     speed = np.abs(np.diff(view.voltage, prepend=view.voltage[0]))
     return int(np.argmax(speed >= ALMOST * speed.max())) + 1
-
-
-def errors_rms(errors: Sequence[FloatArray]) -> float:
-    """Return the rms over all samples of several arrays."""
-    count = sum(e.size for e in errors)
-    return float(np.sqrt(sum(float(e @ e) for e in errors) / max(count, 1)))

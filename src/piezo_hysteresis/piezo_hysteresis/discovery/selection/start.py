@@ -15,6 +15,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
 from piezo_hysteresis.discovery.selection.held import HeldEvaluator
+from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
@@ -52,8 +53,8 @@ class Searching:
 
 def find(
     data: Dataset, given: Model | ModelFile, how: Searching, progress: Progress
-) -> tuple[Baselines, Found]:
-    """Find what a baseline lacks, in the view that suits what is known of it.
+) -> tuple[Baselines, Outcome]:
+    """Find what a baseline lacks, in the view that suits what is known of it, and judge that.
 
     What the user knows is a prior: a free refit would hide the effect in wrong values. So the
     values of a file that says what it misses are held.
@@ -64,15 +65,20 @@ def find(
         If the baseline cannot be fitted to the records at all, or the policy is impossible.
     """
     if isinstance(given, ModelFile) and given.discrepancy is not None:
-        found = _find_held(data, given, how, progress)
-        nominal = found.evaluator.judged(found.start)
-        return Baselines(nominal, None, nominal), found
+        held = _find_held(data, given, how, progress)
+        nominal = held.evaluator.judged(held.start)
+        return Baselines(nominal, None, nominal), _judged(held, progress)
     policy = how.policy(POLICY)
     base, seen = fitted_baselines(data, given, how.choices)
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
     evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints)
-    return base, search(evaluator, base.joint, progress)
+    return base, _judged(search(evaluator, base.joint, progress), progress)
+
+
+def _judged(found: Found, progress: Progress) -> Outcome:
+    progress(0.95, 'proving on held-out records')
+    return outcome_of(found)
 
 
 def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progress) -> Found:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.data.dataset import Dataset, errors_rms
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
+from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.identification.targets import Target
 
 
@@ -61,20 +61,18 @@ class Proof:
 
 
 def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
-    """Judge two models on the held-out views."""
-    views = data.held_out
-    judged_before, judged_after = judged_on(before, views), judged_on(after, views)
-    old, new = judged_before.errors, judged_after.errors
-    rows = [_row(v, a, b) for v, a, b in zip(views, old, new, strict=True)]
+    """Return the proof of two models that were judged on the held-out views."""
+    old, new = before.errors, after.errors
+    rows = [_row(v, a, b) for v, a, b in zip(data.held_out, old, new, strict=True)]
     limit = 10.0 * data.span
     stable = all(bool(np.all(np.abs(e) < limit)) for e in new)
     ordered = sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record))
     return Proof(
         tuple(ordered),
-        errors_rms(old),
-        errors_rms(new),
-        judged_before.floors,
-        judged_after.floors,
+        before.rms,
+        after.rms,
+        before.floors,
+        after.floors,
         stable,
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import Baselines
-from piezo_hysteresis.discovery.selection.search import Found
+from piezo_hysteresis.discovery.selection.outcome import Outcome
 from piezo_hysteresis.discovery.verdict.advise import advise
 from piezo_hysteresis.discovery.verdict.describe import describe
 from piezo_hysteresis.discovery.verdict.locate import places
@@ -21,7 +21,7 @@ _MOST_PLACES = 20
 
 
 def tell(
-    coverage: Check, base: Baselines, found: Found, proof: Proof, name: str, seed: int
+    coverage: Check, base: Baselines, outcome: Outcome, proof: Proof, name: str, seed: int
 ) -> Verdict:
     """Return the verdict on a search.
 
@@ -31,8 +31,8 @@ def tell(
         What the records can tell.
     base : Baselines
         The versions of the model before.
-    found : Found
-        What the search ended with.
+    outcome : Outcome
+        What the search came to.
     proof : Proof
         Before and after on held-out records.
     name : str
@@ -40,9 +40,9 @@ def tell(
     seed : int
         Of the search.
     """
-    evaluator, final = found.evaluator, found.final
-    data, floor = evaluator.data, evaluator.floor
-    left = evaluator.remainder(final, found.start)
+    found, left = outcome.found, outcome.remainder
+    final = found.final
+    data, floor = found.evaluator.data, found.evaluator.floor
     seen = left.fit.errors
     description = describe(data, left.views, seen, floor) if left.significant else left.note
     word = rules.verdict_word(len(found.steps), left.significant)
@@ -57,7 +57,7 @@ def tell(
             final,
             data.records,
             floor,
-            evaluator.certainty(proof.before_in_floors, proof.after_in_floors),
+            outcome.certainty,
         ),
         verdict=word,
         unexplained=Unexplained(left.significant, description),
