@@ -29,10 +29,10 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
 from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
+from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms import Sequence as Parts
 from piezo_hysteresis.waveforms import Sine
 

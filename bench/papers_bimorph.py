@@ -15,7 +15,6 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
 from piezo_hysteresis.compensation.harmonics.rls import rls_update
 from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
@@ -25,6 +24,7 @@ from piezo_hysteresis.compensation.loop import LoopResult
 from piezo_hysteresis.identification import OnlineRls, RlsSettings
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
+from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms import Sine
 
 DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS

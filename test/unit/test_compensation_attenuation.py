@@ -19,7 +19,6 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
 )
 from piezo_hysteresis.compensation.harmonics.lines import (
     folded,
-    line_amplitudes,
     resonant_orders,
     separable_orders,
 )
@@ -33,6 +32,7 @@ from piezo_hysteresis.compensation.loop import (
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
+from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.parameters.links import ATTENUATION
 from piezo_hysteresis.waveforms import Sine
 from piezo_hysteresis.waveforms.base import Samples

@@ -1,1 +1,1 @@
-"""How kernels are compiled, where their machine code is kept, and who is told; knows no ROS."""
+"""How kernels are compiled, where their machine code is kept, and who is told."""

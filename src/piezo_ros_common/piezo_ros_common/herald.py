@@ -1,4 +1,4 @@
-"""Says that a process works while its executor does not run; knows no ROS.
+"""Says that a process works while its executor does not run.
 
 A node that compiles its kernels cannot answer anybody: the compilation fills the thread that
 serves it. Another thread says meanwhile what it is at, so that whoever waits for the node knows.

@@ -1,4 +1,4 @@
-"""Who else starts or compiles at this moment; knows no ROS."""
+"""Who else starts or compiles at this moment."""
 
 from __future__ import annotations
 

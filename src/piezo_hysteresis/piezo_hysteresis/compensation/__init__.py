@@ -1,1 +1,1 @@
-"""Inverses, harmonic attenuation, feedback laws and limits; knows no ROS."""
+"""Inverses, harmonic attenuation, feedback laws and limits."""

@@ -11,9 +11,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits, Link, Measured, ReferencePoint
 from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.harmonics.lines import line_amplitudes
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms.base import Samples
 
 

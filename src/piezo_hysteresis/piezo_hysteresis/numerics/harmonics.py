@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 HIGHEST_ORDER = 12
@@ -37,12 +39,41 @@ def harmonics(
     """
     highest = min(HIGHEST_ORDER, int(_BELOW_NYQUIST / (frequency * dt)))
     orders = list(range(highest + 1))
-    phase = 2.0 * np.pi * frequency * dt * np.arange(signal.size)
+    phase: FloatArray = 2.0 * np.pi * frequency * dt * np.arange(signal.size)
+    mean, phasors, left = lines_and_rest(signal, phase, orders[1:])
+    return orders, np.concatenate([[mean], phasors]), float(np.sqrt(np.mean(left**2)))
+
+
+def line_amplitudes(
+    signal: FloatArray, phase: FloatArray, orders: Sequence[int]
+) -> tuple[float, ComplexArray]:
+    """Return mean and complex amplitudes of a signal, see `lines_and_rest`."""
+    return lines_and_rest(signal, phase, orders)[:2]
+
+
+def lines_and_rest(
+    signal: FloatArray, phase: FloatArray, orders: Sequence[int]
+) -> tuple[float, ComplexArray, FloatArray]:
+    """Fit mean and complex amplitudes of `orders` to `signal` by least squares.
+
+    Parameters
+    ----------
+    signal, phase : ndarray, shape (n,)
+        Signal and accumulated phase of its fundamental [rad].
+    orders : sequence of int
+        Orders above 0.
+
+    Returns
+    -------
+    mean : float
+    phasors : ndarray of complex, shape (len(orders),)
+        E such that the signal is ``mean + sum Re(E exp(j n phi))``.
+    left : ndarray, shape (n,)
+        What is on none of them.
+    """
     columns = [np.ones_like(phase)]
-    for order in orders[1:]:
+    for order in orders:
         columns += [np.cos(order * phase), np.sin(order * phase)]
     basis = np.column_stack(columns)
     solution = solve_least_squares(basis, signal).values
-    left = signal - basis @ solution
-    phasors = np.concatenate([[solution[0]], solution[1::2] - 1j * solution[2::2]])
-    return orders, phasors, float(np.sqrt(np.mean(left**2)))
+    return float(solution[0]), solution[1::2] - 1j * solution[2::2], signal - basis @ solution

@@ -1,1 +1,1 @@
-"""The one table of parameters of each node, and what each node speaks; knows no ROS."""
+"""The one table of parameters of each node, and what each node speaks."""

@@ -1,4 +1,4 @@
-"""How the simulated actuator is, from its counters; knows no ROS."""
+"""How the simulated actuator is, from its counters."""
 
 from __future__ import annotations
 

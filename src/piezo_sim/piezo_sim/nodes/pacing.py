@@ -1,4 +1,4 @@
-"""When a simulated tick is due, and which command it gets; knows no ROS."""
+"""When a simulated tick is due, and which command it gets."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.jit import jit, scratch
-from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 
 class Harmonic(NamedTuple):
@@ -248,28 +247,3 @@ def solve_lines(normal: FloatArray, count: int) -> tuple[float, ComplexArray, fl
     solution = np.empty(normal.shape[0] - 1)
     deviation = solve_normal(np.ravel(normal), float(count), solution)
     return float(solution[0]), solution[1::2] + 1j * solution[2::2], deviation
-
-
-def line_amplitudes(
-    signal: FloatArray, phase: FloatArray, orders: Sequence[int]
-) -> tuple[float, ComplexArray]:
-    """Fit mean and complex amplitudes of `orders` to `signal` by least squares.
-
-    Parameters
-    ----------
-    signal, phase : ndarray, shape (n,)
-        Signal and accumulated phase of its fundamental [rad].
-    orders : sequence of int
-        Orders above 0.
-
-    Returns
-    -------
-    mean : float
-    phasors : ndarray of complex, shape (len(orders),)
-        E such that the signal is ``mean + sum Re(E exp(j n phi))``.
-    """
-    columns = [np.ones_like(phase)]
-    for order in orders:
-        columns += [np.cos(order * phase), -np.sin(order * phase)]
-    solution = solve_least_squares(np.column_stack(columns), signal).values
-    return float(solution[0]), solution[1::2] + 1j * solution[2::2]

@@ -13,7 +13,8 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.spectrum import beside_the_drive
 
-# A line counts from this many times the local median of the spectrum.
+# A line is spoken of from this many times the median of the spectrum: twice what `tones` asks for,
+# where several records must agree besides.
 LINE = 60.0
 
 # A power of less than this is none.
