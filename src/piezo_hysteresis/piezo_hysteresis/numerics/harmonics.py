@@ -39,7 +39,7 @@ def harmonics(
     """
     highest = min(HIGHEST_ORDER, int(_BELOW_NYQUIST / (frequency * dt)))
     orders = list(range(highest + 1))
-    phase: FloatArray = 2.0 * np.pi * frequency * dt * np.arange(signal.size)
+    phase = np.asarray(2.0 * np.pi * frequency * dt * np.arange(signal.size), np.float64)
     mean, phasors, left = lines_and_rest(signal, phase, orders[1:])
     return orders, np.concatenate([[mean], phasors]), float(np.sqrt(np.mean(left**2)))
 
