@@ -11,6 +11,7 @@ sample of all processes once they run.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -19,13 +20,15 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.task import Future
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.nodes.codecs import measured_of
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_interfaces.msg import VoltageCommand
 from piezo_ros_common.processes import NodeProcesses
@@ -33,6 +36,8 @@ from piezo_ros_common.qos import LOOP
 from piezo_ros_common.running import run_node
 
 WARM_UP = 500
+# Reference of the loop: [Hz], [m], seconds over which it is eased in; and the seed of the plant.
+FREQUENCY, AMPLITUDE, EASED, SEED = 23.0, 5e-5, 1.0, 7
 
 
 # Links of the loop as processes: each executable with its parameters.
@@ -51,16 +56,18 @@ class Clocked:
     def __init__(self, rounds: int, stop: Future) -> None:
         self._rounds, self._stop = rounds, stop
         self.times: list[float] = []
+        self._errors: list[float] = []
 
-    def tick(self) -> None:
-        """One round is over."""
+    def tick(self, error: float = 0.0) -> None:
+        """One round is over, and the loop tracked with this error [m]."""
         self.times.append(time.perf_counter())
+        self._errors.append(error)
         if len(self.times) == WARM_UP:
             print('warm', flush=True)
         elif len(self.times) == self._rounds:
             print('done', flush=True)
             sys.stdin.readline()  # until the parent has read the clocks
-            np.savetxt(sys.stdout, np.array(self.times))
+            np.savetxt(sys.stdout, np.column_stack([self.times, self._errors]))
             sys.stdout.flush()
             self._stop.set_result(True)
 
@@ -126,14 +133,16 @@ class Pacer(Node):
 
 
 class ClockedExcitation(Excitation):
-    """The excitation of the loop, which notes when each state arrives."""
+    """The excitation of the loop, which notes when each state arrives and how far off it is."""
 
     def __init__(self, rounds: int) -> None:
         super().__init__()
         self._clocked = Clocked(rounds, self.stop)
 
     def _on_state(self, payload: bytes) -> None:
-        self._clocked.tick()
+        measured, experiment = measured_of(payload)[1], self._experiment
+        wanted = experiment.point(measured.sample).displacement if experiment else math.nan
+        self._clocked.tick(measured.displacement - wanted)
         if not self.stop.done():
             super()._on_state(payload)
 
@@ -155,8 +164,31 @@ def relays(hops: int, rounds: int, environment: dict[str, str]) -> Iterator[list
             process.wait()
 
 
-def clock(command: Sequence[str], environment: dict[str, str], others: Sequence[int]) -> Any:
-    """Run the process that counts the rounds; return their times and the CPU per round [s]."""
+class Run(NamedTuple):
+    """What a ring or a loop did.
+
+    Attributes
+    ----------
+    times : ndarray
+        When each round was over [s].
+    errors : ndarray
+        Measured minus desired displacement of each [m]; 0 in a ring.
+    cpu : float
+        CPU time of all processes per round [s].
+    """
+
+    times: FloatArray
+    errors: FloatArray
+    cpu: float
+
+    @property
+    def rate(self) -> float:
+        """Rounds per second behind the warm-up."""
+        return 1.0 / float(np.diff(self.times[WARM_UP:]).mean())
+
+
+def clock(command: Sequence[str], environment: dict[str, str], others: Sequence[int]) -> Run:
+    """Run the process that counts the rounds."""
     with subprocess.Popen(
         [sys.executable, __file__, *command],
         env=environment,
@@ -176,8 +208,8 @@ def clock(command: Sequence[str], environment: dict[str, str], others: Sequence[
             raise SystemExit(f'{" ".join(command)} ended early')
         first.stdin.write('\n')
         first.stdin.flush()
-        times = np.array([float(line) for line in first.stdout])
-    return times, (used['done'] - used['warm']) / (len(times) - WARM_UP)
+        times, errors = np.loadtxt(first.stdout).T
+    return Run(times, errors, (used['done'] - used['warm']) / (len(times) - WARM_UP))
 
 
 def _cpu(pid: int) -> float:
@@ -186,8 +218,8 @@ def _cpu(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def ring(hops: int, rounds: int) -> Any:
-    """Return the times of the rounds of a bare ring and its CPU per round [s]."""
+def ring(hops: int, rounds: int) -> Run:
+    """Run a bare ring."""
     with NodeProcesses() as group:
         environment = dict(group.environment)
         with relays(hops, rounds, environment) as others:
@@ -206,16 +238,22 @@ def paced_ring(hops: int, ticks: int, rate: float) -> Any:
     return np.array([float(line) for line in done.stdout.split()])
 
 
-def loop(links: dict[str, dict[str, Any]], rounds: int, model: Path) -> Any:
-    """Return the times of the states of the real loop and its CPU per sample [s]."""
+def loop(links: dict[str, dict[str, Any]], rounds: int, model: Path) -> Run:
+    """Run the real loop; the reference and the simulator are the same whatever the links."""
     with NodeProcesses() as group:
-        started = [group.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2})]
+        started = [
+            group.start(
+                'piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2, 'seed': SEED}
+            )
+        ]
         for name, values in links.items():
             first = {} if name == 'attenuation' else {'model_file': str(model)}
             started.append(group.start('piezo_hysteresis', name, {**values, **first}))
         words = [
             'mode:=reference',
-            'frequency:=23.0',
+            f'frequency:={FREQUENCY}',
+            f'reference.amplitude:={AMPLITUDE}',
+            f'ramp:={EASED}',
             f'wait_for:={len(links)}',
             'deadline:=600.0',
         ]
@@ -224,11 +262,9 @@ def loop(links: dict[str, dict[str, Any]], rounds: int, model: Path) -> Any:
         return clock(command, dict(group.environment), [node.pid for node in started])
 
 
-def report(name: str, measured: Any) -> tuple[float, float]:
+def report(name: str, measured: Run) -> tuple[float, float]:
     """Print rate, latency and CPU of one run; return its rate [1/s] and median round trip [us]."""
-    times, cpu = measured
-    steps = np.diff(times[WARM_UP:])
-    rate = 1.0 / float(steps.mean())
+    steps, rate, cpu = np.diff(measured.times[WARM_UP:]), measured.rate, measured.cpu
     p50, p99, p999 = np.percentile(steps, [50, 99, 99.9]) * 1e6
     print(
         f'{name:34} {rate:6.0f} samples/s   p50 {p50:6.0f}  p99 {p99:6.0f}  p99.9 {p999:6.0f} us'

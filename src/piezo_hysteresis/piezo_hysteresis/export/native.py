@@ -135,8 +135,8 @@ def known_target(target: str) -> tuple[str, str]:
     """
     if target not in TARGETS:
         raise ExportError(
-            f'there is no target {target}; choose one of {", ".join(TARGETS)}, and for another '
-            'one ask for it with the name that its C compiler has'
+            f'there is no target {target}; choose one of {", ".join(TARGETS)}, or ask for '
+            'yours in an issue'
         )
     return TARGETS[target]
 
