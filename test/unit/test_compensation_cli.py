@@ -42,7 +42,14 @@ def test_study_reports_each_run_and_what_every_link_gains(files, tmp_path, capsy
     assert summary['runs'][1]['counters']['0_PhysicalInverse']['clamped_slopes'] == 0
     assert summary['rate_hz'] == 1000.0
     assert (out / 'tracking.png').read_bytes().startswith(b'\x89PNG')
-    assert sorted(path.name for path in out.iterdir()) == [MARKER, 'summary.json', 'tracking.png']
+    assert sorted(path.name for path in out.iterdir()) == [
+        MARKER, 'report.html', 'summary.json', 'tracking.png',
+    ]  # fmt: skip
+    page = (out / 'report.html').read_text()
+    for run in rms:
+        assert run in page
+    assert 'The rms tracking error of' in page
+    assert 'Plant and model have the same name' in page
     assert 'with attenuation' in capsys.readouterr().out
 
 

@@ -245,6 +245,9 @@ def test_identify_and_validate_leave_their_files(
                '--warm-up', 1) == 0  # fmt: skip
     row = json.loads((check / 'summary.json').read_text())['records'][0]
     assert row['free_run_rms_m'] < 30e-9
+    page = (check / 'report.html').read_text()
+    for said in ('is off by 0.0199 µm rms', row['record'], 'leaves of its worst record'):
+        assert said in page
 
 
 @pytest.mark.parametrize(

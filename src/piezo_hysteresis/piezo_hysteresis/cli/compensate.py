@@ -43,7 +43,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='parameters and effects of a simulated plant: effects.creep=true',
     )
     add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
-    add('--out', required=True, metavar='DIR', help='folder of summary.json and figures')
+    add(
+        '--out',
+        required=True,
+        metavar='DIR',
+        help='folder of report.html and numbers',
+    )
     add('--rate', type=float, help='sampling rate [Hz]; that of the model data, or 1000')
     add('--low', type=float, default=-1.2, help='lowest voltage [V]')
     add('--high', type=float, default=1.2, help='highest voltage [V]')
@@ -96,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     for words in dict.fromkeys(words for each in runs for words in each.words):
         print(words)
-    print(f'written to {out}')
+    print(f'written to {out}; open {out}/report.html')
     return 0
 
 

@@ -168,14 +168,16 @@ def _chains(study: Study) -> list[tuple[str, list[Link]]]:
 def write_results(
     out: Path, study: Study, runs: list[Run], reference: str, seconds: float
 ) -> None:
-    """Write ``summary.json`` and ``tracking.png``, whole or not at all.
+    """Write ``summary.json``, ``report.html`` and ``tracking.png``, whole or not at all.
 
     Raises
     ------
     PiezoError
         If the folder cannot be written, or holds the results of another verb.
     """
-    summary = {
+    from piezo_hysteresis.reporting.compensation_report import compensation_page
+
+    summary: dict[str, Any] = {
         'model': study.model.model.name,
         'plant': (
             study.plant.model.name
@@ -192,8 +194,12 @@ def write_results(
         'runs': [_row(each) for each in runs],
         'seconds': seconds,
     }
+    page = compensation_page(
+        runs, summary['model'], summary['plant'], reference, study.from_seconds
+    )
     files: dict[str, bytes | str] = {
         'summary.json': json.dumps(summary, indent=2) + '\n',
+        'report.html': page,
         'tracking.png': _figure(runs),
     }
     write_folder(out, files, 'compensate')
@@ -223,11 +229,13 @@ def _figure(runs: list[Run]) -> bytes:
         result = each.result
         part = slice(-min(result.time.size, max(200, result.time.size // 50)), None)
         label = f'{each.name}: rms {each.metrics.rms * 1e6:.3g} µm'
-        whole.plot(result.time, result.error * 1e6, lw=0.7, label=label)
-        last.plot(result.time[part], result.error[part] * 1e6, lw=1.0)
+        (line,) = whole.plot(result.time, result.error * 1e6, lw=0.7, label=label)
+        if each is not runs[0]:  # beside it the others are one line
+            error = result.error[part] * 1e6
+            last.plot(result.time[part], error, lw=1.0, color=line.get_color())
     whole.set(title='Tracking error', ylabel='error [µm]')
     whole.legend(loc='upper right')
-    last.set(xlabel='time [s]', ylabel='error [µm]', title='The end of it')
+    last.set(xlabel='time [s]', ylabel='error [µm]', title='The end of the compensated runs')
     for axis in (whole, last):
         axis.grid(alpha=0.3)
     picture = io.BytesIO()

@@ -1,7 +1,8 @@
 """Run a saved model over records and say how far it is off, and whether that is more than known.
 
-Writes summary.json, figures and model.yaml: the model with what it misses on these records as its
-discrepancy. Records that were not used to identify the model are the ones that count.
+Writes report.html, summary.json, figures and model.yaml: the model with what it misses on these
+records as its discrepancy. Records that were not used to identify the model are the ones that
+count.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.folder import check_folder, write_folder
     from piezo_hysteresis.reporting.identification_figures import figures
+    from piezo_hysteresis.reporting.validation_report import validation_page
 
     begun = time.perf_counter()
     check_folder(arguments.out, 'validate')
@@ -85,9 +87,13 @@ def run(arguments: argparse.Namespace) -> int:
         'warnings': warnings,
         'seconds': time.perf_counter() - begun,
     }
+    said = comparison_words(known, saved.discrepancy)
     write_folder(
         arguments.out,
         {
+            'report.html': validation_page(
+                saved, records, simulated, rows, noise, [said, *map(str, warnings)]
+            ),
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
             'model.yaml': told.text(),
             **figures(records, simulated, rows, noise_floor=noise),
@@ -99,8 +105,8 @@ def run(arguments: argparse.Namespace) -> int:
             f'{row.record}: free run {1e6 * row.free_run_rms:.4g} µm '
             f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} µm'
         )
-    print(comparison_words(known, saved.discrepancy))
-    print(f'written to {arguments.out}')
+    print(said)
+    print(f'written to {arguments.out}; open {arguments.out}/report.html')
     for warning in warnings:
         talk.warn(str(warning))
     return 0

@@ -109,6 +109,22 @@ def fit_section(
     simulated : mapping of str to ndarray
         Free run by record name [m].
     """
+    worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
+    which = f'Its worst record is {worst.record}:' if len(records) > 1 else 'It leaves'
+    text = (
+        f'The model `{found.model.name}` runs freely: it is given the voltage alone, never the '
+        f'measured displacement. {which} {worst.nrmse_percent:.3g} % of the standard deviation '
+        f'of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
+    )
+    return PageSection(
+        'Does the model follow the actuator?', text, fit_figures(records, simulated)
+    )
+
+
+def fit_figures(
+    records: Sequence[Record], simulated: Mapping[str, FloatArray]
+) -> tuple[Plot, ...]:
+    """Return loops of some records with their free runs [m]; of a few records one over time."""
     drawn = [each for each in records if float(np.ptp(each.voltage)) > 0] or list(records)
     figures = [_loop(each, simulated[each.name]) for each in _spread(drawn)]
     if len(records) < _LOOPS:
@@ -119,14 +135,7 @@ def fit_section(
         ]
         caption = f'{longest.name} and the free run of the model.'
         figures.append(trace_figure(curves, 'Over time', caption))
-    worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
-    which = f'Its worst record is {worst.record}:' if len(records) > 1 else 'It leaves'
-    text = (
-        f'The model `{found.model.name}` runs freely: it is given the voltage alone, never the '
-        f'measured displacement. {which} {worst.nrmse_percent:.3g} % of the standard deviation '
-        f'of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
-    )
-    return PageSection('Does the model follow the actuator?', text, tuple(figures))
+    return tuple(figures)
 
 
 def choice_section(steps: Sequence[TriedModel]) -> PageSection:

@@ -1,0 +1,143 @@
+"""The report of ``compensate``: the errors of all runs, then what is left and at which voltage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics
+from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
+from piezo_hysteresis.reporting.plots import Curve, trace_figure
+from piezo_hysteresis.reporting.units import micrometres
+
+_DRAWN = 400  # samples of the end that are drawn at least, and 1 of so many of the whole
+_WHOLE = 20_000
+_ROLES = {
+    'no compensation': 'uncompensated',
+    'feedforward': 'feedforward',
+    'with attenuation': 'attenuated',
+}
+
+
+class StudiedRun(Protocol):
+    """A run as the report needs it."""
+
+    @property
+    def name(self) -> str:
+        """What acted."""
+
+    @property
+    def result(self) -> LoopResult:
+        """Every sample."""
+
+    @property
+    def metrics(self) -> TrackingMetrics:
+        """Of the judged part."""
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is to be known of its links."""
+
+
+def compensation_page(
+    runs: Sequence[StudiedRun], model: str, plant: str, reference: str, from_seconds: float
+) -> str:
+    """Return the whole report as HTML.
+
+    Parameters
+    ----------
+    runs : sequence of StudiedRun
+        The first one without compensation.
+    model, plant, reference : str
+        What was inverted, what was driven, and what it was asked for.
+    from_seconds : float
+        Where the judged part begins [s].
+    """
+    sections = [_errors(runs, from_seconds), _left(runs), _voltages(runs)]
+    if plant == model:
+        text = (
+            'Plant and model have the same name. Where they are the same file this is what '
+            'the controller does at best, not what an actuator will do: give another plant.'
+        )
+        sections.insert(1, PageSection('How far can this be believed?', text))
+    return render(f'{model} compensates {plant}', _verdict(runs, reference), sections)
+
+
+def _verdict(runs: Sequence[StudiedRun], reference: str) -> str:
+    first, *others = runs
+    best = min(others, key=lambda run: run.metrics.rms)
+    ratio = first.metrics.rms / max(best.metrics.rms, 1e-300)
+    return (
+        f'The rms tracking error of `{reference}` is {micrometres(first.metrics.rms)} µm with '
+        f'{first.name} and {micrometres(best.metrics.rms)} µm at best, {best.name} '
+        f'({ratio:.3g} times lower).'
+    )
+
+
+def _errors(runs: Sequence[StudiedRun], from_seconds: float) -> PageSection:
+    orders = [n for n in runs[0].metrics.harmonics if all(n in r.metrics.harmonics for r in runs)]
+    rows = [
+        (
+            run.name,
+            *map(micrometres, (run.metrics.rms, run.metrics.rms_without_mean)),
+            micrometres(run.metrics.largest),
+            *(micrometres(run.metrics.harmonics[order]) for order in orders),
+        )
+        for run in runs
+    ]
+    headers = ('run', 'RMSE [µm]', 'without mean [µm]', 'largest [µm]')
+    said = '\n'.join(f'- {each}' for each in dict.fromkeys(w for run in runs for w in run.words))
+    caption = f'Tracking error from {from_seconds:g} s on; the orders are those of the reference.'
+    all_headers = (*headers, *(f'{n}× [µm]' for n in orders))
+    return PageSection('How well is it tracked?', said, (), (table(all_headers, rows, caption),))
+
+
+def _left(runs: Sequence[StudiedRun]) -> PageSection:
+    compensated = runs[1:]
+    every = max(1, runs[0].result.time.size // _WHOLE)
+    figures: list[Plot] = [
+        trace_figure(
+            [_curve(run, slice(None, None, every), run.result.error) for run in compensated],
+            'Tracking error of the compensated runs', 'From the start: what is learned, and when.',
+            'tracking error', ground=False,
+        ),
+        trace_figure(
+            [_curve(run, _end(run), run.result.error) for run in compensated],
+            'The end of it', 'The same where everything has settled.', 'tracking error',
+            ground=False,
+        ),
+    ]  # fmt: skip
+    return PageSection('What is left?', '', tuple(figures))
+
+
+def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
+    counted = [
+        (run.name, name.partition('_')[2] or name, what.replace('_', ' '), count)
+        for run in runs
+        for name, counts in run.result.counters.items()
+        for what, count in counts.items()
+        if count
+    ]
+    tables: tuple[Table, ...] = ()
+    if counted:
+        headers = ('run', 'link', 'what', 'ticks')
+        tables = (table(headers, counted, 'What was limited, refused or clamped.'),)
+    figure = trace_figure(
+        [
+            Curve('reference', runs[0].result.time[_end(runs[0])],
+                  runs[0].result.reference[_end(runs[0])]),
+            *(_curve(run, _end(run), run.result.displacement) for run in runs),
+        ],
+        'Displacement', 'Reference and displacements at the end.',
+    )  # fmt: skip
+    return PageSection('What did the actuator do?', '', (figure,), tables)
+
+
+def _end(run: StudiedRun) -> slice:
+    size = run.result.time.size
+    return slice(-min(size, max(_DRAWN, size // 50)), None)
+
+
+def _curve(run: StudiedRun, part: slice, values: FloatArray) -> Curve:
+    return Curve(run.name, run.result.time[part], values[part], _ROLES.get(run.name, ''))

@@ -1,0 +1,92 @@
+"""The report of ``validate``: a saved model on records, beside what it was known to miss."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.identification.errors import RecordErrors
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.identification_report import fit_figures
+from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
+from piezo_hysteresis.reporting.plots import Curve, trace_figure
+from piezo_hysteresis.reporting.units import micrometres
+
+
+def validation_page(
+    saved: ModelFile,
+    records: Sequence[Record],
+    simulated: Mapping[str, FloatArray],
+    rows: Sequence[RecordErrors],
+    noise_floor: float,
+    words: Sequence[str],
+) -> str:
+    """Return the whole report as HTML.
+
+    Parameters
+    ----------
+    saved : ModelFile
+        The model.
+    records : sequence of Record
+        What was measured.
+    simulated : mapping of str to ndarray
+        Free run by record name [m].
+    rows : sequence of RecordErrors
+        How far each is off.
+    noise_floor : float
+        Of the records [m]; 0 where it is not known.
+    words : sequence of str
+        What is to be known besides: the comparison with the known discrepancy, warnings.
+    """
+    worst = max(rows, key=lambda row: largest_if_unknown(row.nrmse_percent))
+    many = f' in the worst of {len(rows)} records' if len(rows) > 1 else ''
+    said = (
+        f'The model {saved.model.name} is off by {micrometres(worst.free_run_rms)} µm rms '
+        f'({worst.nrmse_percent:.3g} % of the standard deviation) in free run{many}'
+    )
+    if noise_floor > 0.0:
+        said += f', {worst.free_run_rms / noise_floor:.3g} times the noise floor'
+    sections = [
+        _table(rows, noise_floor, words),
+        PageSection('Does the model follow the actuator?', '', fit_figures(records, simulated)),
+        _rest(records, simulated, worst.record),
+        PageSection(
+            'What next?',
+            '- `python -m piezo_hysteresis discover DATA --baseline model.yaml --out found` says '
+            'what the model misses, with probabilities and alternatives.\n'
+            '- `model.yaml` beside this page is the same model, with what it misses on these '
+            'records as its discrepancy: the next `validate` compares with it.',
+        ),
+    ]
+    return render(f'{saved.model.name} on records', f'{said}.', sections)
+
+
+def _table(rows: Sequence[RecordErrors], noise_floor: float, words: Sequence[str]) -> PageSection:
+    lines = [
+        (
+            row.record,
+            micrometres(row.free_run_rms),
+            f'{row.nrmse_percent:.3g}',
+            micrometres(row.one_step_rms),
+        )
+        for row in rows
+    ]
+    headers = ('record', 'free run [µm]', 'free run [%]', 'one step [µm]')
+    caption = 'Rms errors; per cent are of the standard deviation of the displacement.'
+    if noise_floor > 0.0:
+        caption += f' The noise floor is {micrometres(noise_floor)} µm.'
+    text = '\n'.join(f'- {each}' for each in words)
+    return PageSection('How far is it off?', text, (), (table(headers, lines, caption),))
+
+
+def _rest(
+    records: Sequence[Record], simulated: Mapping[str, FloatArray], worst: str
+) -> PageSection:
+    record = next(each for each in records if each.name == worst)
+    left = record.displacement - simulated[worst]
+    figure: Plot = trace_figure(
+        [Curve('measured minus model', record.time, left)],
+        worst, 'What the free run leaves of its worst record.', 'error', ground=False,
+    )  # fmt: skip
+    return PageSection('What is left?', '', (figure,))
