@@ -323,6 +323,8 @@ def test_a_long_warm_up_is_no_reason_to_scan_nothing() -> None:
 class Rosenbrock(Problem):
     """The classic curved valley, as least squares."""
 
+    grains = np.zeros(2)
+
     def cost(self, x: np.ndarray) -> float:
         r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
         return 0.5 * float(r @ r)
@@ -331,6 +333,45 @@ class Rosenbrock(Problem):
         r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
         q, factor = np.linalg.qr(np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]))
         return factor, q.T @ r, self.cost(x)
+
+
+class Stairs(Problem):
+    """A slope in x[1] at the place that x[0] says in whole steps; its derivative spans a step."""
+
+    grains = np.array([1.0, 0.0])
+
+    def _residual(self, x: np.ndarray) -> np.ndarray:
+        place = np.floor(x[0])
+        return np.array([3.0 * (place - 4.0), x[1] - place])
+
+    def cost(self, x: np.ndarray) -> float:
+        r = self._residual(x)
+        return 0.5 * float(r @ r)
+
+    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        rows = np.array([[3.0, 0.0], [-1.0, 1.0]])
+        q, factor = np.linalg.qr(rows)
+        return factor, q.T @ self._residual(x), self.cost(x)
+
+
+def test_the_solver_takes_what_moves_by_whole_steps_over_their_edges() -> None:
+    low, high = np.full(2, -9.0), np.full(2, 9.0)
+    for begin in (3.1, 0.7, 4.9, 8.2):
+        found = solve(Stairs(), np.array([begin, 0.0]), low, high)
+        assert np.floor(found.x[0]) == 4.0
+        assert found.x[1] == pytest.approx(4.0)
+
+
+def test_a_delay_of_what_is_held_is_found_from_ticks_away() -> None:
+    model = chain('transport_delay', 'prandtl_ishlinskii', 'offset')
+    u = np.concatenate([sine(f, 4.0) for f in (1.0, 7.0, 19.0)])
+    truth = {**model.defaults(), 'delay': 3.5 * DT}
+    y = model.respond(u, model.pack(truth), DT)
+    y = y + np.random.default_rng(0).normal(0, 20e-9, u.size)
+    record = Record('late', DT, u, y)
+    for begin in (1.5e-3, 4.5e-3):
+        result = fit(model, [record], {**truth, 'delay': begin}, sampling_offset=True)
+        assert result.rms == pytest.approx(20e-9, rel=0.05)
 
 
 def test_the_solver_finds_the_valley_and_the_bound() -> None:

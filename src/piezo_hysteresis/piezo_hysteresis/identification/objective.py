@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Between
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.beginnings import Motion
 from piezo_hysteresis.identification.factor import triangle
@@ -18,6 +19,7 @@ from piezo_hysteresis.identification.opening import misfit, opened, square
 from piezo_hysteresis.identification.reading import differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.stages import TickStage
 
 #: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
 SAMPLING_OFFSET = 'sampling_offset'
@@ -86,6 +88,18 @@ class Objective:
             if name in self.free
         ]
         self._workers = min(workers, len(self.targets))
+        self.grains = self._grains()
+
+    def _grains(self) -> FloatArray:
+        """Return the tick for delays of what is held, which move by whole ticks, else 0."""
+        tick = min((target.dt for target in self.targets), default=0.0)
+        held = {
+            parameter.name
+            for stage in self.model.stages
+            if isinstance(stage, TickStage) and stage.block.between is Between.DELAY
+            for parameter in self.model.parameters[stage.columns]
+        }
+        return np.array([tick if name in held else 0.0 for name in self.free])
 
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return every parameter of the chain, and the sampling offset, at the point `x`."""

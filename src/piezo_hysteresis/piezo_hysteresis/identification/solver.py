@@ -23,12 +23,24 @@ from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
 
 # Steps in a row that lower the cost by no more than the tolerance, after which it rests.
 _IDLE = 3
+# Relative size of a step that counts as none: large unknowns hide what small ones still do.
+_STILL = 1e-7
 
 Progress = Callable[[float, str], None]
 
 
 class Problem(Protocol):
-    """What the solver asks of a least-squares problem with p unknowns."""
+    """What the solver asks of a least-squares problem with p unknowns.
+
+    Attributes
+    ----------
+    grains : ndarray, shape (p,)
+        By how much an unknown must move for the cost to change at all; 0 where it is smooth.
+    """
+
+    @property
+    def grains(self) -> FloatArray:
+        """Grain of each unknown, shape (p,)."""
 
     def cost(self, x: FloatArray) -> float:
         """Half the sum of squares at `x`, shape (p,); inf where `x` is impossible."""
@@ -125,7 +137,8 @@ def solve(
     max_evaluations : int
         Limit of simulations and linearisations.
     tolerance : float
-        Relative decrease of the cost, and relative size of the step, that count as none.
+        Relative decrease of the cost that counts as none, and of the size of a step where it is
+        finer than `_STILL`.
     progress : callable, optional
         Told ``(fraction of the evaluations used, cost in words)``.
 
@@ -143,6 +156,7 @@ def solve(
     history = [cost]
     norms = _norms(factor)
     damping, growth, used, idle = 1e-3, 2.0, 1, 0
+    grains, jumped = problem.grains, False
     message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
     while used < max_evaluations:
         if _stationary(x, factor, rhs, cost, low, high):
@@ -154,13 +168,20 @@ def solve(
             break
         moved = factor @ step
         predicted = -float(rhs @ moved) - 0.5 * float(moved @ moved)
-        small = float(np.linalg.norm(norms * step)) <= tolerance * float(np.linalg.norm(norms * x))
+        size = float(np.linalg.norm(norms * x))
+        small = float(np.linalg.norm(norms * step)) <= min(tolerance, _STILL) * size
         if predicted <= tolerance * cost or small:
             message, converged = 'no step lowers the error any further', True
             break
         trial = np.clip(x + step, low, high)
         new = problem.cost(trial)
         used += 1
+        if not new < cost and not jumped and np.any(grains):
+            # one that moves by whole grains may have to go farther than the step says
+            jumped = True
+            trial = _by_whole_grains(x, factor, rhs, step, damping * norms**2, grains, low, high)
+            new = problem.cost(trial)
+            used += 1
         ratio = (cost - new) / predicted if isfinite(new) else -1.0
         there = problem.linearise(trial) if ratio > 1e-4 else None
         # derivatives may overflow where the model itself does not: that is no place to go
@@ -171,7 +192,7 @@ def solve(
                 break
             continue
         damping = max(damping * max(1 / 3, 1 - (2 * ratio - 1) ** 3), 1e-15)
-        growth = 2.0
+        growth, jumped = 2.0, False
         x = trial
         idle = idle + 1 if cost - there[2] <= tolerance * cost else 0
         factor, rhs, cost = there
@@ -184,6 +205,28 @@ def solve(
         if progress is not None:
             progress(used / max_evaluations, f'sum of squares {2 * cost:.4g}')
     return _done(x, factor, cost, converged, message, used, history, low, high)
+
+
+def _by_whole_grains(
+    x: FloatArray,
+    factor: FloatArray,
+    rhs: FloatArray,
+    step: FloatArray,
+    damping: FloatArray,
+    grains: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Return the point a step leads to where each grainy unknown moves by one grain at least.
+
+    The others are solved for anew, and so follow.
+    """
+    least, most = low - x, high - x
+    for j in np.flatnonzero(grains):
+        whole = np.sign(step[j]) * max(abs(step[j]), grains[j])
+        least[j] = most[j] = np.clip(whole, least[j], most[j])
+    jump = bounded_step(factor, rhs, np.sqrt(damping), least, most)
+    return np.clip(x + np.where(np.isfinite(jump), jump, 0.0), low, high)
 
 
 def _usable(factor: FloatArray, rhs: FloatArray, cost: float) -> bool:
