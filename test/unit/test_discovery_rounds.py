@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.selection import rounds
+from piezo_hysteresis.discovery.selection import rounds, search
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.consistency import explained_together
+from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import (
@@ -50,11 +51,11 @@ def names(scores: list[ScreeningScore]) -> list[str]:
 def test_an_effect_of_many_variants_leaves_room_for_others() -> None:
     many = [scored('creep', str(k), 0.9 - 0.01 * k) for k in range(5)]
     scores = [*many, scored('drift', 'a', 0.5), scored('offset', 'a', 1e-6)]
-    chosen = rounds._chosen(scores, POLICY.but(trials=6, variants_first=2))
+    chosen = rounds._chosen(scores, 1e-4, POLICY.but(trials=6, variants_first=2))
     assert names(chosen) == ['creep/0', 'creep/1', 'drift/a', 'creep/2', 'creep/3', 'creep/4']
-    assert names(rounds._chosen(scores, POLICY.but(trials=3, variants_first=2))) == [
-        'creep/0', 'creep/1', 'drift/a'
-    ]  # fmt: skip
+    few = POLICY.but(trials=3, variants_first=2)
+    assert names(rounds._chosen(scores, 1e-4, few)) == ['creep/0', 'creep/1', 'drift/a']
+    assert names(rounds._chosen(scores, 0.87, few)) == ['creep/0', 'creep/1', 'creep/2']
 
 
 def test_trials_that_went_best_go_on() -> None:
@@ -155,3 +156,24 @@ def test_values_that_all_records_tell_better_are_named() -> None:
     said = explained_together(known(a=1.0, b=1.0, c=1.0), known(a=0.9, b=0.1, c=0.5))
     assert '(b, c)' in said
     assert '(' not in explained_together(known(a=1.0), known(a=1.0))
+
+
+def stepped(*added: tuple[str, str]) -> Step:
+    fitted = fit(*added)
+    gain = Improvement(1.0, 9.0, 1e-9)
+    return Step(rounds.SelectionRound(fitted, (fitted,), (1.0,), gain, 3), fitted)
+
+
+def test_steps_are_those_whose_effects_the_model_has() -> None:
+    delay, lag = ('transport_delay', 'a'), ('amplifier_lag', 'b')
+    first, last = stepped(delay), stepped(delay, lag).round
+    both = search._steps_of(fit(delay, lag), [first], last)
+    assert [step.fit.effect for step in both] == ['transport_delay', 'amplifier_lag']
+    assert [step.round.best.effect for step in both] == ['transport_delay', 'amplifier_lag']
+    newest = search._steps_of(fit(lag), [first], last)
+    assert [step.round.best.effect for step in newest] == ['amplifier_lag']
+    # the new one brought the old one to its place and was needless then
+    ended = fit(delay, error=noise(0.1))
+    (oldest,) = search._steps_of(ended, [first], last)
+    assert oldest.round is first.round
+    assert oldest.fit is ended

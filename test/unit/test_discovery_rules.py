@@ -60,6 +60,22 @@ def test_what_is_worth_a_name(before: float, after: float, known: float, worth: 
     assert rules.is_worth_a_name(before, after, known, POLICY) is worth
 
 
+def test_what_promises_to_become_worth_a_name_is_fitted_on() -> None:
+    policy = POLICY.but(min_share=0.2, promising=0.5)
+    assert rules.is_promising(10.0, 9.0, 0.0, policy)
+    assert not rules.is_promising(10.0, 9.1, 0.0, policy)
+    assert not rules.is_promising(10.0, 9.0, 0.1, policy)
+    assert not rules.is_promising(10.0, nan, 0.0, policy)
+
+
+def test_a_candidate_must_promise_a_part_of_what_a_name_asks_for() -> None:
+    policy = POLICY.but(min_share=0.2, promised=0.05, min_promise=1e-4)
+    assert rules.least_promise(1e6, policy) == pytest.approx(0.01)
+    assert rules.least_promise(1.0, policy) == pytest.approx(0.005)
+    # nothing above the noise, or nothing that can be told, asks for the least there is
+    assert [rules.least_promise(each, policy) for each in (0.0, -0.5, nan)] == [1e-4] * 3
+
+
 def test_what_is_sure_is_none_of_chance_and_pays_for_its_parameters() -> None:
     assert rules.is_sure(5.1, 0.01, POLICY)
     assert not rules.is_sure(4.9, 1.0, POLICY)

@@ -168,6 +168,7 @@ def fitted_to(
     views: Sequence[Target],
     *,
     evaluations: int,
+    tolerance: float = 1e-7,
     free: Sequence[str] | None = None,
     clock: tuple[float, float] | None = None,
 ) -> CandidateFit | None:
@@ -179,6 +180,8 @@ def fitted_to(
         What is fitted, and to what.
     evaluations : int
         Limit of the fit.
+    tolerance : float
+        Relative decrease that counts as none.
     free : sequence of str, optional
         What is fitted; everything that the model does not hold where not given.
     clock : (float, float), optional
@@ -199,7 +202,7 @@ def fitted_to(
             sampling_offset=True,
             bounds=bounds,
             max_evaluations=evaluations,
-            tolerance=1e-7,
+            tolerance=tolerance,
         )
     except PiezoError:
         return None

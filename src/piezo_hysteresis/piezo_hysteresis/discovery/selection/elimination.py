@@ -71,7 +71,7 @@ def judged_again(
         if evaluator.score(again.best) < evaluator.score(final) - evaluator.policy.better:
             final, done = again.best, {again.best.effect}
             kept = [*_less(kept, name), Step(again, final)]
-        elif again.best.effect == name:
+        elif again.accepted and again.best.effect == name:
             here = next(k for k, step in enumerate(kept) if step.fit.effect == name)
             kept[here] = Step(again, again.best)
     return kept, final

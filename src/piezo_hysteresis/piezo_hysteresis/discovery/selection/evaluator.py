@@ -12,6 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, thinned
 from piezo_hysteresis.discovery.data.tones import on_one_clock
+from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
@@ -91,6 +92,10 @@ class Evaluator(ABC):
         """Return what ranks models, parameters priced; the smaller the better."""
 
     @abstractmethod
+    def excess(self, fit: CandidateFit) -> float:
+        """Return the mean square beyond what is expected on its views, in units of it."""
+
+    @abstractmethod
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether there is something left to look for, `start` being the baseline."""
 
@@ -132,18 +137,34 @@ class Evaluator(ABC):
         """Return a model with every effect that it can take up."""
         return candidates(spec.model, self.data.amplitude, self.data.span)
 
+    def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
+        """Return the excess that the laws of a model are known to leave."""
+        return 0.0
+
     def first_judged(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit as it is ranked among the others."""
         return fit
+
+    def promising(
+        self, before: CandidateFit, fits: Sequence[CandidateFit], start: CandidateFit
+    ) -> list[CandidateFit]:
+        """Return the first fits that a longer one may make worth a name."""
+        old = self.excess(self.first_judged(judged_on(before, self.short)))
+        known = self.discrepancy(before, start)
+        return [
+            fit for fit in fits if rules.is_promising(old, self.excess(fit), known, self.policy)
+        ]
 
     def fit(
         self, spec: ModelSpec, views: Sequence[Target] | None = None, evaluations: int = 0
     ) -> CandidateFit | None:
         """Return a model fitted from its own values, to all training views or those given."""
+        first = views is self.short
         return fitted_to(
             spec,
             self.views if views is None else views,
             evaluations=evaluations or self.policy.final_evaluations,
+            tolerance=self.policy.first_tolerance if first else self.policy.final_tolerance,
             free=self.free_of(spec),
             clock=self.clock,
         )

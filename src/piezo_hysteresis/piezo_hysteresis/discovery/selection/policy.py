@@ -59,11 +59,30 @@ class SelectionPolicy:
         4, '1', 'Evaluations of each start, before the best one goes on.', 'effort'
     )
     first_evaluations: int = _number(16, '1', 'Evaluations of a first fit.', 'effort')
+    first_tolerance: float = _number(
+        1e-4,
+        '1',
+        'Relative decrease of the sum of squares that counts as none in trials and first fits.',
+        'effort: they only rank, and what a name asks for is hundreds of times as much',
+    )
+    final_tolerance: float = _number(
+        1e-6,
+        '1',
+        'The same in fits to all samples.',
+        'effort: a tenth of a standard error where 10 000 samples count',
+    )
     final_within: float = _number(
         4.0,
         '1',
         'Sum of squares of a first fit, over that of the best, up to which it gets a final one.',
         'effort',
+    )
+    promising: float = _number(
+        0.5,
+        '1',
+        'Share of what a name asks for that a first fit must have taken to get a final one, '
+        'wherever one of them has.',
+        'effort: final fits take up to a few hundredths more than first ones',
     )
     final_evaluations: int = _number(40, '1', 'Evaluations of a fit to all samples.', 'effort')
     thorough_evaluations: int = _number(
@@ -79,6 +98,13 @@ class SelectionPolicy:
         '1',
         'Share of the squared residual that a candidate must promise to be fitted at all.',
         'effort',
+    )
+    promised: float = _number(
+        0.05,
+        '1',
+        'Share of what a name asks for that a candidate must promise, too.',
+        'effort: what is promised near a start fell short of what a fit took by up to 4 times in '
+        'calibration draws',
     )
 
     # --- when something is missing at all -------------------------------------------------

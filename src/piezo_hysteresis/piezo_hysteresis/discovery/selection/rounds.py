@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
@@ -78,20 +79,40 @@ def select(
     screen = Screen(before, evaluator.screened, evaluator.free_of(before))
     scores = evaluator.map(screen.score, every)
     progress(0.2, f'{len(every)} candidates screened')
-    chosen = _chosen(scores, evaluator.policy)
+    least = rules.least_promise(evaluator.excess(before), evaluator.policy)
+    chosen = _chosen(scores, least, evaluator.policy)
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
     progress(0.4, f'{len(chosen)} candidates tried')
     hopeful = _hopeful([fit for fit in tried if fit is not None], evaluator.policy)
     first = evaluator.map(lambda each: _first_fit(evaluator, each), hopeful)
     fitted = ranked(evaluator, [fit for fit in first if fit is not None])
     progress(0.6, f'{len(fitted)} first fits')
-    leaders = _final_fits(evaluator, _of_different_places(fitted, evaluator.policy))
-    if not leaders:
+    finalists = _finalists(evaluator, before, fitted, start)
+    if not finalists:
         return None
-    others = _final_fits(evaluator, _other_variants(leaders, fitted))
-    finalists = ranked(evaluator, [*leaders, *others])
     progress(1.0, f'{len(finalists)} finalists')
     return round_of(evaluator, before, finalists, len(every), start)
+
+
+def _finalists(
+    evaluator: Evaluator,
+    before: CandidateFit,
+    fitted: Sequence[CandidateFit],
+    start: CandidateFit,
+) -> list[CandidateFit]:
+    """Return the best first fits ended on all samples, best first.
+
+    Where none of them promises anything, none is: they stand there as what came nearest.
+    """
+    hopeful = evaluator.promising(before, fitted, start)
+    if not hopeful:
+        nearest = _of_different_places(fitted, evaluator.policy)
+        return ranked(evaluator, _finite(evaluator, evaluator.map(evaluator.judged, nearest)))
+    leaders = _final_fits(evaluator, _of_different_places(hopeful, evaluator.policy))
+    if not leaders:
+        return []
+    others = _final_fits(evaluator, _other_variants(leaders, fitted))
+    return ranked(evaluator, [*leaders, *others])
 
 
 def round_of(
@@ -116,10 +137,12 @@ def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[Candidate
     return sorted(fits, key=lambda fit: (evaluator.score(fit), fit.effect, fit.variant))
 
 
-def _chosen(scores: Sequence[ScreeningScore], policy: SelectionPolicy) -> list[ScreeningScore]:
+def _chosen(
+    scores: Sequence[ScreeningScore], least: float, policy: SelectionPolicy
+) -> list[ScreeningScore]:
     """Return what is tried: the most promising, of each effect its best variants first."""
     ordered = sorted(
-        (each for each in scores if each.explained > policy.min_promise),
+        (each for each in scores if each.explained > least),
         key=lambda s: (-s.explained, s.candidate.effect.name, s.candidate.effect.variant),
     )
     first: list[ScreeningScore] = []
@@ -135,12 +158,13 @@ def _trial(
 ) -> CandidateFit | None:
     """Try the best starts for a little and return where the best one led.
 
-    The baseline may have hidden the effect in wrong parameters, so one start has the hints.
+    The baseline may have hidden the effect in wrong parameters, so one start has the hints; once
+    an effect is known, the baseline was fitted together with it.
     """
     candidate, policy = score.candidate, evaluator.policy
     starts = list(score.starts[: policy.starts])
     own = {name: starts[0][name] for name in candidate.added}
-    for hint in evaluator.hints:
+    for hint in () if before.added else evaluator.hints:
         known = {k: hint.get(k, v) for k, v in before.values.items()}
         starts.append({**starts[0], **candidate.values(known, own)})
     specs = [before.with_candidate(candidate, start) for start in starts]
@@ -163,8 +187,12 @@ def _first_fit(evaluator: Evaluator, trial: CandidateFit) -> CandidateFit | None
 
 def _final_fits(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
     """Fit on all of the training records; return what survives, best first."""
-    final = evaluator.map(evaluator.fit, fits)
-    return ranked(evaluator, [f for f in final if f is not None and evaluator.stays_finite(f)])
+    final = [fit for fit in evaluator.map(evaluator.fit, fits) if fit is not None]
+    return ranked(evaluator, _finite(evaluator, final))
+
+
+def _finite(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+    return [fit for fit in fits if evaluator.stays_finite(fit)]
 
 
 def _of_different_places(

@@ -63,6 +63,25 @@ def is_worth_a_name(
     return before - after >= policy.min_share * before + discrepancy
 
 
+def is_promising(before: float, after: float, discrepancy: float, policy: SelectionPolicy) -> bool:
+    """Return whether a first fit explains enough that a longer one may be worth a name."""
+    return before - after >= policy.promising * (policy.min_share * before + discrepancy)
+
+
+def least_promise(excess: float, policy: SelectionPolicy) -> float:
+    """Return the share of a squared residual that a candidate must promise to be fitted.
+
+    Parameters
+    ----------
+    excess : float
+        Of the model before.
+    policy : SelectionPolicy
+        What decides.
+    """
+    asked = policy.min_share * max(excess, 0.0) / (1.0 + max(excess, 0.0))
+    return max(policy.min_promise, policy.promised * asked)
+
+
 def is_sure(standard_errors: float, score_gain: float, policy: SelectionPolicy) -> bool:
     """Return whether an improvement is none of chance, and worth its parameters."""
     return standard_errors >= policy.min_standard_errors and score_gain > 0.0

@@ -123,8 +123,22 @@ def _forward(
         found = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             found = pruned(evaluator, found, start)
+        steps = _steps_of(found, steps, last)
         current = found
-        names = {added.effect for added in current.added}
-        steps = [s for s in (*steps, Step(last, found)) if s.fit.effect in names]
-        steps[-1] = replace(steps[-1], fit=current)
     return Found(evaluator, start, current, tuple(steps), last)
+
+
+def _steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> list[Step]:
+    """Return the steps whose effects `current` still has, the last of them fitted as it is.
+
+    A new effect may have brought those before it to where they had to be, and be needless then.
+    """
+
+    def count(fit: CandidateFit) -> int:
+        return sum(added.effect == last.best.effect for added in fit.added)
+
+    names = {added.effect for added in current.added}
+    kept = [step for step in steps if step.fit.effect in names]
+    if count(current) == count(last.best):
+        return [*kept, Step(last, current)]
+    return [*kept[:-1], replace(kept[-1], fit=current)]
