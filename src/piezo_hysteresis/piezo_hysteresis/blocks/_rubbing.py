@@ -91,6 +91,47 @@ def advance(
 
 
 @jit
+def turn(before: float, after: float, p: FloatArray) -> float:
+    """Return the share of a step at which what rubs turns round; 0 where it does not.
+
+    `before` and `after` are the velocities at its ends.
+    """
+    if p[3] == 0.0 or before * after >= 0.0:
+        return 0.0
+    share = before / (before - after)
+    return 0.0 if share < _BRIEF or share > 1.0 - _BRIEF else share
+
+
+@jit
+def within(f: tuple[float, float, float], begin: float, end: float) -> tuple[float, float, float]:
+    """Return the input at start, middle and end of a part of a step."""
+    slope, bend = -3.0 * f[0] + 4.0 * f[1] - f[2], 2.0 * (f[0] - 2.0 * f[1] + f[2])
+    middle = 0.5 * (begin + end)
+    return (
+        f[0] + begin * (slope + begin * bend),
+        f[0] + middle * (slope + middle * bend),
+        f[0] + end * (slope + end * bend),
+    )
+
+
+@jit
+def in_two(
+    f: tuple[float, float, float],
+    state: FloatArray,
+    p: FloatArray,
+    h: float,
+    share: float,
+    stiffest: float,
+) -> None:
+    """Move `state` on by `h` [s] in two parts, the first as long as `share` says."""
+    omega = 2.0 * pi * p[0]
+    for begin, end in ((0.0, share), (share, 1.0)):
+        part = (end - begin) * h
+        first, both = hold(omega, p[1], 0.5 * part), hold(omega, p[1], part)
+        advance(within(f, begin, end), state, p, part, first, both, stiffest)
+
+
+@jit
 def turning(
     f: tuple[float, float, float],
     state: FloatArray,
@@ -107,23 +148,11 @@ def turning(
     """
     x, v, bristle = state[0], state[1], state[2]
     advance(f, state, p, h, half, full, stiffest)
-    if p[3] == 0.0 or v * state[1] >= 0.0:
-        return
-    share = v / (v - state[1])
-    if share < _BRIEF or share > 1.0 - _BRIEF:
+    share = turn(v, state[1], p)
+    if share == 0.0:
         return
     state[0], state[1], state[2] = x, v, bristle
-    omega = 2.0 * pi * p[0]
-    slope, bend = -3.0 * f[0] + 4.0 * f[1] - f[2], 2.0 * (f[0] - 2.0 * f[1] + f[2])
-    for begin, end in ((0.0, share), (share, 1.0)):
-        middle, part = 0.5 * (begin + end), (end - begin) * h
-        inside = (
-            f[0] + begin * (slope + begin * bend),
-            f[0] + middle * (slope + middle * bend),
-            f[0] + end * (slope + end * bend),
-        )
-        first, both = hold(omega, p[1], 0.5 * part), hold(omega, p[1], part)
-        advance(inside, state, p, part, first, both, stiffest)
+    in_two(f, state, p, h, share, stiffest)
 
 
 @jit
