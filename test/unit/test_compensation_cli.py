@@ -13,6 +13,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.reporting.folder import MARKER
+from piezo_hysteresis.reporting.plot_parts import ROLES
 from piezo_sim import Plant
 
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
@@ -125,6 +126,14 @@ def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
     own, _ = study(files, tmp_path, *words, reference=SLOW)
     mine, _ = study(files, tmp_path, *words, '--fuzzy-tables', str(table), reference=SLOW)
     assert mine['with fuzzy PID'] < 0.95 * own['with fuzzy PID']  # all of the integral, always
+
+
+def test_no_two_runs_of_a_report_have_one_colour(files, tmp_path):
+    study(files, tmp_path, '--pid', '0', '3e3', '0', '--together')
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    for role in ('uncompensated', 'feedforward', 'attenuated', 'fed_back', 'everything'):
+        assert ROLES[role] in page
+    assert len({ROLES[role] for role in ('fed_back', 'everything', 'attenuated')}) == 3
 
 
 def test_repetitive_control_is_an_attenuation_too(files, tmp_path):

@@ -17,7 +17,9 @@ _ROLES = {
     'no compensation': 'uncompensated',
     'feedforward': 'feedforward',
     'with attenuation': 'attenuated',
+    'with both': 'everything',
 }
+_OTHER = 'fed_back'  # a law on the error, whatever its name
 
 
 class StudiedRun(Protocol):
@@ -94,7 +96,8 @@ def _errors(runs: Sequence[StudiedRun], from_seconds: float) -> PageSection:
 
 
 def _left(runs: Sequence[StudiedRun]) -> PageSection:
-    compensated = runs[1:]
+    # the largest first, so that none hides another
+    compensated = sorted(runs[1:], key=lambda run: -run.metrics.rms)
     every = max(1, runs[0].result.time.size // _WHOLE)
     figures: list[Plot] = [
         trace_figure(
@@ -122,7 +125,7 @@ def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
     tables: tuple[Table, ...] = ()
     if counted:
         headers = ('run', 'link', 'what', 'ticks')
-        tables = (table(headers, counted, 'What was limited, refused or clamped.'),)
+        tables = (table(headers, counted, 'What the links and the limiter counted.'),)
     figure = trace_figure(
         [
             Curve('reference', runs[0].result.time[_end(runs[0])],
@@ -140,4 +143,4 @@ def _end(run: StudiedRun) -> slice:
 
 
 def _curve(run: StudiedRun, part: slice, values: FloatArray) -> Curve:
-    return Curve(run.name, run.result.time[part], values[part], _ROLES.get(run.name, ''))
+    return Curve(run.name, run.result.time[part], values[part], _ROLES.get(run.name, _OTHER))

@@ -30,6 +30,8 @@ ROLES = {
     'uncompensated': PALETTE[1],
     'feedforward': PALETTE[0],
     'attenuated': PALETTE[2],
+    'fed_back': PALETTE[3],
+    'everything': PALETTE[4],
     'before': PALETTE[1],
     'after': PALETTE[0],
     'model': PALETTE[0],
