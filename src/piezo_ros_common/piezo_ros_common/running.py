@@ -61,7 +61,7 @@ def _working_events_executor() -> Executor | None:
 
 
 def _ticks(executor: Executor) -> bool:
-    """Tell whether `executor` runs a timer at all (a self-test at start, some milliseconds)."""
+    """Return whether `executor` runs a timer at all (a self-test at start, some milliseconds)."""
     # Without the arguments of the process: they would give the probe the name of the node.
     probe = Node(
         'executor_probe',

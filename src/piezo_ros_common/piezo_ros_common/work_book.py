@@ -53,7 +53,7 @@ class WorkBook:
         return self._now() - self.newest
 
     def is_ready(self, name: str) -> bool:
-        """Tell whether the node `name` has said that it can answer."""
+        """Return whether the node `name` has said that it can answer."""
         return self._said.get(name.strip('/'), ('',))[0] == Readiness.READY
 
     def working(self) -> str:

@@ -110,11 +110,11 @@ class AccessPolicy:
         return parts.scheme in ('http', 'https') and _canonical(parts.netloc) in self.names
 
     def shown(self, word: str) -> bool:
-        """Tell whether a word is the token."""
+        """Return whether a word is the token."""
         return bool(self._token) and hmac.compare_digest(word.encode(), self._token.encode())
 
     def admitted(self, headers: Mapping[str, str]) -> bool:
-        """Tell whether a request comes from a reader who has shown the token, if there is one."""
+        """Return whether a request is of a reader who has shown the token, if there is one."""
         if not self._token:
             return True
         try:

@@ -76,7 +76,7 @@ class Backend(Protocol):
         """Return the namespaces there are, never an empty list."""
 
     def allows(self, actuator: str) -> bool:
-        """Tell whether a namespace that a reader asks for may be looked at."""
+        """Return whether a namespace that a reader asks for may be looked at."""
 
     def live(self, actuator: str) -> Live:
         """Return what is known of an actuator; what is not yet listened to is from now on."""

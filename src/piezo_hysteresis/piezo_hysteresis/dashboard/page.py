@@ -42,7 +42,7 @@ class Flow:
         beat.js_on_change('tags', CustomJS(args={'seen': self.seen}, code=SEEN))
 
     def ready(self) -> bool:
-        """Tell whether the browser waits for a picture."""
+        """Return whether the browser waits for a picture."""
         late = time.monotonic() - self._sent_at > TIMEOUT
         return late or list(self.seen.tags) == list(self._beat.tags)
 

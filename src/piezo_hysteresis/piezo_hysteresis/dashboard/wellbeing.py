@@ -39,7 +39,7 @@ def ago(seconds: float) -> str:
 
 
 def resting(live: Live) -> bool:
-    """Tell whether nobody is asked to move: links without input are then as they should be."""
+    """Return whether nobody is asked to move: links without input are then as they should be."""
     mode = live.parameter('excitation', 'mode')
     health = live.diagnostics.get('excitation')
     failed = health is not None and health.level == 'error'

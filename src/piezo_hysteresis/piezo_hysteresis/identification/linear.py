@@ -43,7 +43,7 @@ def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tu
 
 
 def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
-    """Tell whether the response is affine in `names`, and the last of them does something.
+    """Return whether the response is affine in `names`, and the last of them does something.
 
     What does nothing at the defaults (the recursion of a harmonic that has no input yet, a knot
     that the signal does not come to) is affine by accident only.

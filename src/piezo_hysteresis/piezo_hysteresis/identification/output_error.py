@@ -169,7 +169,7 @@ def _followed(
 
 
 def leaves_noise(result: FitResult) -> bool:
-    """Tell whether a fit leaves no more than the noise of its records, all together."""
+    """Return whether a fit leaves no more than the noise of its records, all together."""
     if not np.isfinite(result.cost):
         return False
     squares = [
@@ -245,7 +245,7 @@ def refined(
 
 
 def _alike(one: Target, other: Target, error: FloatArray) -> bool:
-    """Tell whether two views of a record make the same fit, for errors [m] like these."""
+    """Return whether two views of a record make the same fit, for errors [m] like these."""
     if one.begins != other.begins or one.own_zero != other.own_zero:
         return False
 

@@ -76,7 +76,7 @@ def cycle_of(record: Record) -> int:
 
 
 def _closes(x: FloatArray) -> bool:
-    """Tell whether a signal goes on from its end where it began, as if it were a cycle."""
+    """Return whether a signal goes on from its end where it began, as if it were a cycle."""
     step = float(np.sqrt(np.mean(np.diff(x) ** 2)))
     moves = abs(float(x[0])) > NEAR_ZERO * float(np.max(np.abs(x)))
     return moves and abs(float(x[0] - x[-1])) <= _CLOSED * step

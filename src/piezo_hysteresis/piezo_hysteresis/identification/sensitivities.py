@@ -107,7 +107,7 @@ def _alone(
 def _is_way(
     stage: Stage, p: FloatArray, signal: FloatArray, tangent: FloatArray, clock: _Clock
 ) -> bool:
-    """Tell whether the memory of a run is differentiated on its own, and not the whole run."""
+    """Return whether the memory of a run is differentiated on its own, and not the whole run."""
     if not isinstance(stage, PathStage) or tangent.shape[0] or stage.run.by_way is None:
         return False
     own = sum(len(part.block.parameters) for part in stage.run.by_way.middle)

@@ -57,11 +57,11 @@ class Tails:
         self._tail = [self._of(k) for k in range(len(self._stages))]
 
     def affine(self, stage: int, first: int) -> bool:
-        """Tell whether the blocks of a stage from `first` on pass changes on as they are."""
+        """Return whether the blocks of a stage from `first` on pass changes on as they are."""
         return all(_passes(block) for block in self._stages[stage].blocks[first:])
 
     def holds(self, moved: Moved) -> bool:
-        """Tell whether a state stands in a linear tail."""
+        """Return whether a state stands in a linear tail."""
         tail = self._tail[moved.stage]
         return tail is not None and moved.place >= tail[1]
 
@@ -202,7 +202,7 @@ class Tails:
 
 
 def _passes(block: Block) -> bool:
-    """Tell whether what a block makes of a change does not depend on what it is added to."""
+    """Return whether what a block makes of a change does not depend on what it is added to."""
     if block.between in (Between.LINEAR, Between.DELAY, Between.CLOCK):
         return True
     return block.between is Between.INSTANT and _straight(block)
@@ -221,7 +221,7 @@ def _free_runs(block: Block, packed: bytes, dt: float, count: int) -> FloatArray
 
 @cache
 def _straight(block: Block) -> bool:
-    """Tell whether a block without memory is a straight line, whatever its parameters."""
+    """Return whether a block without memory is a straight line, whatever its parameters."""
     rng = np.random.default_rng(0)
     own = np.array([q.default + q.scale * rng.uniform(0.5, 1.5) for q in block.parameters])
     x = np.array([-1.0, -0.25, 0.0, 1.0, 3.0])

@@ -105,5 +105,5 @@ def for_range(
 
 
 def _grows(parameter: Parameter, held: float) -> bool:
-    """Tell whether a held value is the range of the reference and not one that somebody knows."""
+    """Return whether a held value is the range of the reference not one that somebody knows."""
     return parameter.follows_range and held == parameter.default

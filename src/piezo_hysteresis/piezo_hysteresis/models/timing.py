@@ -8,7 +8,7 @@ from piezo_hysteresis.models.chain import Model
 
 
 def answers_at_once(model: Model, values: Mapping[str, float], dt: float) -> bool:
-    """Tell whether the chain's answer at a tick includes the voltage of that tick.
+    """Return whether the chain's answer at a tick includes the voltage of that tick.
 
     A chain with inertia answers at the tick, before its voltage acts, as a measurement does. Every
     other chain answers at the end of the tick, just before the next voltage acts: it is to be

@@ -130,7 +130,7 @@ def _read(
 
 
 def is_csv(path: Path) -> bool:
-    """Tell whether a file is one of columns, by its name."""
+    """Return whether a file is one of columns, by its name."""
     return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat')
 
 

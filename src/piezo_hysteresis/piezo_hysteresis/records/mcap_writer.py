@@ -43,7 +43,7 @@ class PlainFile:
         return self.end
 
     def room_for(self, size: int) -> bool:
-        """Tell whether `size` bytes and an index still fit: always."""
+        """Return whether `size` bytes and an index still fit: always."""
         return size >= 0
 
     def append(self, data: bytes) -> None:
@@ -110,7 +110,7 @@ class PaddedFile:
             view, at = view[written:], at + written
 
     def room_for(self, size: int) -> bool:
-        """Tell whether `size` bytes, the padding behind them and a filler still fit."""
+        """Return whether `size` bytes, the padding behind them and a filler still fit."""
         return self.end + size + 3 * mcap.PREFIX.size <= self._limit
 
     def append(self, data: bytes) -> None:

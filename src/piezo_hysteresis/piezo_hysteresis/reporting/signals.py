@@ -72,7 +72,7 @@ def last_periods(n: int, frequency: float, dt: float, periods: int, warm_up: int
 
 
 def stands_out(whole: FloatArray, part: FloatArray) -> bool:
-    """Tell whether a part hides the largest values of the whole, as of a spike elsewhere."""
+    """Return whether a part hides the largest values of the whole, as of a spike elsewhere."""
     if not part.size or not np.all(np.isfinite(whole)):
         return False
     return float(np.abs(whole).max()) > _SPIKE * float(np.abs(part).max())

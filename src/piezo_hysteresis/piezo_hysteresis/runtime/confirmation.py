@@ -114,7 +114,7 @@ class Progress:
         return self.counts.get(EDGE, -1)
 
     def holds(self, first: int, last: int) -> bool | None:
-        """Tell whether it has the samples `first` to `last`: True, or False where one is missing.
+        """Return whether it has the samples `first` to `last`, False where one is missing.
 
         None says that they are not all there yet.
         """

@@ -260,7 +260,7 @@ class RecordSegmenter:
         self._forget_samples()
 
     def settled(self, estimate: Estimate) -> bool:
-        """Tell whether the estimate stood still since this was asked last."""
+        """Return whether the estimate stood still since this was asked last."""
         before, self._before = self._before, estimate
         if before is None or before.names != estimate.names:
             return False

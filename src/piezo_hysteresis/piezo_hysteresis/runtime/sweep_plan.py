@@ -137,7 +137,7 @@ class Sweep:
             self._cancelled_at = (sample, self.voltage(sample - 1))
 
     def over(self, sample: int) -> bool:
-        """Tell whether tick `sample` lies behind the end."""
+        """Return whether tick `sample` lies behind the end."""
         if self._cancelled_at is not None:
             return sample >= self._cancelled_at[0] + round(RETURN * self.rate)
         return not self._rests(sample) and self._place(sample) >= self.length
@@ -150,7 +150,7 @@ class Sweep:
         return next((record for record in self.records if record.first == place), None)
 
     def ending(self, sample: int) -> bool:
-        """Tell whether `sample` is the first tick behind a record."""
+        """Return whether `sample` is the first tick behind a record."""
         if self._cancelled_at is not None:
             return sample == self._cancelled_at[0]
         return not self._rests(sample) and any(

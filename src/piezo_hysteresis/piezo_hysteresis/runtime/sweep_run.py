@@ -172,7 +172,7 @@ class SweepRun:
         return None
 
     def _judged(self, sample: int) -> bool:
-        """Tell whether it is known who has the record before; let it be repeated if need be."""
+        """Return whether it is known who has the record before; let it be repeated if need be."""
         closed = self._closed
         if closed is None:
             return True
@@ -199,7 +199,7 @@ class SweepRun:
         }
 
     def _begun(self, record: SweepRecord, sample: int) -> bool:
-        """Tell whether every recorder knows that the record begins; ask those who do not."""
+        """Return whether every recorder knows that the record begins; ask those who do not."""
         asked = self._asked
         if asked is None or asked.record is not record or asked.first != sample:
             asked = self._ask(record, sample)

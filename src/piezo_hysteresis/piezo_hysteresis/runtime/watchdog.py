@@ -68,5 +68,5 @@ class Watchdog:
         return voltage
 
     def overdue(self, tick: int) -> bool:
-        """Tell whether `tick` comes too late after the newest command."""
+        """Return whether `tick` comes too late after the newest command."""
         return 0 < self.timeout < tick - self.newest and self.newest >= 0

@@ -149,7 +149,7 @@ class Ladder:
         )
 
     def _shows(self, model: Model, effect: Effect) -> bool:
-        """Tell whether the records could tell the effect from the curves that the model has."""
+        """Return whether the records could tell the effect from the curves that the model has."""
         if not (self.one_amplitude and _is_static(effect.block)):
             return True
         rivals = {d.block.name for name in effect.mistaken_for for d in described(name) if d.block}

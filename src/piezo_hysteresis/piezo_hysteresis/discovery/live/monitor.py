@@ -17,7 +17,7 @@ from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
 
 # Above the floor by this factor in this many windows running, the gap is real.
-BEYOND = 1.3
+GAP_RATIO = 1.3
 CONFIRMATIONS = 2
 # Share of the power above the floor that makes a family; of harmonics little is telling.
 MOST = 0.5
@@ -134,10 +134,10 @@ class GapMonitor:
         self._simulated_tail = known[-2 * MARGIN :]
 
     def _explains(self, record: Record) -> bool:
-        """Tell whether the model from rest leaves nothing beyond the floor of a record."""
+        """Return whether the model from rest leaves nothing beyond the floor of a record."""
         with np.errstate(over='ignore', invalid='ignore'):
             y = free_run(self._model, self._values, record, self._offset, begins=STEP)
-        return float(np.sqrt(np.mean((record.displacement - y) ** 2))) <= BEYOND * self._floor
+        return float(np.sqrt(np.mean((record.displacement - y) ** 2))) <= GAP_RATIO * self._floor
 
     def _error(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus simulated, `MARGIN` ticks behind, where both are known."""
@@ -160,7 +160,7 @@ class GapMonitor:
             orders, phasors, _ = harmonics(error, frequency, self._dt)
             rows = np.abs(phasors) / np.where(np.arange(len(orders)) == 0, 1.0, np.sqrt(2.0))
             sizes = [float(size) for size in rows]
-        self._streak = self._streak + 1 if floors > BEYOND else 0
+        self._streak = self._streak + 1 if floors > GAP_RATIO else 0
         beyond = self._streak >= CONFIRMATIONS
         family = family_of(orders, sizes, rms, self._floor) if beyond else ''
         return GapReport(rms, floors, frequency, orders, sizes, beyond, family)

@@ -11,7 +11,7 @@ from piezo_hysteresis.models import described
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery.selection.elimination import Step
 
-DOUBT = 0.02
+RIVAL_PROBABILITY = 0.02
 
 
 def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:
@@ -19,7 +19,7 @@ def advise(check: Check, steps: Sequence[Step], left: bool, description: str) ->
     wanted: list[str] = []
     for step in steps:
         chances = step.round.probabilities()
-        rivals = [name for name, chance in chances.items() if chance > DOUBT]
+        rivals = [name for name, chance in chances.items() if chance > RIVAL_PROBABILITY]
         if len(rivals) < 2:
             continue
         for name in rivals:

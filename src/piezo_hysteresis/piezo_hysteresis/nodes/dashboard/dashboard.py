@@ -79,8 +79,8 @@ class Dashboard(Node):
         self._desks: dict[str, ActuatorSession] = {}
         self._lives: dict[str, Live] = {}
         self._found: list[str] = []
-        self._ear_node = silent_node(self, 'dashboard_ear')
-        self._common = SharedTopics(self._ear_node, self._live_of, self._on_event)
+        self._collector_node = silent_node(self, 'dashboard_ear')
+        self._common = SharedTopics(self._collector_node, self._live_of, self._on_event)
         self._look()
         self._server = self._serve()
         self._ticked, self._lags = self._now(), 0
@@ -202,7 +202,7 @@ class Dashboard(Node):
         return self._found or ['']
 
     def allows(self, actuator: str) -> bool:
-        """Tell whether a namespace that a reader asks for may be looked at."""
+        """Return whether a namespace that a reader asks for may be looked at."""
         wanted = self._wanted()
         return actuator in wanted if wanted else len(self._lives) < MOST_ACTUATORS
 
@@ -269,7 +269,7 @@ class Dashboard(Node):
         self._server.stop()
         for desk in self._desks.values():
             desk.close()
-        self._ear_node.destroy_node()
+        self._collector_node.destroy_node()
 
 
 def ros_arguments(arguments: Sequence[str]) -> list[str]:

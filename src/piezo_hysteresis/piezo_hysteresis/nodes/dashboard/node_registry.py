@@ -171,5 +171,5 @@ class NodeRegistry:
 
 
 def shown(name: str) -> bool:
-    """Tell whether a node is worth showing."""
+    """Return whether a node is worth showing."""
     return not name.startswith(NOT_SHOWN)

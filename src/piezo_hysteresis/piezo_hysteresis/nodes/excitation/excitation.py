@@ -154,7 +154,7 @@ class Excitation(Node):
             self._emit_experiment(sample)
 
     def _listened_to(self) -> bool:
-        """Tell whether everybody is there who must not miss the first tick."""
+        """Return whether everybody is there who must not miss the first tick."""
         return self._emitted >= 0 or not self._missing_listeners()
 
     def _missing_listeners(self) -> str:

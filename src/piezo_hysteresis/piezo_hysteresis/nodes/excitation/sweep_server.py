@@ -147,7 +147,7 @@ class SweepServer:
         return self._busy
 
     def begins(self, sample: int) -> bool:
-        """Tell whether the sweep has begun or may begin with tick `sample`."""
+        """Return whether the sweep has begun or may begin with tick `sample`."""
         if self._first >= 0:
             return True
         assert self._run is not None

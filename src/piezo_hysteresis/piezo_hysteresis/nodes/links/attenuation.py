@@ -45,7 +45,7 @@ class Attenuation(TrackingNode):
         return law if values['enabled'] else None
 
     def shapes(self, name: str) -> bool:
-        """Tell whether `name` is a setting of the law."""
+        """Return whether `name` is a setting of the law."""
         return name in _SETTINGS or name == 'enabled' or name.startswith('plant.')
 
     def adjust(self, changes: dict[str, Value]) -> bool:

@@ -50,7 +50,7 @@ class FeedbackNode(TrackingNode):
         return FuzzyPid(gains, rules, self.dt, limits=limits)
 
     def shapes(self, name: str) -> bool:
-        """Tell whether `name` matters for the method in force."""
+        """Return whether `name` matters for the method in force."""
         return name == 'method' or name.startswith(_GROUPS[self.parameters.text('method')])
 
     def adjust(self, changes: dict[str, Value]) -> bool:

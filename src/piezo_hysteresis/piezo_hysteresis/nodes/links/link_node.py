@@ -245,7 +245,7 @@ class LinkNode(LifecycleNode):
             )
 
     def has_publisher(self) -> bool:
-        """Tell whether whoever publishes the input is still there."""
+        """Return whether whoever publishes the input is still there."""
         return bool(self.count_publishers(self.resolve_topic_name(self._source)))
 
     # --- counting ------------------------------------------------------------------------------

@@ -102,7 +102,7 @@ class TrackingNode(LinkNode):
         return False
 
     def shapes(self, name: str) -> bool:
-        """Tell whether the parameter `name` shapes the law at all."""
+        """Return whether the parameter `name` shapes the law at all."""
         raise NotImplementedError
 
     def counters(self) -> dict[str, int]:
