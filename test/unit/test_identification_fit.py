@@ -13,7 +13,6 @@ from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.reading import shifted
 from piezo_hysteresis.identification.sensitivities import sensitivities
-from piezo_hysteresis.identification.solver import Problem, solve
 from piezo_hysteresis.identification.starts import representative
 from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
@@ -320,48 +319,6 @@ def test_a_long_warm_up_is_no_reason_to_scan_nothing() -> None:
     assert seen.pick(seen.voltage).size == seen.measured.size
 
 
-class Rosenbrock(Problem):
-    """The classic curved valley, as least squares."""
-
-    grains = np.zeros(2)
-
-    def cost(self, x: np.ndarray) -> float:
-        r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
-        return 0.5 * float(r @ r)
-
-    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
-        q, factor = np.linalg.qr(np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]))
-        return factor, q.T @ r, self.cost(x)
-
-
-class Stairs(Problem):
-    """A slope in x[1] at the place that x[0] says in whole steps; its derivative spans a step."""
-
-    grains = np.array([1.0, 0.0])
-
-    def _residual(self, x: np.ndarray) -> np.ndarray:
-        place = np.floor(x[0])
-        return np.array([3.0 * (place - 4.0), x[1] - place])
-
-    def cost(self, x: np.ndarray) -> float:
-        r = self._residual(x)
-        return 0.5 * float(r @ r)
-
-    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        rows = np.array([[3.0, 0.0], [-1.0, 1.0]])
-        q, factor = np.linalg.qr(rows)
-        return factor, q.T @ self._residual(x), self.cost(x)
-
-
-def test_the_solver_takes_what_moves_by_whole_steps_over_their_edges() -> None:
-    low, high = np.full(2, -9.0), np.full(2, 9.0)
-    for begin in (3.1, 0.7, 4.9, 8.2):
-        found = solve(Stairs(), np.array([begin, 0.0]), low, high)
-        assert np.floor(found.x[0]) == 4.0
-        assert found.x[1] == pytest.approx(4.0)
-
-
 def test_a_delay_of_what_is_held_is_found_from_ticks_away() -> None:
     model = chain('transport_delay', 'prandtl_ishlinskii', 'offset')
     u = np.concatenate([sine(f, 4.0) for f in (1.0, 7.0, 19.0)])
@@ -372,17 +329,6 @@ def test_a_delay_of_what_is_held_is_found_from_ticks_away() -> None:
     for begin in (1.5e-3, 4.5e-3):
         result = fit(model, [record], {**truth, 'delay': begin}, sampling_offset=True)
         assert result.rms == pytest.approx(20e-9, rel=0.05)
-
-
-def test_the_solver_finds_the_valley_and_the_bound() -> None:
-    far = np.full(2, 10.0)
-    free = solve(Rosenbrock(), np.array([-1.2, 1.0]), -far, far)
-    np.testing.assert_allclose(free.x, [1.0, 1.0], atol=1e-7)
-    assert free.converged
-    bounded = solve(Rosenbrock(), np.array([-1.2, 1.0]), -far, np.array([0.5, 10.0]))
-    np.testing.assert_allclose(bounded.x, [0.5, 0.25], atol=1e-7)
-    assert bounded.at_bound == (True, False)
-    assert list(bounded.history) == sorted(bounded.history, reverse=True)
 
 
 @pytest.mark.parametrize(
