@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.check import check
+from piezo_hysteresis.discovery.data.check import Check, check
 from piezo_hysteresis.records import Record, RecordInfo
+from piezo_hysteresis.reporting.discovery_report import untold_limits
 
 TIME = np.arange(3000) * 1e-3
 
@@ -36,3 +37,11 @@ def test_an_inverted_sensor_is_told_from_one_of_another_clock():
     assert 'runs against the input' in said
     (said,) = findings(wave(7.0), 1e-5 * wave(31.0), frequency=7.0)
     assert 'hardly move together' in said
+
+
+def test_a_report_gives_no_advice_twice():
+    hold = 'record a step and hold it for 30 s'
+    found = Check(('r: short',), ((('creep', 'drift'), hold), (('lag', 'creep'), hold)))
+    said = ['To tell creep, drift apart: record a step and hold it for 30 s.']
+    assert untold_limits(found, said) == ['r: short', 'lag, creep cannot be told apart']
+    assert untold_limits(found, []) == list(found.sentences())

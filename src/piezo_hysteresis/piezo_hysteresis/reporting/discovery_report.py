@@ -8,6 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
+from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
@@ -36,7 +37,7 @@ def discovery_page(found: Discovery) -> str:
         _where(found),
         _what(verdict),
         _how_sure(verdict),
-        _next(verdict),
+        _next(verdict, found.check),
         _model(found),
     ]
     title = f'What the model {verdict.baseline} misses'
@@ -251,11 +252,23 @@ def _how_sure(verdict: Verdict) -> PageSection | None:
     return PageSection('How sure', text, (), (table(('effect', 'probability', 'p-value'), rows),))
 
 
-def _next(verdict: Verdict) -> PageSection:
+def _next(verdict: Verdict, check: Check) -> PageSection:
     lines = [f'- {each}' for each in verdict.next_experiments]
-    if verdict.check:
-        lines += ['', 'What these records cannot tell:', '', *(f'- {c}' for c in verdict.check)]
+    untold = untold_limits(check, verdict.next_experiments)
+    if untold:
+        lines += ['', 'What these records cannot tell:', '', *(f'- {each}' for each in untold)]
     return PageSection('What to measure next', '\n'.join(lines))
+
+
+def untold_limits(check: Check, experiments: Sequence[str]) -> list[str]:
+    """Return what records cannot tell, without what the experiments above have said already."""
+    untold = list(check.findings)
+    for names, advice in check.confounded:
+        words = ', '.join(names)
+        if not any(words in each and advice in each for each in experiments):
+            known = any(advice in each for each in experiments)
+            untold.append(f'{words} cannot be told apart{"" if known else f": {advice}"}')
+    return untold
 
 
 def _model(found: Discovery) -> PageSection:
