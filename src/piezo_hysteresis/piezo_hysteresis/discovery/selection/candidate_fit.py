@@ -190,7 +190,11 @@ def fitted_to(
         together, which is as much as a tick later.
     """
     low, high = clock or (0.0, views[0].dt)
-    bounds = {**_below_half_the_rate(spec.model, views[0].dt), SAMPLING_OFFSET: (low, high)}
+    bounds = {
+        **_below_half_the_rate(spec.model, views[0].dt),
+        **_not_below_the_noise(spec.model, min(view.noise for view in views)),
+        SAMPLING_OFFSET: (low, high),
+    }
     start = {**spec.values, SAMPLING_OFFSET: float(np.clip(spec.sampling_offset, low, high))}
     try:
         result = fit(
@@ -216,6 +220,19 @@ _HIGHEST = 0.49
 def _below_half_the_rate(model: Model, dt: float) -> dict[str, tuple[float, float]]:
     free = (q for q in model.parameters if q.unit == 'Hz' and not q.held)
     return {q.name: (q.low, min(q.high, _HIGHEST / dt)) for q in free}
+
+
+# Lengths that must be positive are looked for from this share of the noise on.
+_SHORTEST = 0.1
+
+
+def _not_below_the_noise(model: Model, noise: float) -> dict[str, tuple[float, float]]:
+    """Return bounds of lengths within which a force is built up: shorter ones show nothing.
+
+    A model follows them in ever finer steps, and would take a hundred times as long.
+    """
+    free = (q for q in model.parameters if q.unit == 'm' and q.low > 0.0 and not q.held)
+    return {q.name: (min(max(q.low, _SHORTEST * noise), q.high), q.high) for q in free}
 
 
 def _of_result(result: FitResult, added: tuple[Added, ...]) -> CandidateFit | None:

@@ -100,7 +100,7 @@ class SelectionPolicy:
         'effort',
     )
     promised: float = _number(
-        0.05,
+        0.1,
         '1',
         'Share of what a name asks for that a candidate must promise, too.',
         'effort: what is promised near a start fell short of what a fit took by up to 4 times in '
