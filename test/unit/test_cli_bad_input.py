@@ -87,6 +87,8 @@ BAD = [
     ('discover', '--warm-up -1', 'warm-up must be 0 s or more'),
     ('discover', '--seed -1', 'seed must be 0 or more'),
     ('discover', '--workers -2', '--workers must be 0'),
+    ('discover', '--time-limit -1', '--time-limit must be 0'),
+    ('discover', '--time-limit nan', '--time-limit must be 0'),
     ('compensate', '--reference sine:frequency=5,amplitude=120,duration=1', 'amplitudes are in m'),
     ('compensate', '--reference sine:frequency=5,amplitude=1e-5,offset=1e-3', 'reaches'),
     ('compensate', '--reference sine:frequency=900,amplitude=1e-5,duration=1', 'be sampled at'),

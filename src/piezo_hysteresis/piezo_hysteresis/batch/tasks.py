@@ -173,6 +173,8 @@ class Discover:
         How records begin and where their zeros lie, see `identification.circumstances.Choices`.
     policy : mapping of str to float
         Numbers that decide, where they are not those of `discovery.selection.policy`.
+    time_limit : float
+        After which nothing more is begun; 0 for none [s].
     """
 
     baseline: str
@@ -185,6 +187,7 @@ class Discover:
     begins: str = 'auto'
     zero: str = 'auto'
     policy: Mapping[str, float] = field(default_factory=dict)
+    time_limit: float = 0.0
 
     verb: ClassVar[str] = 'discover'
 
@@ -239,6 +242,7 @@ class Discover:
             workers=self.workers,
             choices=choices,
             policy=self.policy,
+            time_limit=self.time_limit or math.inf,
             progress=progress,
         )
         write_discovery(out, found, data)

@@ -46,6 +46,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='numbers that decide, see docs/reference/policy.md',
     )
+    add(
+        '--time-limit',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='seconds after which nothing more is begun: the best so far, and what was not tried',
+    )
     add('--actuator', help='which actuator, where a bag holds several')
     add('--salvage', action='store_true', help='use what is readable of damaged data')
 
@@ -68,6 +75,8 @@ def task_of(arguments: argparse.Namespace) -> Discover:
 
     if arguments.workers < 0:
         raise IdentificationError('--workers must be 0 (one per core) or more')
+    if not arguments.time_limit >= 0.0:
+        raise IdentificationError('--time-limit must be 0 (none) or more seconds')
     return Discover(
         baseline=arguments.baseline,
         seed=arguments.seed,
@@ -79,6 +88,7 @@ def task_of(arguments: argparse.Namespace) -> Discover:
         begins=arguments.start,
         zero=arguments.zero,
         policy=pairs(arguments.policy),
+        time_limit=arguments.time_limit,
     )
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, check
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.start import Searching, find
@@ -68,6 +70,7 @@ def discover(
     workers: int = 1,
     choices: Choices | None = None,
     policy: Mapping[str, float] | None = None,
+    time_limit: float = inf,
     progress: Progress = lambda fraction, message: None,
 ) -> Discovery:
     """Find what `baseline` misses in `records`.
@@ -88,6 +91,9 @@ def discover(
         What is known of how the records begin and where their zeros lie.
     policy : mapping of str to float, optional
         Numbers that decide, where they are not to be those of `SelectionPolicy`.
+    time_limit : float
+        Seconds after which nothing more is begun: the best so far is the verdict, and says what
+        was not tried. It then depends on how fast the machine is.
     progress : callable
         Told ``(fraction, message)``.
 
@@ -97,7 +103,8 @@ def discover(
         If nothing can be said from the records; the message says what to record.
     """
     began = time.monotonic()
-    how = Searching(choices or Choices(), seed, workers, dict(policy or {}))
+    end = Deadline(time_limit)
+    how = Searching(choices or Choices(), seed, workers, dict(policy or {}), end)
     known = annotated(records)
     coverage = check(known)
     data = split(known, how.choices.start)

@@ -20,6 +20,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     fitted_to,
     judged_on,
 )
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.identification.targets import Target
@@ -64,13 +65,23 @@ class Evaluator(ABC):
         Threads; the result does not depend on it.
     policy : SelectionPolicy
         What decides.
+    deadline : Deadline, optional
+        When nothing more is begun.
     """
 
     #: Other values of the baseline's parameters from which first fits may start.
     hints: tuple[Mapping[str, float], ...] = ()
 
-    def __init__(self, data: Dataset, seed: int, workers: int, policy: SelectionPolicy) -> None:
+    def __init__(
+        self,
+        data: Dataset,
+        seed: int,
+        workers: int,
+        policy: SelectionPolicy,
+        deadline: Deadline | None = None,
+    ) -> None:
         self.data, self.seed, self.policy = data, seed, policy
+        self.deadline = deadline or Deadline()
         self.floor = data.noise.rms
         self._workers = max(1, workers)
         self.views = data.training

@@ -12,6 +12,7 @@ from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import (
@@ -27,7 +28,7 @@ class FreeEvaluator(Evaluator):
 
     Parameters
     ----------
-    data, seed, workers, policy
+    data, seed, workers, policy, deadline
         As in `Evaluator`.
     hints : sequence of mapping of str to float
         Other values of the baseline's parameters from which first fits may start.
@@ -40,8 +41,9 @@ class FreeEvaluator(Evaluator):
         workers: int,
         policy: SelectionPolicy = POLICY,
         hints: Sequence[Mapping[str, float]] = (),
+        deadline: Deadline | None = None,
     ) -> None:
-        super().__init__(data, seed, workers, policy)
+        super().__init__(data, seed, workers, policy, deadline)
         self.hints = tuple(hints)
         self.negligible = policy.negligible + policy.noise_doubts * data.noise.doubt
         self.edges = block_edges(
@@ -54,7 +56,9 @@ class FreeEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> FreeEvaluator:
         """Return the same evaluator on other data."""
-        return FreeEvaluator(data, self.seed, self._workers, self.policy, self.hints)
+        return FreeEvaluator(
+            data, self.seed, self._workers, self.policy, self.hints, self.deadline
+        )
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.expectation import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
@@ -32,7 +33,7 @@ class HeldEvaluator(Evaluator):
 
     Parameters
     ----------
-    data, seed, workers, policy
+    data, seed, workers, policy, deadline
         As in `Evaluator`.
     base : CandidateFit
         The baseline as its file says.
@@ -48,8 +49,9 @@ class HeldEvaluator(Evaluator):
         base: CandidateFit,
         known: Discrepancy,
         policy: SelectionPolicy = HELD,
+        deadline: Deadline | None = None,
     ) -> None:
-        super().__init__(data, seed, workers, policy)
+        super().__init__(data, seed, workers, policy, deadline)
         self.base, self.known = base, known
         self._fixed = frozenset(base.model.free_names)
         late, dt = base.sampling_offset, self.views[0].dt
@@ -66,7 +68,8 @@ class HeldEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return the same evaluator on other data."""
-        return HeldEvaluator(data, self.seed, self._workers, self.base, self.known, self.policy)
+        given = self.base, self.known, self.policy, self.deadline
+        return HeldEvaluator(data, self.seed, self._workers, *given)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return what is fitted of a model: what it has beyond the baseline."""

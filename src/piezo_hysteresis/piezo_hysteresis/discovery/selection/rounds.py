@@ -162,6 +162,8 @@ def _trial(
     an effect is known, the baseline was fitted together with it.
     """
     candidate, policy = score.candidate, evaluator.policy
+    if evaluator.deadline.skips(candidate.effect.name):
+        return None
     starts = list(score.starts[: policy.starts])
     own = {name: starts[0][name] for name in candidate.added}
     for hint in () if before.added else evaluator.hints:
@@ -181,13 +183,22 @@ def _hopeful(tried: Sequence[CandidateFit], policy: SelectionPolicy) -> list[Can
 
 def _first_fit(evaluator: Evaluator, trial: CandidateFit) -> CandidateFit | None:
     """Fit to short views from where a trial ended."""
+    if evaluator.deadline.skips(trial.effect):
+        return None
     fit = evaluator.fit(trial, evaluator.short, evaluator.policy.first_evaluations)
     return None if fit is None else evaluator.first_judged(fit)
 
 
 def _final_fits(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
-    """Fit on all of the training records; return what survives, best first."""
-    final = [fit for fit in evaluator.map(evaluator.fit, fits) if fit is not None]
+    """Fit on all of the training records; return what survives, best first.
+
+    Where the time is over, they are only judged there.
+    """
+
+    def ended(fit: CandidateFit) -> CandidateFit | None:
+        return evaluator.judged(fit) if evaluator.deadline.passed else evaluator.fit(fit)
+
+    final = [fit for fit in evaluator.map(ended, fits) if fit is not None]
     return ranked(evaluator, _finite(evaluator, final))
 
 

@@ -53,7 +53,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
     progress(0.85, 'judging every effect knowing the others')
     best = _judged_again(found)
     for step in _others(evaluator, first):
-        if not best.leaves_much:
+        if not best.leaves_much or evaluator.deadline.skips(f'{step.fit.effect} first'):
             break
         progress(0.9, f'beginning again with {step.fit.effect}')
         again = replace(step, fit=_finished(evaluator, step.fit))
@@ -67,6 +67,8 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
 
 def _judged_again(found: Found) -> Found:
     if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
+        return found
+    if len(found.steps) > 1 and found.evaluator.deadline.skips('effects judged again'):
         return found
     steps, final = judged_again(found.evaluator, found.start, found.steps)
     return replace(found, steps=tuple(steps), final=final)
@@ -94,7 +96,7 @@ def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:
 
 def _finished(evaluator: Evaluator, fit: CandidateFit) -> CandidateFit:
     """Return a fit ended where nothing is left to gain."""
-    thorough = evaluator.policy.thorough_evaluations
+    thorough = 0 if evaluator.deadline.passed else evaluator.policy.thorough_evaluations
     return evaluator.refit(fit, thorough) if thorough else fit
 
 
@@ -107,6 +109,8 @@ def _forward(
     last: SelectionRound | None = None
     for place in range(len(steps), most):
         if not evaluator.lacks_something(current, start):
+            return Found(evaluator, start, current, tuple(steps))
+        if steps and evaluator.deadline.skips('one effect more'):
             return Found(evaluator, start, current, tuple(steps))
         evaluator = evaluator.with_tones_aligned(current)
         current = replace(evaluator.judged(current), fitted=current.fitted)

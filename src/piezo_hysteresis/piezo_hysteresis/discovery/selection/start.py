@@ -13,6 +13,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     fitted_to,
     judged_on,
 )
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
 from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
@@ -39,12 +40,15 @@ class Searching:
         Threads.
     changed : dict of str to float
         Numbers of the policy that are not the usual ones.
+    deadline : Deadline
+        When nothing more is begun.
     """
 
     choices: Choices
     seed: int
     workers: int
     changed: dict[str, float]
+    deadline: Deadline
 
     def policy(self, usual: SelectionPolicy) -> SelectionPolicy:
         """Return the usual policy with what was changed."""
@@ -72,7 +76,7 @@ def find(
     base, seen = fitted_baselines(data, given, how.choices)
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
-    evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints)
+    evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints, how.deadline)
     return base, _judged(search(evaluator, base.joint, progress), progress)
 
 
@@ -93,10 +97,14 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
     for searched in (True, False):
         base, seen = held_data(data, given, how.choices, searched=searched)
         if not searched and (
-            how.choices.start != 'auto' or not _invented(data, found[0][1].evaluator.data)
+            how.deadline.skips('records that begin as they say')
+            or how.choices.start != 'auto'
+            or not _invented(data, found[0][1].evaluator.data)
         ):
             break
-        evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given.discrepancy, policy)
+        evaluator = HeldEvaluator(
+            seen, how.seed, how.workers, base, given.discrepancy, policy, how.deadline
+        )
         each = search(evaluator, base, progress)
         levels = _invented(data, each.evaluator.data)
         found.append((each.evaluator.score(each.final) + policy.price * levels, each))

@@ -189,7 +189,14 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
 
 
 def summary_of(verdict: Verdict) -> str:
-    """Return the verdict in one sentence."""
+    """Return the verdict in one sentence, and in another what there was no time for."""
+    told = _summary(verdict)
+    if not verdict.not_tried:
+        return told
+    return f'{told} The time limit came first; not tried: {", ".join(verdict.not_tried)}.'
+
+
+def _summary(verdict: Verdict) -> str:
     held = verdict.held_out
     gap = f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g} noise floors'
     if verdict.verdict == 'none':
@@ -201,10 +208,8 @@ def summary_of(verdict: Verdict) -> str:
         left = f'{held.after_in_floors:.3g} noise floors stay on held-out records.'
         if held.after_in_floors < held.before_in_floors:
             left = f'what comes closest only lowers the held-out gap from {gap}.'
-        return (
-            f'The model {verdict.baseline} misses something that is none of the known effects: '
-            f'{left}'
-        )
+        known = 'effects that were tried' if verdict.not_tried else 'known effects'
+        return f'The model {verdict.baseline} misses something that is none of the {known}: {left}'
     names = ' and '.join(_with_chance(effect) for effect in verdict.effects)
     more = ' Something significant is left.' if verdict.unexplained.significant else ''
     them = 'it' if len(verdict.effects) == 1 else 'them'

@@ -87,6 +87,7 @@ def tell(
         free_run_stable=proof.stable,
         sampling_offset_s=final.sampling_offset,
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
+        not_tried=tuple(found.evaluator.deadline.untried),
     )
     return replace(verdict, summary=summary_of(verdict))
 

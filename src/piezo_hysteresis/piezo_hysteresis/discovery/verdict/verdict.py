@@ -104,6 +104,7 @@ class Verdict:
     free_run_stable: bool = True
     sampling_offset_s: float = 0.0
     starts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    not_tried: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, ready for JSON; numbers that are not finite become None."""

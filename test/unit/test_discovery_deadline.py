@@ -1,0 +1,64 @@
+"""A limit of time: nothing more is begun, and what was not tried is said."""
+
+import math
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.selection.deadline import Deadline
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT = 1e-3
+
+
+def records() -> list[Record]:
+    """Return sines of an actuator that acts late, which its baseline does not."""
+    model = named('classical')
+    found = []
+    for k, frequency in enumerate((1.0, 3.0, 9.0, 20.0)):
+        u = np.sin(2 * np.pi * frequency * DT * np.arange(6000))
+        late = np.concatenate([np.zeros(4), u[:-4]])
+        y = model.respond(late, model.pack(model.defaults()), DT)
+        y = y + np.random.default_rng(k).normal(0, 0.01 * np.std(y), u.size)
+        info = RecordInfo(frequency=frequency)
+        found.append(Record(f'{frequency:g} Hz', DT, u, y, info=info))
+    return found
+
+
+def test_without_a_limit_nothing_is_skipped() -> None:
+    end = Deadline()
+    assert not end.passed
+    assert not end.skips('anything')
+    assert list(end.untried) == []
+
+
+def test_what_is_skipped_is_noted_once() -> None:
+    end = Deadline(1e-9)
+    assert end.passed
+    assert all(end.skips(each) for each in ('creep', 'drift', 'creep'))
+    assert list(end.untried) == ['creep', 'drift']
+
+
+@pytest.mark.parametrize('seconds', [0.0, -1.0, math.nan])
+def test_no_time_at_all_is_refused(seconds: float) -> None:
+    with pytest.raises(IdentificationError, match='more than 0 s'):
+        Deadline(seconds)
+
+
+def test_a_search_without_time_says_what_it_did_not_try() -> None:
+    verdict = discover(records(), named('classical'), time_limit=1e-6).verdict
+    assert verdict.verdict == 'unknown'
+    assert 'transport_delay' in verdict.not_tried
+    assert 'none of the effects that were tried' in verdict.summary
+    assert 'The time limit came first; not tried: ' in verdict.summary
+    assert verdict.to_dict()['not_tried'] == list(verdict.not_tried)
+
+
+def test_a_search_with_time_enough_is_the_same_as_one_without_a_limit() -> None:
+    with_limit = discover(records(), named('classical'), time_limit=1e6).verdict
+    assert [effect.name for effect in with_limit.effects] == ['transport_delay']
+    assert with_limit.not_tried == ()
+    assert 'time limit' not in with_limit.summary
