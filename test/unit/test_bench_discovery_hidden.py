@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench import foreign_worlds as foreign
 from bench.discovery_hidden import CASES, HIDDEN, Row, hide, page
 from piezo_hysteresis.discovery.verdict.verdict import (
     Alternative,
@@ -65,3 +66,16 @@ def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
     assert 'held-out error within 1.2 of the control: 1 of 3' in text
     assert '| amplifier_lag 0.90 (or creep) |' in text
     assert text.count('**wrong**') == 2
+
+
+@pytest.mark.parametrize('name', list(foreign.WORLDS))
+def test_foreign_worlds_answer_metres_from_rest_and_lag_behind(name: str) -> None:
+    (record,) = foreign.recorded(foreign.WORLDS[name], [(1.0, 5.0)], 1.0, np.random.default_rng(1))
+    assert abs(record.displacement[0]) < 5 * foreign.NOISE * foreign.STROKE
+    last = record.displacement[-400:]
+    assert 0.5 * foreign.STROKE < 0.5 * float(np.ptp(last)) < 2.0 * foreign.STROKE
+    # the area of the loop is positive: the displacement comes after the voltage
+    loop = float(np.sum(record.voltage[-400:] * np.gradient(last)))
+    assert loop > 0.01 * foreign.STROKE
+    again = foreign.recorded(foreign.WORLDS[name], [(1.0, 5.0)], 1.0, np.random.default_rng(1))[0]
+    assert np.array_equal(again.displacement, record.displacement)
