@@ -135,6 +135,8 @@ def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad):
 
 def test_a_fit_whose_derivatives_have_no_finite_squares_is_found():
     class Steep:
+        grains = np.zeros(2)
+
         def linearise(self, x):
             return 1e200 * np.eye(2), 1e200 * x + 1.0, self.cost(x)
 
