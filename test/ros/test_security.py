@@ -7,9 +7,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 import pytest
+from listening import Listener
 
+from piezo_common import topics
 from piezo_ros_common.processes import NodeProcesses
 
 pytestmark = pytest.mark.ros
@@ -70,3 +73,27 @@ def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -
         secured.forget(known)
         pytest.skip('this middleware was built without security: the node refused to start')
     assert code is None, text
+
+
+def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
+    processes: NodeProcesses, listener: Listener
+) -> None:
+    """It hears the actuator only then, so that a loop at work does not show it."""
+    processes.start('piezo_hysteresis', 'feedforward')
+
+    def heard() -> set[str]:
+        return {
+            name.strip('/')
+            for name, _ in listener.node.get_subscriber_names_and_types_by_node('feedforward', '/')
+        }
+
+    def watches() -> bool:
+        return 'feedforward' in listener.node.get_node_names() and topics.STATE in heard()
+
+    listener.until(watches)
+    profile = Xml.parse(POLICY).getroot().find(".//profile[@node='feedforward']")
+    assert profile is not None
+    allowed = {
+        str(topic.text).strip('/') for topic in profile.iterfind('topics[@subscribe]/topic')
+    }
+    assert heard() <= allowed

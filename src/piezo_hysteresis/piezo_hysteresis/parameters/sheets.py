@@ -38,9 +38,10 @@ _ALL = (
         'piezo_hysteresis',
         'feedforward',
         'First link of the voltage chain: the voltage that the loaded model says the reference '
-        'takes. Without a model it divides by `gain`, which is no compensation.',
+        'takes. Without a model it divides by `gain`, which is no compensation. It hears the '
+        'actuator only while no reference comes.',
         tables.FEEDFORWARD,
-        subscribes=(topics.REFERENCE, topics.ESTIMATE),
+        subscribes=(topics.REFERENCE, topics.ESTIMATE, topics.STATE),
         publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status', '/diagnostics'),
         services=('~/load_model', '~/use_estimate'),
         managed=True,
