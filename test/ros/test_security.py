@@ -13,7 +13,9 @@ import pytest
 from listening import Listener
 
 from piezo_common import topics
+from piezo_interfaces.msg import Reference
 from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 
@@ -80,6 +82,9 @@ def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
 ) -> None:
     """It hears the actuator only then, so that a loop at work does not show it."""
     processes.start('piezo_hysteresis', 'feedforward')
+    references = listener.node.create_publisher(Reference, topics.REFERENCE, LOOP)
+    listener.until(references.get_subscription_count)
+    references.publish(Reference(sample=0))
 
     def heard() -> set[str]:
         return {
