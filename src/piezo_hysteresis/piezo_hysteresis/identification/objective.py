@@ -11,15 +11,14 @@ from typing import TypeVar
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.beginnings import Motion
 from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.opening import misfit, opened, square
 from piezo_hysteresis.identification.reading import differentiated, simulated
+from piezo_hysteresis.identification.sensitivities import moves_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.stages import TickStage
 
 #: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
 SAMPLING_OFFSET = 'sampling_offset'
@@ -96,7 +95,7 @@ class Objective:
         held = {
             parameter.name
             for stage in self.model.stages
-            if isinstance(stage, TickStage) and stage.block.between is Between.DELAY
+            if moves_by_ticks(stage)
             for parameter in self.model.parameters[stage.columns]
         }
         return np.array([tick if name in held else 0.0 for name in self.free])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
@@ -276,10 +277,14 @@ def _differenced(
     return output, result
 
 
+def moves_by_ticks(stage: Stage) -> TypeGuard[TickStage]:
+    """Return whether a stage only holds, so that a delay moves what it holds by whole ticks."""
+    return isinstance(stage, TickStage) and stage.block.between is Between.DELAY
+
+
 def parameter_step(stage: Stage, parameter: Parameter, value: float, dt: float) -> float:
     """Return by how much a parameter of a stage is moved for a difference, within its bounds."""
-    if isinstance(stage, TickStage) and stage.block.between is Between.DELAY:
-        # what is held moves with a delay by whole ticks only
+    if moves_by_ticks(stage):
         return dt if value + dt <= parameter.high else -dt
     step = _STEP * max(abs(value), 0.1 * parameter.scale)
     return -step if value + step > parameter.high else step
