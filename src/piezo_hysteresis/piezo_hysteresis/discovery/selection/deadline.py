@@ -44,6 +44,7 @@ class Deadline:
 
     def skips(self, what: str) -> bool:
         """Return whether there is no time for something, and take note of it."""
-        if self.passed:
+        late = self.passed
+        if late:
             self.untried[what] = None
-        return self.passed
+        return late
