@@ -83,7 +83,7 @@ def _policy() -> str:
             '',
             'A model that is chosen to predict (`demo --data`) asks these besides:',
             '',
-            *_numbers(choice.rows()),
+            *_numbers(policy.rows(choice.CHOICE, choice.CHOICE)),
             '',
             NOTE,
             '',

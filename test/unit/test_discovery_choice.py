@@ -10,7 +10,8 @@ import pytest
 
 from piezo_hysteresis.discovery.choice import rules
 from piezo_hysteresis.discovery.choice.choose import choose_model
-from piezo_hysteresis.discovery.choice.policy import ChoicePolicy, rows
+from piezo_hysteresis.discovery.choice.policy import CHOICE, ChoicePolicy
+from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_hysteresis.models.named import LADDER, MEMORIES
@@ -132,5 +133,5 @@ def test_what_is_one_amplitude():
 
 
 def test_every_number_says_where_it_is_from():
-    assert len(rows()) == len(fields(ChoicePolicy))
-    assert all(source for *_, source in rows())
+    assert len(rows(CHOICE, CHOICE)) == len(fields(ChoicePolicy))
+    assert all(source for *_, source in rows(CHOICE, CHOICE))

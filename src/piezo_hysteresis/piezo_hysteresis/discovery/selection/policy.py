@@ -7,13 +7,14 @@ saying, or *effort*, where more costs time and should change nothing.
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from piezo_hysteresis.errors import IdentificationError
 
 
-def _number(value: Any, unit: str, means: str, source: str) -> Any:
+def number(value: float, unit: str, means: str, source: str) -> Any:
+    """Return the field of a number that decides, with what is to be known of it."""
     return field(default=value, metadata={'unit': unit, 'means': means, 'source': source})
 
 
@@ -26,80 +27,80 @@ class SelectionPolicy:
     """
 
     # --- how far is looked ---------------------------------------------------------------
-    screening_samples: int = _number(
+    screening_samples: int = number(
         30_000, 'samples', 'Samples to which every candidate is compared.', 'effort'
     )
-    first_fit_samples: int = _number(
+    first_fit_samples: int = number(
         40_000,
         'samples',
         'Samples of trials and first fits; with fewer slow effects do not show.',
         'effort',
     )
-    trials: int = _number(
+    trials: int = number(
         10, '1', 'Candidates whose starts are tried, the most promising first.', 'effort'
     )
-    first_fits: int = _number(
+    first_fits: int = number(
         10,
         '1',
         'Candidates that get a first fit, those whose trials went best; as many as are tried, '
         'because some begin worse than the model without them.',
         'effort',
     )
-    final_fits: int = _number(
+    final_fits: int = number(
         4,
         '1',
         'Effects that get a fit to all samples; so does every variant of the best.',
         'effort',
     )
-    variants_first: int = _number(
+    variants_first: int = number(
         3, '1', 'Variants of one effect that come before other effects had a turn.', 'effort'
     )
-    starts: int = _number(2, '1', 'Starts of a first fit.', 'effort')
-    trial_evaluations: int = _number(
+    starts: int = number(2, '1', 'Starts of a first fit.', 'effort')
+    trial_evaluations: int = number(
         4, '1', 'Evaluations of each start, before the best one goes on.', 'effort'
     )
-    first_evaluations: int = _number(16, '1', 'Evaluations of a first fit.', 'effort')
-    first_tolerance: float = _number(
+    first_evaluations: int = number(16, '1', 'Evaluations of a first fit.', 'effort')
+    first_tolerance: float = number(
         1e-4,
         '1',
         'Relative decrease of the sum of squares that counts as none in trials and first fits.',
         'effort: they only rank, and what a name asks for is hundreds of times as much',
     )
-    final_tolerance: float = _number(
+    final_tolerance: float = number(
         1e-6,
         '1',
         'The same in fits to all samples.',
         'effort: a tenth of a standard error where 10 000 samples count',
     )
-    final_within: float = _number(
+    final_within: float = number(
         4.0,
         '1',
         'Sum of squares of a first fit, over that of the best, up to which it gets a final one.',
         'effort',
     )
-    promising: float = _number(
+    promising: float = number(
         0.5,
         '1',
         'Share of what a name asks for that a first fit must have taken to get a final one, '
         'wherever one of them has.',
         'effort: final fits take up to a few hundredths more than first ones',
     )
-    final_evaluations: int = _number(40, '1', 'Evaluations of a fit to all samples.', 'effort')
-    thorough_evaluations: int = _number(
+    final_evaluations: int = number(40, '1', 'Evaluations of a fit to all samples.', 'effort')
+    thorough_evaluations: int = number(
         200,
         '1',
         'Evaluations of the winner, 0 for none: a fit that stops short leaves a remainder for '
         'which the next round finds a name.',
         'effort',
     )
-    max_effects: int = _number(5, '1', 'Effects that are looked for, one after another.', 'effort')
-    min_promise: float = _number(
+    max_effects: int = number(5, '1', 'Effects that are looked for, one after another.', 'effort')
+    min_promise: float = number(
         1e-4,
         '1',
         'Share of the squared residual that a candidate must promise to be fitted at all.',
         'effort',
     )
-    promised: float = _number(
+    promised: float = number(
         0.1,
         '1',
         'Share of what a name asks for that a candidate must promise, too.',
@@ -108,16 +109,16 @@ class SelectionPolicy:
     )
 
     # --- when something is missing at all -------------------------------------------------
-    negligible: float = _number(
+    negligible: float = number(
         0.03,
         '1',
         'Mean square above that of the noise, over all records, that nobody would miss.',
         'chosen: 1.5 % of the rms of the noise',
     )
-    negligible_in_record: float = _number(
+    negligible_in_record: float = number(
         0.2, '1', 'The same in one record.', 'chosen: 10 % of the rms of its noise'
     )
-    noise_doubts: float = _number(
+    noise_doubts: float = number(
         3.0,
         'standard deviations',
         'How far a mean square may lie off by chance.',
@@ -125,85 +126,85 @@ class SelectionPolicy:
     )
 
     # --- when an effect is one ------------------------------------------------------------
-    min_standard_errors: float = _number(
+    min_standard_errors: float = number(
         5.0,
         'standard errors',
         'Improvement, block by block, from which it is none of chance.',
         'derived: p of 3e-7, which 50 candidates in 5 rounds raise to 7e-5',
     )
-    min_share: float = _number(
+    min_share: float = number(
         0.25,
         '1',
         'Of the excess, in mean square, that an effect must take to be worth its name; what the '
         'laws so far are known to miss is asked for besides.',
         'chosen: it lowers the gap by an eighth',
     )
-    records_information: float = _number(
+    records_information: float = number(
         200.0,
         '1',
         'Independent numbers that a record is taken to hold, by which parameters are priced '
         '(Schwarz 1978).',
         'chosen: its independent features count, not its samples; some hundred is much',
     )
-    idle: float = _number(
+    idle: float = number(
         1e-3,
         '1',
         'Share of the sum of squares below which an addition is put to the test at once.',
         'effort: it only opens the test',
     )
-    needless_share: float = _number(
+    needless_share: float = number(
         0.05,
         '1',
         'Share of the excess below which a simpler model is as good.',
         'chosen: a fifth of `min_share`, so that what was accepted is not dropped by noise',
     )
-    better: float = _number(
+    better: float = number(
         0.01,
         'nats',
         'Logarithm of the sum of squares by which another effect must be better to take a place.',
         'chosen: 0.5 % of the rms',
     )
-    elimination_rounds: int = _number(
+    elimination_rounds: int = number(
         3, '1', 'Times that each effect is judged again knowing the others; 0 for none.', 'effort'
     )
-    restarts: int = _number(
+    restarts: int = number(
         2, '1', 'Other first effects with which the search may begin again.', 'effort'
     )
-    rival_within: float = _number(
+    rival_within: float = number(
         2.0,
         '1',
         'Sum of squares of another effect, over that of the winner, up to which it gets a second '
         'chance once the others are known.',
         'effort',
     )
-    explained_gap: float = _number(
+    explained_gap: float = number(
         1.2,
         'noise rms',
         'Gap at which nothing more is looked for by beginning again.',
         'chosen: 44 % above the noise in mean square, the figure of the published examinations',
     )
-    worse: float = _number(
+    worse: float = number(
         0.02,
         '1',
         'Share by which the error on held-out records may grow by chance with an effect.',
         'chosen: what is refused beyond it is refused whatever training says',
     )
-    resamples: int = _number(
+    resamples: int = number(
         2000, '1', 'Draws of blocks from which the share of wins is counted.', 'effort'
     )
-    block_seconds: float = _number(
+    block_seconds: float = number(
         0.3,
         's',
         'Shortest block of whole periods that counts as one number.',
         'chosen: longer than modes and lags remember',
     )
-    min_blocks: int = _number(
+    min_blocks: int = number(
         40,
         '1',
         'Blocks below which parts of periods count.',
         'derived: a standard error is then known to 11 %',
     )
-    alternative: float = _number(
+    alternative: float = number(
         0.1,
         '1',
         'Probability from which another effect is said in the same breath.',
@@ -211,61 +212,61 @@ class SelectionPolicy:
     )
 
     # --- against what a model is known to miss (the held view) ----------------------------
-    news: float = _number(
+    news: float = number(
         1.5,
         '1',
         'Rms over what the model is known to miss under these conditions, from which it is news.',
         'measured: repeats of fitted sweeps 1.00 to 1.02, conditions in between up to 1.31',
     )
-    part: float = _number(
+    part: float = number(
         0.1,
         '1',
         'Excess of one line or octave, over all that is known, that is news by itself.',
         'chosen: it adds a twentieth to the rms',
     )
-    shape: float = _number(
+    shape: float = number(
         0.01,
         '1',
         'Share of the known mean square that any line or octave may hold without its being told.',
         'chosen: model files tell parts from 1e-3 on, and shapes change with the drive',
     )
-    octave: int = _number(
+    octave: int = number(
         20,
         '1',
         'Independent numbers that an octave counts for at most.',
         'chosen: what a model misses is not independent from sample to sample',
     )
-    line: int = _number(2, '1', 'The same of a harmonic.', 'derived: a cosine and a sine')
-    whole: float = _number(
+    line: int = number(2, '1', 'The same of a harmonic.', 'derived: a cosine and a sine')
+    whole: float = number(
         3.0,
         '1',
         'Weight of the whole residual beside its parts.',
         'chosen: of two without news the nearer comes first',
     )
-    price: float = _number(
+    price: float = number(
         2.0, 'nats', 'What each fitted parameter costs.', 'chosen: twice what Akaike 1974 asks for'
     )
-    periods: float = _number(
+    periods: float = number(
         3.0,
         'periods',
         'Length of a record from which harmonics of its drive are told apart.',
         'chosen: lines are then three bins apart',
     )
-    steady: float = _number(
+    steady: float = number(
         0.05,
         '1',
         'Scatter of the amplitude within a record, over its mean, from which what a model misses '
         'follows the amplitude.',
         'chosen: below it a parabola has nothing to hold on to',
     )
-    taper: float = _number(
+    taper: float = number(
         0.2,
         '1',
         'Share of a record over which it is faded in and out before its spectrum is taken: slow '
         'effects are largest at the ends, which a full window would hide.',
         'chosen',
     )
-    sure: float = _number(
+    sure: float = number(
         4.0,
         'nats',
         'By how much, beside the logarithm of the number of candidates, an effect must lower the '
@@ -319,13 +320,18 @@ HELD = POLICY.but(
 )
 
 
-def rows() -> list[tuple[str, str, str, str, str]]:
-    """Return name, value, unit, meaning and source of every number; values of both presets."""
+def rows(free: Any = POLICY, held: Any = HELD) -> list[tuple[str, str, str, str, str]]:
+    """Return name, value, unit, meaning and source of every number of a policy.
+
+    Parameters
+    ----------
+    free, held : dataclass of `number`
+        Two presets; where they differ, the value of the second follows.
+    """
     found = []
-    for each in fields(SelectionPolicy):
-        assert each.default is not MISSING
-        free, held = getattr(POLICY, each.name), getattr(HELD, each.name)
-        value = f'{free:g}' if free == held else f'{free:g}; held {held:g}'
-        told = each.metadata
-        found.append((each.name, value, told['unit'], told['means'], told['source']))
+    for each in fields(free):
+        first, second = getattr(free, each.name), getattr(held, each.name)
+        value = f'{first:g}' if first == second else f'{first:g}; held {second:g}'
+        known = each.metadata
+        found.append((each.name, value, known['unit'], known['means'], known['source']))
     return found
