@@ -26,6 +26,7 @@ from piezo_hysteresis.records import Record
 SLOWEST = 3
 START_SAMPLES = 60_000
 EVALUATIONS = 60
+TOLERANCE = 1e-7  # a tenth of that of later fits: every gain is counted from here
 
 
 @dataclass(frozen=True)
@@ -151,4 +152,5 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
 def _fitted(
     model: Model, start: Mapping[str, float], views: Sequence[Target]
 ) -> CandidateFit | None:
-    return fitted_to(ModelSpec(model, dict(start)), views, evaluations=EVALUATIONS)
+    spec = ModelSpec(model, dict(start))
+    return fitted_to(spec, views, evaluations=EVALUATIONS, tolerance=TOLERANCE)

@@ -168,7 +168,7 @@ def fitted_to(
     views: Sequence[Target],
     *,
     evaluations: int,
-    tolerance: float = 1e-7,
+    tolerance: float,
     free: Sequence[str] | None = None,
     clock: tuple[float, float] | None = None,
 ) -> CandidateFit | None:

@@ -170,12 +170,22 @@ class Evaluator(ABC):
         self, spec: ModelSpec, views: Sequence[Target] | None = None, evaluations: int = 0
     ) -> CandidateFit | None:
         """Return a model fitted from its own values, to all training views or those given."""
-        first = views is self.short
         return fitted_to(
             spec,
             self.views if views is None else views,
             evaluations=evaluations or self.policy.final_evaluations,
-            tolerance=self.policy.first_tolerance if first else self.policy.final_tolerance,
+            tolerance=self.policy.final_tolerance,
+            free=self.free_of(spec),
+            clock=self.clock,
+        )
+
+    def fit_briefly(self, spec: ModelSpec, evaluations: int) -> CandidateFit | None:
+        """Return a model fitted to the short views, near enough to be ranked."""
+        return fitted_to(
+            spec,
+            self.short,
+            evaluations=evaluations,
+            tolerance=self.policy.first_tolerance,
             free=self.free_of(spec),
             clock=self.clock,
         )

@@ -170,7 +170,7 @@ def _trial(
         known = {k: hint.get(k, v) for k, v in before.values.items()}
         starts.append({**starts[0], **candidate.values(known, own)})
     specs = [before.with_candidate(candidate, start) for start in starts]
-    fits = [evaluator.fit(spec, evaluator.short, policy.trial_evaluations) for spec in specs]
+    fits = [evaluator.fit_briefly(spec, policy.trial_evaluations) for spec in specs]
     return min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
 
 
@@ -185,7 +185,7 @@ def _first_fit(evaluator: Evaluator, trial: CandidateFit) -> CandidateFit | None
     """Fit to short views from where a trial ended."""
     if evaluator.deadline.skips(trial.effect):
         return None
-    fit = evaluator.fit(trial, evaluator.short, evaluator.policy.first_evaluations)
+    fit = evaluator.fit_briefly(trial, evaluator.policy.first_evaluations)
     return None if fit is None else evaluator.first_judged(fit)
 
 

@@ -132,6 +132,7 @@ def held_data(
         nominal,
         seen.training,
         evaluations=HELD.final_evaluations,
+        tolerance=HELD.final_tolerance,
         free=(),
         clock=(late - dt, late + dt),
     )
