@@ -119,6 +119,22 @@ def test_friction_in_the_mode_damps_small_motion_most():
     assert decay(1e-4) < 0.3 * decay(1e-2)
 
 
+@pytest.mark.parametrize('friction', [0.0, 3e-6])
+def test_tangents_of_a_nonlinear_mode_respond_with_the_bits_of_its_kernel(friction):
+    block, dt = named_block('nonlinear_mode'), 2e-4
+    values = {'natural_frequency': 400.0, 'damping_ratio': 0.02, 'mode_cubic': -1e8,
+              'mode_friction': friction, 'breakaway': 1.5}  # fmt: skip
+    p = block.pack({**block.defaults(), **values})
+    x = np.cumsum(np.random.default_rng(3).normal(0.0, 2e-6, 800))  # turns round all the time
+    y, rows = np.empty_like(x), np.empty((len(p) + 1, x.size))
+    block.tangent(x, y, np.ones((1, x.size)), rows, p, dt)
+    np.testing.assert_array_equal(y, respond('nonlinear_mode', x, values, dt))
+    # the first row is what a voltage that is higher throughout does
+    higher, lower = (respond('nonlinear_mode', x + step, values, dt) for step in (1e-10, -1e-10))
+    expected = (higher - lower) / 2e-10
+    np.testing.assert_allclose(rows[0], expected, atol=1e-3 * np.abs(expected).max())
+
+
 def test_breaking_away_against_an_ode_solver():
     w, zeta, friction, presliding, more, slow = 2 * np.pi * 40.0, 0.05, 2e-6, 1e-6, 0.8, 2e-3
     dt, n = 2e-4, 1000

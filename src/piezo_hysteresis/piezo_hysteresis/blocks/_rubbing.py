@@ -12,6 +12,16 @@ _FEWEST = 4
 _MOST_PARTS = 400
 _BRIEF = 1e-6  # share of a step that is not worth one of its own
 
+Transition = tuple[float, float, float, float]
+"""Of position and velocity over a time, (a11, a12, a21, a22), see `hold`."""
+
+
+@jit
+def transitions(p: FloatArray, h: float) -> tuple[Transition, Transition]:
+    """Return the transitions of the linear mode over half a step of `h` [s] and over the whole."""
+    omega = 2.0 * pi * p[0]
+    return hold(omega, p[1], 0.5 * h), hold(omega, p[1], h)
+
 
 @jit
 def rubbed(
@@ -62,8 +72,7 @@ def advance(
     state: FloatArray,
     p: FloatArray,
     h: float,
-    half: tuple[float, float, float, float],
-    full: tuple[float, float, float, float],
+    over: tuple[Transition, Transition],
     stiffest: float,
 ) -> None:
     """Move `state` on by `h` [s] with the input `f` at its start, middle and end.
@@ -72,6 +81,7 @@ def advance(
     input does within the step and the forces that act back are carried by a Runge-Kutta scheme of
     fourth order in coordinates that move with the linear part (Lawson).
     """
+    half, full = over
     square = (2.0 * pi * p[0]) ** 2
     begun = (state[0], state[2])
     x, v = state[0] - f[1], state[1]
@@ -124,11 +134,9 @@ def in_two(
     stiffest: float,
 ) -> None:
     """Move `state` on by `h` [s] in two parts, the first as long as `share` says."""
-    omega = 2.0 * pi * p[0]
     for begin, end in ((0.0, share), (share, 1.0)):
         part = (end - begin) * h
-        first, both = hold(omega, p[1], 0.5 * part), hold(omega, p[1], part)
-        advance(within(f, begin, end), state, p, part, first, both, stiffest)
+        advance(within(f, begin, end), state, p, part, transitions(p, part), stiffest)
 
 
 @jit
@@ -137,8 +145,7 @@ def turning(
     state: FloatArray,
     p: FloatArray,
     h: float,
-    half: tuple[float, float, float, float],
-    full: tuple[float, float, float, float],
+    over: tuple[Transition, Transition],
     stiffest: float,
 ) -> None:
     """Move `state` on as `advance` does; where it rubs and turns round, in two parts.
@@ -147,7 +154,7 @@ def turning(
     whole step tells, runs through zero.
     """
     x, v, bristle = state[0], state[1], state[2]
-    advance(f, state, p, h, half, full, stiffest)
+    advance(f, state, p, h, over, stiffest)
     share = turn(v, state[1], p)
     if share == 0.0:
         return
@@ -170,14 +177,13 @@ def kernel(
     """Return the position; state is (position [m], velocity [m/s], bristle)."""
     parts = parts_of_a_tick(p, dt)
     h = dt / parts
-    half = hold(2.0 * pi * p[0], p[1], 0.5 * h)
-    full = hold(2.0 * pi * p[0], p[1], h)
+    over = transitions(p, h)
     stiffest = 1.0 / (2.0 * pi * p[0] * h) ** 2
     for k in range(x.size):
         y[k] = state[0]
         held = (x[k], x[k], x[k])
         for _ in range(parts):
-            turning(held, state, p, h, half, full, stiffest)
+            turning(held, state, p, h, over, stiffest)
 
 
 @jit
@@ -190,8 +196,7 @@ def along(
     middle = max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))
     parts = 2 * middle
     h = dt / (steps * parts)
-    half = hold(2.0 * pi * p[0], p[1], 0.5 * h)
-    full = hold(2.0 * pi * p[0], p[1], h)
+    over = transitions(p, h)
     stiffest = 1.0 / (2.0 * pi * p[0] * h) ** 2
     for k in range(0, x.size, 3):
         slope = -3.0 * x[k] + 4.0 * x[k + 1] - x[k + 2]
@@ -204,7 +209,7 @@ def along(
                 x[k] + t1 * (slope + t1 * bend),
                 x[k] + t2 * (slope + t2 * bend),
             )
-            turning(f, state, p, h, half, full, stiffest)
+            turning(f, state, p, h, over, stiffest)
             if i + 1 == middle:
                 y[k + 1] = state[0]
         y[k + 2] = state[0]
