@@ -23,7 +23,6 @@ from piezo_hysteresis.cli.main import main as verb
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
-    HarmonicAttenuation,
 )
 from piezo_hysteresis.compensation.loop import closed_loop
 from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated
@@ -109,7 +108,7 @@ def builder(model: ModelFile) -> Builder:
 def offline(model: ModelFile, ticks: int) -> Row:
     """Run what `compensate` does."""
     build, samples, actuator = builder(model), wanted(ticks), plant()
-    law = HarmonicAttenuation(AttenuationSettings(orders=ORDERS), build.mode_gain(), build.dt)
+    law = build.attenuation(AttenuationSettings(orders=ORDERS), build.mode_gain())
     links: list[Link] = [build.inverse(), law]
 
     def run() -> FloatArray:

@@ -170,7 +170,7 @@ def _column(
 
 @jit
 def _slope(row: FloatArray, dx: float, dx0: float, db: float, d: int) -> float:
-    """Return how a force of `_pull` moves with position, start, bristles and direction `d` itself."""
+    """Return how a force of `_pull` moves with position, start, bristles and direction `d`."""
     return float(row[_BY_X] * dx + row[_BY_START] * dx0 + row[_BY_BRISTLE] * db + row[d])
 
 

@@ -306,13 +306,15 @@ class Builder:
             law=law,
         )
 
-    def attenuation(self, settings: AttenuationSettings | Repetition) -> Link:
-        """Return the attenuation of harmonics."""
+    def attenuation(
+        self, settings: AttenuationSettings | Repetition, gain: LinearGain | None = None
+    ) -> Link:
+        """Return the attenuation of harmonics, steered by `gain` or by that of the model."""
         if isinstance(settings, Repetition):
-            return self.repetitive(settings)
-        return HarmonicAttenuation(settings, self.gain(), self.dt)
+            return self._repetitive(settings)
+        return HarmonicAttenuation(settings, gain or self.gain(), self.dt)
 
-    def repetitive(self, settings: Repetition) -> Link:
+    def _repetitive(self, settings: Repetition) -> Link:
         """Return repetitive control with the gain and the mode of the model."""
         mode = self.mode_gain()
         plant = (mode.gain, mode.natural_frequency, mode.damping_ratio)

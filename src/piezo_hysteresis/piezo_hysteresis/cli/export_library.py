@@ -8,10 +8,9 @@ import re
 from collections.abc import Sequence
 
 from piezo_hysteresis.cli import compensate_links as chain
-from piezo_hysteresis.cli.compensate_links import Builder, Repetition
+from piezo_hysteresis.cli.compensate_links import Builder
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.inverses.reach import reach_of
 from piezo_hysteresis.compensation.limiter import packed_limits
 from piezo_hysteresis.errors import CompensationError
@@ -98,10 +97,8 @@ def _links(arguments: argparse.Namespace, build: Builder) -> Sequence[Link]:
         return []
     links: list[Link] = [build.inverse()]
     settings = chain.attenuation_of(arguments)
-    if isinstance(settings, Repetition):
-        links.append(build.repetitive(settings))
-    elif settings is not None:
-        links.append(HarmonicAttenuation(settings, build.mode_gain(), build.dt))
+    if settings is not None:
+        links.append(build.attenuation(settings, build.mode_gain()))
     feedback = chain.feedback_of(arguments)
     if feedback is not None:
         links.append(build.feedback(feedback))
