@@ -148,24 +148,34 @@ def flap_loops() -> list[Entry]:
 
 
 @functools.cache
-def stage_by_004(evaluations: int) -> Identification:
-    """Return Fang 2019's identification: the modified law by its swarm, from sines up to 10 Hz."""
+def stage_by_fang(evaluations: int, swarms: int) -> tuple[Identification, ...]:
+    """Return Fang 2019's identification from sines up to 10 Hz, by so many swarms, best first."""
     records = loops.stage_records((0.5, 1.0, 5.0, 10.0))
-    return identify(
-        records,
-        named('rate_dependent'),
-        method='fang2019',
-        seed=1,
-        max_evaluations=evaluations,
-        begins='settled',
-    )
+    found = [
+        identify(
+            records,
+            named('rate_dependent'),
+            method='fang2019',
+            seed=seed,
+            max_evaluations=evaluations,
+            begins='settled',
+        )
+        for seed in range(1, swarms + 1)
+    ]
+    return tuple(sorted(found, key=lambda each: each.history[-1]))
+
+
+def worst_of(found: Identification) -> float:
+    """Return the largest error of a record, as a percentage of what moves."""
+    return max(record.nrmse_percent for record in found.records)
 
 
 def stage_loops(quick: bool) -> list[Entry]:
     """Return figures 3 and 4 and table 1 of Fang 2019."""
     records: Sequence[Record] = loops.stage_records((0.5, 1.0, 5.0, 10.0))
     seen = {each.info.frequency: last(each, 1.0) for each in records}
-    found = stage_by_004(600 if quick else 6000)
+    swarms = stage_by_fang(600, 1) if quick else stage_by_fang(6000, 6)
+    found, moving = swarms[0], sum(not each.converged for each in swarms)
     wide = ', '.join(f'{f:g} Hz {width(each):.1f} %' for f, each in seen.items())
     high = ', '.join(f'{f:g} Hz {1e6 * np.ptp(y):.2f}' for f, (_, y) in seen.items())
     errors = ', '.join(f'{r.record} {r.nrmse_percent:.1f} %' for r in found.records)
@@ -193,8 +203,10 @@ def stage_loops(quick: bool) -> list[Entry]:
               together({f'{f:g} Hz': each for f, each in seen.items()})),
         Entry('Fang 2019', 'Figure 4', 'modified model and measurement',
               'good agreement, no number',
-              f'errors as shares of what moves: {errors}, by the modified swarm (fang2019)', draw,
-              why, {'worst': max(r.nrmse_percent for r in found.records)}),
+              f'errors as shares of what moves: {errors}, by the best of {len(swarms)} modified '
+              f'swarms (fang2019); the largest error of the others is up to '
+              f'{max(map(worst_of, swarms)):.1f} %, and {moving} had not come to rest', draw, why,
+              {'worst': worst_of(found)}),
         Entry('Fang 2019', 'Table 1', 'parameters of the modified model', 'missing from the text',
               values, draw, why),
     ]  # fmt: skip
