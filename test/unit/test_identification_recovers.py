@@ -46,7 +46,7 @@ TRUTH: dict[str, dict[str, float]] = {
 }
 #: What records like these need not determine, and why: a steady harmonic shows two of the four
 #: numbers of the printed recursion, the others only where it is seen to set in; cells of the plane
-#: that no reversal visits move nothing; a rate is felt over no time.
+#: that no reversal visits move nothing; no filter of a rate.
 LOOSE: dict[str, tuple[str, ...]] = {
     'enhanced3': ('c3', 'c4', 'al1', 'al2'),
     'enhanced5': ('c5', 'c6', 'al3', 'al4'),

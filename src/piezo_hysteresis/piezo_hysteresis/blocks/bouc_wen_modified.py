@@ -6,7 +6,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, felt, quickening
+from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, filtered_rate, rate_factor
 from piezo_hysteresis.jit import jit
 
 
@@ -15,7 +15,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
+    """Return ``A1 u - h``; state is (last voltage [V], h [m], filtered rate [V/s]).
 
     Exact but for the voltage in the bias term, which is that of the middle of the step; the rate
     is that of the tick.
@@ -23,8 +23,8 @@ def along(
     a1, a, beta, gamma, epsilon, bias = p[0], p[1], p[2], p[3], p[4], p[5]
     last, h, rate = state[0], state[1], state[2]
     for tick in range(0, x.size, points):
-        rate = felt(rate, x[tick + points - 1] - last, dt, p[8])
-        eta = quickening(rate, p[6], p[7])
+        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[8])
+        eta = rate_factor(rate, p[6], p[7])
         for k in range(tick, tick + points):
             du = x[k] - last
             leaning = epsilon * (last + 0.5 * du - bias)

@@ -20,7 +20,7 @@ _BEYOND = 1.1  # times its height up to which h is followed in long strides
 
 
 @jit
-def bend(h: float, height: float, exponent: float) -> float:
+def exponent_factor(h: float, height: float, exponent: float) -> float:
     """Return ``|h/height|^(exponent - 1)``, by which the decay of h differs from exponent 1."""
     if exponent == 1.0 or height == 0.0:
         return 1.0
@@ -40,7 +40,7 @@ def slope(
     h: float, way: float, p: tuple[float, float, float, float], height: float, exponent: float
 ) -> float:
     """Return dh/d|u| while u moves up (`way` 1) or down (-1); `p` is (A, A0, beta, gamma)."""
-    decay = bend(h, height, exponent) * (p[3] * abs(h) * way + p[2] * h)
+    decay = exponent_factor(h, height, exponent) * (p[3] * abs(h) * way + p[2] * h)
     return p[0] * way + p[1] - decay
 
 
@@ -91,15 +91,15 @@ def kernel(
             strides = max(1, ceil(min(abs(du) * rate, _MOST_STRIDES)))
         d = du / strides
         for _ in range(strides):
-            now = bend(h, height, exponent)
+            now = exponent_factor(h, height, exponent)
             middle = h
             if exponent < 1.0:  # the decay is steepest at h = 0 but finite there
                 loss = gamma * abs(h) * d + beta * abs(d) * h
                 middle = h + 0.5 * (a * d + a0 * abs(d) - now * loss)
-                now = bend(middle, height, exponent)
+                now = exponent_factor(middle, height, exponent)
             elif exponent > 1.0:
                 middle = exact_step(h, 0.5 * d, a, a0, beta * now, gamma * now)
-                now = bend(middle, height, exponent)
+                now = exponent_factor(middle, height, exponent)
             before = h
             h = exact_step(h, d, a, a0, beta * now, gamma * now)
             if abs(h - before) * strides < 1e-12 * height:
@@ -121,7 +121,7 @@ def euler_kernel(
         du = x[k] - last
         last = x[k]
         rise = abs(du)
-        now = bend(h, height, exponent)
+        now = exponent_factor(h, height, exponent)
         if now * (beta + abs(gamma)) * rise > 1.0 and exponent != 1.0:
             now = 1.0 / ((beta + abs(gamma)) * rise)  # a coarse step may use h up, not more
         h += a * du + a0 * rise - now * gamma * abs(h) * du - now * beta * rise * h

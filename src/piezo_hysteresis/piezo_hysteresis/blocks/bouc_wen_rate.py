@@ -11,14 +11,14 @@ from piezo_hysteresis.jit import jit
 
 
 @jit
-def felt(rate: float, du: float, dt: float, memory: float) -> float:
+def filtered_rate(rate: float, du: float, dt: float, memory: float) -> float:
     """Return the rate of the voltage [V/s] as domains feel it: a low pass of |du/dt|."""
     now = abs(du) / dt
     return now if memory == 0.0 else rate - (now - rate) * expm1(-dt / memory)
 
 
 @jit
-def quickening(rate: float, corner: float, exponent: float) -> float:
+def rate_factor(rate: float, corner: float, exponent: float) -> float:
     """Return ``(1 + rate/corner)^exponent``: 1 when slow, a power law when fast."""
     return 1.0 if exponent == 0.0 else float((1.0 + rate / corner) ** exponent)
 
@@ -28,7 +28,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return ``A1 u - h``; state is (last voltage [V], h [m], felt rate [V/s]).
+    """Return ``A1 u - h``; state is (last voltage [V], h [m], filtered rate [V/s]).
 
     The rate of a tick is that of the line from where the voltage was to where it goes: a held
     voltage has no other.
@@ -36,8 +36,8 @@ def along(
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
     for tick in range(0, x.size, points):
-        rate = felt(rate, x[tick + points - 1] - last, dt, p[7])
-        factor = quickening(rate, p[5], p[6])
+        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[7])
+        factor = rate_factor(rate, p[5], p[6])
         for k in range(tick, tick + points):
             h = exact_step(h, x[k] - last, a, a0, beta * factor, gamma * factor)
             last = x[k]
@@ -64,8 +64,8 @@ def euler_along(
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
     for tick in range(0, x.size, points):
-        rate = felt(rate, x[tick + points - 1] - last, dt, p[7])
-        factor = quickening(rate, p[5], p[6])
+        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[7])
+        factor = rate_factor(rate, p[5], p[6])
         for k in range(tick, tick + points):
             du = x[k] - last
             last = x[k]
@@ -110,7 +110,7 @@ RATE_PARAMETERS = (
         0.0,
         0.0,
         10.0,
-        'Time over which the rate is felt, so that it does not vanish at every reversal.',
+        'Time constant of the filtered rate, so that it does not vanish at every reversal.',
         5e-3,
     ),
 )

@@ -8,24 +8,24 @@ from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.blocks.bouc_wen_rate import felt
+from piezo_hysteresis.blocks.bouc_wen_rate import filtered_rate
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 
 @jit
-def widen(
+def respond_widened(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
     power: float, points: int,
 ) -> None:  # fmt: skip
     """Return ``A1 u - w h``, w by a power of the rate, or where that is 0 by its logarithm.
 
-    State is (last voltage [V], h [m], felt rate [V/s]); the rate is that of the tick.
+    State is (last voltage [V], h [m], filtered rate [V/s]); the rate is that of the tick.
     """
     a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
     last, h, rate = state[0], state[1], state[2]
     for tick in range(0, x.size, points):
-        rate = felt(rate, x[tick + points - 1] - last, dt, memory)
+        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, memory)
         growth = (rate / p[6]) ** power if power > 0.0 else log1p(rate / p[6])
         for k in range(tick, tick + points):
             h = exact_step(h, x[k] - last, a, a0, beta, gamma)
@@ -42,7 +42,7 @@ def along(
     points: int,
 ) -> None:  # fmt: skip
     """Widen with the logarithm of the rate."""
-    widen(x, y, state, p, dt, p[7], 0.0, points)
+    respond_widened(x, y, state, p, dt, p[7], 0.0, points)
 
 
 @jit
@@ -59,7 +59,7 @@ def power_along(
     points: int,
 ) -> None:  # fmt: skip
     """Widen with a power of the rate."""
-    widen(x, y, state, p, dt, p[8], p[7], points)
+    respond_widened(x, y, state, p, dt, p[8], p[7], points)
 
 
 @jit
@@ -103,7 +103,7 @@ _LOGARITHM = Block(
             'widening_corner', 'V/s', 5.0, 1e-3, 1e12, 'Rate of the voltage where it sets in.', 5.0
         ),
         Parameter(
-            'widening_memory', 's', 0.0, 0.0, 10.0, 'Time over which the rate is felt.', 5e-3
+            'widening_memory', 's', 0.0, 0.0, 10.0, 'Time constant of the filtered rate.', 5e-3
         ),
     ),
     kernel=kernel,
@@ -133,7 +133,7 @@ _POWER = Block(
         ),
         Parameter('widening_power', '1', 0.5, 0.05, 2.0, 'Power of the rate.', 0.5),
         Parameter(
-            'power_memory', 's', 0.0, 0.0, 10.0, 'Time over which the rate is felt.', 5e-3
+            'power_memory', 's', 0.0, 0.0, 10.0, 'Time constant of the filtered rate.', 5e-3
         ),
     ),
     kernel=power_kernel,

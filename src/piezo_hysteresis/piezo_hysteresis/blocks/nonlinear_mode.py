@@ -4,8 +4,8 @@ from dataclasses import replace
 from math import inf, pi
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _rubbing, _rubbing_tangents
-from piezo_hysteresis.blocks._rubbing import rubbed, spring
+from piezo_hysteresis.blocks import _friction_mode, _friction_mode_tangents
+from piezo_hysteresis.blocks._friction_mode import friction_state, spring
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
@@ -23,7 +23,7 @@ def restoring(
 ) -> tuple[float, float]:
     """Return what spring and friction add to the target at `x` [m], and the bristles there."""
     if p[3] > 0.0 and x != before:
-        memory = rubbed(memory, x - before, dt, p[4], p[5], p[6])
+        memory = friction_state(memory, x - before, dt, p[4], p[5], p[6])
     return spring(x, p[2], inf) + p[3] * memory, memory
 
 
@@ -51,13 +51,13 @@ BLOCK = Block(
             'stribeck_speed', 'm/s', 1e-3, 1e-9, 10.0, 'Speed from which friction is less.', 1e-3
         ),
     ),
-    kernel=_rubbing.kernel,
+    kernel=_friction_mode.kernel,
     state_size=3,
     between=Between.INNER,
     unknown=(0, 1, 2),
     inertia=True,
-    along=_rubbing.along,
-    tangent=_rubbing_tangents.nonlinear_mode,
+    along=_friction_mode.along,
+    tangent=_friction_mode_tangents.nonlinear_mode,
     pace=pace,
     description=(
         "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "

@@ -52,7 +52,7 @@ PARAMETERS = (
         5e-3,
         1e-6,
         10.0,
-        'Time over which the voltage rate is felt.',
+        'Time constant of the filtered voltage rate.',
     ),
     PlantParameter(
         'electrostriction.coefficient', '1/V', 0.03, -10.0, 10.0, 'Square law of the voltage.'
@@ -107,7 +107,7 @@ EFFECTS = (
 
 @leaf
 def start_interval(p: Any, s: Any, dt: float) -> bool:
-    """Update what is constant over an interval of `dt` [s]: felt rate and gain.
+    """Update what is constant over an interval of `dt` [s]: filtered rate and gain.
 
     Returns whether the drive has to be worked out anew.
     """

@@ -24,7 +24,7 @@ def transitions(p: FloatArray, h: float) -> tuple[Transition, Transition]:
 
 
 @jit
-def rubbed(
+def friction_state(
     bristle: float, move: float, dt: float, presliding: float, breakaway: float, stribeck: float
 ) -> float:
     """Return the deflection of the bristles after a move within `dt` [s] (exact).
@@ -61,7 +61,7 @@ def pull(
     if p[3] > 0.0:
         bristle = begun[1]
         if time > 0.0:
-            bristle = rubbed(bristle, x - begun[0], time, p[4], p[5], p[6])
+            bristle = friction_state(bristle, x - begun[0], time, p[4], p[5], p[6])
         force += p[3] * bristle
     return force
 
@@ -96,7 +96,7 @@ def advance(
     moved = xf + h / 6.0 * (full[1] * a1 + 2.0 * half[1] * (a2 + a3)) + f[1]
     state[1] = vf + h / 6.0 * (full[3] * a1 + 2.0 * half[3] * (a2 + a3) + a4)
     if p[3] > 0.0:
-        state[2] = rubbed(state[2], moved - state[0], h, p[4], p[5], p[6])
+        state[2] = friction_state(state[2], moved - state[0], h, p[4], p[5], p[6])
     state[0] = moved
 
 

@@ -12,7 +12,7 @@ from math import exp, pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._rubbing import (
+from piezo_hysteresis.blocks._friction_mode import (
     Transition,
     advance,
     in_two,
@@ -65,7 +65,7 @@ def _timing(p: FloatArray, h: float, rows: FloatArray) -> None:
 def _bristle(
     begun: float, move: float, time: float, p: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
-    """Return `rubbed`, and its derivatives by bristle, move and the last three parameters."""
+    """Return `friction_state`; its derivatives by bristle, move and last three parameters."""
     sign = 1.0 if move > 0.0 else -1.0
     if time == 0.0:
         return begun, 1.0, 0.0, 0.0, 0.0, 0.0
