@@ -2,7 +2,7 @@
 
 import sys
 
-from piezo_hysteresis.cli.main import main
+from piezo_common.interrupts import run_command_line
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run_command_line('piezo_hysteresis.cli.main'))

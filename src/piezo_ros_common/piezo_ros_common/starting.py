@@ -8,7 +8,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 HELP_WORDS = ('-h', '--help')
@@ -20,6 +21,22 @@ OWNER = 'PIEZO_OWNER'
 LOOK = 0.5
 TIMEOUT = 15.0
 
+ENDS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def held_signals() -> Iterator[None]:
+    """Let signals that end a process wait; one that is started meanwhile inherits that.
+
+    `quiet_start` of the node takes them up. Until then Python itself and the loading of the entry
+    point would answer a Ctrl-C with a traceback.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
 
 def quiet_start() -> None:
     """End the process at once and in silence on SIGINT or SIGTERM; until `run_node` takes over.
@@ -27,8 +44,9 @@ def quiet_start() -> None:
     A Ctrl-C while modules are imported would otherwise show where in them it came. Nothing has
     been opened yet, so that nothing is left behind.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ENDS:
         signal.signal(number, lambda *_: os._exit(0))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDS)
 
 
 def end_with_owner() -> None:

@@ -1,9 +1,15 @@
 """A simulated piezo actuator with every imperfection switchable; knows nothing of the models."""
 
-from piezo_sim.errors import PlantError, PresetError, SimulationError, SweepError
-from piezo_sim.plant import FAULTS, Plant
-from piezo_sim.presets import Preset, load_preset, preset_names
-from piezo_sim.table import PlantEffect, PlantParameter
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from piezo_sim.errors import PlantError, PresetError, SimulationError, SweepError
+    from piezo_sim.plant import FAULTS, Plant
+    from piezo_sim.presets import Preset, load_preset, preset_names
+    from piezo_sim.table import PlantEffect, PlantParameter
 
 __version__ = '0.1.0'
 
@@ -20,3 +26,18 @@ __all__ = [
     'load_preset',
     'preset_names',
 ]
+
+# Imported when they are asked for: numba takes longer than a process may take to answer a Ctrl-C.
+_MODULES = {
+    **dict.fromkeys(('PlantError', 'PresetError', 'SimulationError', 'SweepError'), 'errors'),
+    **dict.fromkeys(('FAULTS', 'Plant'), 'plant'),
+    **dict.fromkeys(('Preset', 'load_preset', 'preset_names'), 'presets'),
+    **dict.fromkeys(('PlantEffect', 'PlantParameter'), 'table'),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Return what the package offers, out of the module that holds it."""
+    if name not in _MODULES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(importlib.import_module(f'{__name__}.{_MODULES[name]}'), name)

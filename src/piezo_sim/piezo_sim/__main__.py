@@ -2,6 +2,6 @@
 
 import sys
 
-from piezo_sim.cli import main
+from piezo_common.interrupts import run_command_line
 
-sys.exit(main())
+sys.exit(run_command_line('piezo_sim.cli'))

@@ -5,15 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from piezo_hysteresis.cli.main import VERBS, main
+from piezo_common.interrupts import run_command_line
 
 
-def _executable(verb: str) -> Callable[[], None]:
+def __getattr__(name: str) -> Callable[[], None]:
+    """Return the entry point of a verb, ``identify_``; which there are is said in setup.py."""
+    if name.startswith('_') or not name.endswith('_'):
+        raise AttributeError(name)
+    verb = name.removesuffix('_')
+
     def run() -> None:
-        sys.exit(main(verb=verb))
+        sys.exit(run_command_line('piezo_hysteresis.cli.main', verb=verb))
 
     run.__doc__ = f'Run the verb {verb}.'
     return run
-
-
-globals().update({f'{verb}_': _executable(verb) for verb in VERBS})

@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-from piezo_hysteresis.cli.need_ros import installed
+from piezo_hysteresis.cli.need_ros import installed, ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'run one node, as ros2 run does'
@@ -42,7 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
     path = executable(arguments.node)
     sys.stdout.flush()
     words = ros_words(arguments.words)
-    os.execv(sys.executable, [sys.executable, str(path), *words])  # never returns
+    with ros_needed():
+        from piezo_ros_common.starting import held_signals
+    with held_signals():
+        os.execv(sys.executable, [sys.executable, str(path), *words])  # never returns
     return 0
 
 
