@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter, get_parameter_value
 
 from piezo_common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.runtime.sweep_plan import parse_options
-from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.parameters import NodeParameters, RefusedError
 
 pytestmark = pytest.mark.ros
 
@@ -21,6 +21,7 @@ TABLE = ParameterTable(
         ParameterSpec('gains', [1.5], 'Gains.', 'V', 0.0, 9.0),
         ParameterSpec('names', ['a'], 'Names.'),
         ParameterSpec('share', 0.5, 'Share.', '1', 0.0, 1.0),
+        ParameterSpec('stroke', 1e-4, 'Stroke.', 'm', high=0.01, above=0.0),
         ParameterSpec('options', '', 'YAML.'),
     )
 )
@@ -44,7 +45,10 @@ def typed(node: Node, name: str, text: str) -> str:
     """Set a parameter as `ros2 param set` does; return the refusal."""
     message = Parameter(name, value=0).to_parameter_msg()
     message.value = get_parameter_value(text)
-    return str(node.set_parameters([Parameter.from_parameter_msg(message)])[0].reason)
+    try:
+        return str(node.set_parameters([Parameter.from_parameter_msg(message)])[0].reason)
+    except RefusedError as refused:  # as the service of rclpy does
+        return str(refused)
 
 
 @pytest.mark.parametrize(
@@ -81,6 +85,9 @@ def test_typed_yaml_reaches_the_node_as_yaml(context: rclpy.Context) -> None:
     [
         ('orders', '[1, 20]', 'orders = 20 is outside 0 .. 9'),
         ('gains', '[1.0, 20.0]', 'gains = 20 V is outside 0 .. 9 V'),
+        ('share', '2', 'share = 2 is outside 0 .. 1'),
+        ('stroke', '2', 'stroke = 2 m is outside its range, above 0 .. 0.01 m'),
+        ('share', 'half', "share must be of type float, got 'half'; write for example 0.5"),
         ('orders', '[1, 2.5]', 'orders'),
         ('gains', 'none', 'gains'),
     ],
@@ -91,7 +98,7 @@ def test_a_refusal_has_a_unit_or_none(
     node, parameters = new_node(context)
     before = parameters[name]
     said = typed(node, name, text)
-    assert said == reason if ' = ' in reason else said
+    assert said == reason if ' ' in reason else said
     assert parameters[name] == before
     node.destroy_node()
 

@@ -99,7 +99,7 @@ def test_a_refused_control_goes_back_and_says_why():
     row.refresh(lambda *_: amplitude())
     assert (box.value, slider.value) == (1.0, 1.0)
     reason = row.root.children[2]
-    assert 'outside 0 .. 500 V' in reason.text
+    assert 'lies between 0 and 500 V' in reason.text
     assert reason.visible
     assert backend.sent == []  # going back is no wish of the reader
 
@@ -129,6 +129,9 @@ def test_a_dragged_slider_sends_the_newest_wish_only():
 
 def test_a_range_is_said_in_the_unit_of_the_page():
     size = ParameterState('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
-    told = 'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5'
-    assert refusal_words(size, told) == 'reference.amplitude lies between 0 and 10000 µm'
+    for told in (
+        'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5',
+        'reference.amplitude = 0.5 m is outside 0 .. 0.01 m',
+    ):
+        assert refusal_words(size, told) == 'reference.amplitude lies between 0 and 10000 µm'
     assert refusal_words(size, 'mode: a sweep is running') == 'mode: a sweep is running'

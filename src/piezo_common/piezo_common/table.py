@@ -124,7 +124,11 @@ class ParameterSpec:
         if not math.isfinite(value):
             return f'{self.name} must be a finite number, got {value}'
         if not (self.low <= value <= self.high and value > self.above):
-            return f'{self.name} = {value:g}{self._unit_words} is outside {self.range_text()}'
+            what = (
+                'its range, ' if math.isfinite(self.above) else ''
+            )  # "outside above" is no English
+            given = f'{self.name} = {value:g}{self._unit_words}'
+            return f'{given} is outside {what}{self.range_text()}'
         return ''
 
     def range_text(self) -> str:

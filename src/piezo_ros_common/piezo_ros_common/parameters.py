@@ -34,6 +34,18 @@ ARRAYS = {
 }
 
 
+class RefusedError(ParameterNotDeclaredException):
+    """A value that the table does not allow, with the reason in the words of the table.
+
+    rclpy looks at the descriptor before it asks a node, and says a range without its unit and a
+    type by its number. What is raised before that is answered first, and its services answer with
+    exceptions of the class above alone.
+    """
+
+    def __init__(self, reason: str) -> None:
+        Exception.__init__(self, reason)
+
+
 @dataclass(frozen=True)
 class _Group:
     """Rows that are judged and applied together."""
@@ -114,9 +126,11 @@ class NodeParameters:
 
     def overwrite(self, values: Mapping[str, Value]) -> str:
         """Set several parameters at once from within the node; return '' or why it is refused."""
-        result = self._node.set_parameters_atomically(
-            [Parameter(name, value=value) for name, value in values.items()]
-        )
+        wanted = [Parameter(name, value=value) for name, value in values.items()]
+        try:
+            result = self._node.set_parameters_atomically(wanted)
+        except RefusedError as refused:
+            return str(refused)
         return '' if result.successful else str(result.reason)
 
     def __getitem__(self, name: str) -> Value:
@@ -203,8 +217,15 @@ class NodeParameters:
             if spec is None and not self._node.has_parameter(parameter.name):
                 # Said here because rclpy itself forgets to name it.
                 raise ParameterNotDeclaredException(parameter.name)
-            coerced.append(parameter if spec is None else _meant(parameter, spec))
+            coerced.append(parameter if spec is None else self._allowed(parameter, spec))
         return coerced
+
+    def _allowed(self, parameter: Parameter, spec: ParameterSpec) -> Parameter:
+        meant = _meant(parameter, spec)
+        reason = '' if spec.read_only else spec.judge(meant.value)
+        if reason:
+            raise RefusedError(reason)
+        return meant
 
     def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
         changes = {parameter.name: _plain(parameter.value) for parameter in parameters}

@@ -144,9 +144,10 @@ def described(
 def refusal_words(parameter: ParameterState, reason: str) -> str:
     """Return why a value was refused, in the unit that the page shows.
 
-    ROS itself names a range without its unit, in metres where the page has micrometres.
+    Nodes say it in metres where the page has micrometres, those of others without a unit.
     """
-    if 'out of range' not in reason or not parameter.is_number:
+    ours = reason.startswith(f'{parameter.name} = ') and ' is outside ' in reason
+    if not parameter.is_number or not (ours or 'out of range' in reason):
         return reason
     low, high = (f'{parameter.factor * end:.6g}' for end in (parameter.low, parameter.high))
     return f'{parameter.name} lies between {low} and {high} {parameter.shown_unit}'.rstrip()
