@@ -124,9 +124,7 @@ class ParameterSpec:
         if not math.isfinite(value):
             return f'{self.name} must be a finite number, got {value}'
         if not (self.low <= value <= self.high and value > self.above):
-            what = (
-                'its range, ' if math.isfinite(self.above) else ''
-            )  # "outside above" is no English
+            what = 'its range, ' if math.isfinite(self.above) else ''  # not "outside above"
             given = f'{self.name} = {value:g}{self._unit_words}'
             return f'{given} is outside {what}{self.range_text()}'
         return ''
