@@ -8,6 +8,7 @@ to record instead.
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import talk
@@ -180,7 +181,9 @@ def _tell(found: Any, out: str) -> None:
         name = parameter.name
         unit, factor = shown(parameter.unit)
         value = factor * found.values[name]
-        if name in found.std:
+        if math.isinf(found.std.get(name, 0.0)):
+            print(f'  {name:20} {value:>28.2g} {unit} (not determined)')
+        elif name in found.std:
             words = digits(value, abs(factor) * found.std[name])
             print(f'  {name:20} {words:>28} {unit}'.rstrip())
         else:

@@ -277,6 +277,8 @@ class OnlineRls:
         sigma = sqrt(self._m[ERROR_SUM] / self._m[WEIGHT_SUM]) if self._m[WEIGHT_SUM] > 0 else 0.0
         values = self._theta[order] * factors
         spread = sigma * np.sqrt(np.abs(np.diag(self._p))[order]) * np.abs(factors)
+        # What is left of P0 along A1 + A is no deviation: that sum is its start, see the notes.
+        spread[[names.index('A1'), names.index('A')]] = np.inf
         if self._settings.offset:
             self._place_offset(values, spread)
         return Estimate(
