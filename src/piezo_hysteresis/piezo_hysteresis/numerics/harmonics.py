@@ -13,6 +13,19 @@ HIGHEST_ORDER = 12
 _BELOW_NYQUIST = 0.45  # of the sampling rate
 
 
+def phase_of(frequency: float, dt: float, count: int, first: int = 0) -> FloatArray:
+    """Return the phase of a tone [rad] at `count` samples from `first` on, 0 at sample 0.
+
+    Parameters
+    ----------
+    frequency : float
+        Of the tone [Hz].
+    dt : float
+        Sampling interval [s].
+    """
+    return np.asarray(2.0 * np.pi * frequency * dt * (first + np.arange(count)), np.float64)
+
+
 def harmonics(
     signal: FloatArray, frequency: float, dt: float
 ) -> tuple[list[int], FloatArray, float]:
@@ -39,7 +52,7 @@ def harmonics(
     """
     highest = min(HIGHEST_ORDER, int(_BELOW_NYQUIST / (frequency * dt)))
     orders = list(range(highest + 1))
-    phase = np.asarray(2.0 * np.pi * frequency * dt * np.arange(signal.size), np.float64)
+    phase = phase_of(frequency, dt, signal.size)
     mean, phasors, left = lines_and_rest(signal, phase, orders[1:])
     return orders, np.concatenate([[mean], phasors]), float(np.sqrt(np.mean(left**2)))
 

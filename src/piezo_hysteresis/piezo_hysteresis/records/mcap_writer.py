@@ -20,6 +20,7 @@ from zlib import crc32
 
 import numpy as np
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.mcap_index import chunk_indexes
@@ -83,17 +84,15 @@ class PaddedFile:
         ending = mcap.record(mcap.DATA_END, bytes(4)) + mcap.tail()
         self._limit = reserve - len(ending)
         self.end = len(head)
-        temporary = path.with_name(path.name + '.tmp')
-        self._fd = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
-        try:
-            os.ftruncate(self._fd, reserve)
-            self._write(ending, self._limit)
-            self._write(head + self._padding(self.end), 0)
-            temporary.rename(path)
-        except OSError:
-            self.abandon()
-            temporary.unlink(missing_ok=True)
-            raise
+        with write_atomically(path) as temporary:
+            self._fd = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+            try:
+                os.ftruncate(self._fd, reserve)
+                self._write(ending, self._limit)
+                self._write(head + self._padding(self.end), 0)
+            except OSError:
+                self.abandon()
+                raise
 
     @property
     def closing_at(self) -> int:

@@ -7,8 +7,6 @@ quarter of a second.  Whatever was flushed survives the process and a full disk:
 
 from __future__ import annotations
 
-import os
-import shutil
 import struct
 import threading
 import time
@@ -21,6 +19,7 @@ from typing import Self
 import numpy as np
 import yaml
 
+from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, RECORDING, STATE_KEY
@@ -117,14 +116,12 @@ class Recorder:
         if self.path.exists():
             raise RecordError(f'{self.path} exists already; remove it or choose another name')
         final = self.path
-        self.path = final.with_name(f'.{final.name}.{os.getpid()}.tmp')
         try:
-            self.path.mkdir(parents=True)
-            self._writer = self._next_file(final.name)
-            self._write_metadata(RECORDING)
-            self.path.rename(final)
+            with write_atomically(final) as self.path:
+                self.path.mkdir()
+                self._writer = self._next_file(final.name)
+                self._write_metadata(RECORDING)
         except OSError as error:
-            shutil.rmtree(self.path, ignore_errors=True)
             reason = error.strerror or error
             raise RecordError(f'{final}: the bag cannot be created ({reason})') from None
         self.path = final

@@ -10,6 +10,7 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.numerics.harmonics import phase_of
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
@@ -89,7 +90,7 @@ def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float
     if length < 2 or length > error.size:
         return {}
     tail = error[-length:]
-    angle = 2.0 * np.pi * frequency * dt * np.arange(length)
+    angle = phase_of(frequency, dt, length)
     highest = min(_ORDERS, int(0.5 / (frequency * dt)))
     found = {0: abs(float(tail.mean()))}
     for n in range(1, highest + 1):

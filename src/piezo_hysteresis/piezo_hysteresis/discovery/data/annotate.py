@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.numerics.harmonics import phase_of
 from piezo_hysteresis.numerics.linalg import solve_square
 from piezo_hysteresis.records import Record
 
@@ -62,7 +63,8 @@ def sine_frequency(voltage: FloatArray, dt: float) -> float:
 
 
 def _left(voltage: FloatArray, dt: float, frequency: float) -> float:
-    angle = 2.0 * np.pi * frequency * dt * np.arange(voltage.size)
+    angle = phase_of(frequency, dt, voltage.size)
+    # normal equations: this is asked some eighty times, and the columns are nearly orthogonal
     basis = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
     error = voltage - basis @ solve_square(basis.T @ basis, basis.T @ voltage).values
     return float(error @ error)

@@ -16,7 +16,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.harmonics import line_amplitudes, phase_of
 from piezo_hysteresis.numerics.spectrum import BINS, beside_the_drive
 
 # A line stands out from this many times the local median of the spectrum.
@@ -51,10 +51,9 @@ def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
     """Return the complex amplitude of a tone [m], its phase that at the first driven sample."""
-    angle = 2.0 * np.pi * frequency * view.dt * (view.first + np.arange(error.size))
-    basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones(error.size)])
-    cosine, sine, _ = solve_least_squares(basis, error).values
-    return complex(cosine, -sine)
+    phase = phase_of(frequency, view.dt, error.size, view.first)
+    (amplitude,) = line_amplitudes(error, phase, (1,))[1]
+    return complex(amplitude)
 
 
 def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | None:

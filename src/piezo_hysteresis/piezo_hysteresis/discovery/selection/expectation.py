@@ -22,7 +22,7 @@ from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Discrepancy
-from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
 
 # Parts of a residual: orders 0 to the highest, then octaves.
 _ORDERS = HIGHEST_ORDER + 1
@@ -180,7 +180,7 @@ def _lines(
     laws = [np.ones(count)]
     if float(np.std(size)) > policy.steady * float(np.mean(size)):
         laws += [size, size**2]
-    angle = 2.0 * np.pi * drive * dt * np.arange(count)
+    angle = phase_of(drive, dt, count)
     rows, orders = list(laws), [0] * len(laws)
     for order in range(1, min(HIGHEST_ORDER, int(0.45 / (drive * dt))) + 1):
         for law in laws:

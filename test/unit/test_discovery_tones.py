@@ -1,0 +1,64 @@
+"""A tone that is not of the drive gets one phase on the clock of all records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.tones import find_tone, on_one_clock, phasor
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.numerics.harmonics import harmonics, phase_of
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT, TONE, SIZE = 1e-3, 41.7, 3e-7
+
+
+def tone(view: Target, phase: float) -> np.ndarray:
+    """Return a tone at the compared samples, its phase that at the first driven sample."""
+    return SIZE * np.cos(phase_of(TONE, DT, view.measured.size, view.first) + phase)
+
+
+def records() -> list[Record]:
+    generator = np.random.default_rng(5)
+    found = []
+    for frequency in (3.0, 7.0, 11.0, 17.0, 23.0):
+        voltage = np.sin(phase_of(frequency, DT, 4000))
+        measured = 1e-5 * voltage + generator.normal(0.0, 1e-8, voltage.size)
+        info = RecordInfo(excitation='sine', frequency=frequency, amplitude=1.0)
+        found.append(Record(f'{frequency:g} Hz', DT, voltage, measured, info=info))
+    return found
+
+
+def test_phases_count_from_sample_0_wherever_a_fit_begins() -> None:
+    phase = phase_of(TONE, DT, 500, first=123)
+    np.testing.assert_array_equal(phase, phase_of(TONE, DT, 623)[123:])
+    # ten whole periods, so that the mean is on no other line
+    _, phasors, left = harmonics(np.cos(phase_of(25.0, DT, 400) + 0.4), 25.0, DT)
+    assert np.angle(phasors[1]) == pytest.approx(0.4)
+    assert left == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_tone_gets_one_phase_on_the_clock_of_all_records() -> None:
+    data = split(records())
+    errors = [tone(view, 1.3 * j) for j, view in enumerate(data.training)]
+    found = find_tone(data.training, errors)
+    assert found is not None
+    assert found.frequency == pytest.approx(TONE, rel=1e-4)
+    assert found.amplitude == pytest.approx(SIZE, rel=1e-3)
+
+    on_the_clock = []
+    aligned = on_one_clock(data, errors, (), ()).training
+    for view, error in zip(aligned, errors, strict=True):
+        phase = np.angle(phasor(view, error, found.frequency))
+        on_the_clock.append(phase - 2.0 * np.pi * found.frequency * view.start)
+        assert abs(view.start) < 1.0 / TONE  # moved by less than a period
+    spread = np.abs(np.angle(np.exp(1j * (np.array(on_the_clock) - on_the_clock[0]))))
+    assert spread.max() < 1e-6
+
+
+def test_where_nothing_stands_out_no_clock_is_moved() -> None:
+    data = split(records())
+    generator = np.random.default_rng(6)
+    noise = [generator.normal(0.0, 1e-8, v.measured.size) for v in data.training]
+    assert on_one_clock(data, noise, (), ()) is data
