@@ -19,14 +19,19 @@ ALLOWED = {
     'identification': NEUTRAL | {'models'},
     'compensation': NEUTRAL | {'models', 'identification'},
     'discovery': NEUTRAL | {'models', 'identification', 'compensation'},
+    'investigation': NEUTRAL | {'models', 'identification', 'discovery'},
     'reporting': NEUTRAL | {'models', 'identification', 'compensation', 'discovery'},
     'dashboard': NEUTRAL | {'models', 'reporting'},
     'batch': NEUTRAL | {'models', 'identification', 'discovery', 'reporting'},
     'parameters': NEUTRAL | {'models', 'compensation'},
     'runtime': NEUTRAL | {'models', 'identification', 'compensation', 'parameters'},
-    'nodes': NEUTRAL | CORE_ROOMS | {'reporting', 'dashboard', 'parameters', 'runtime'},
+    'nodes': NEUTRAL
+    | CORE_ROOMS
+    | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
-    'cli': NEUTRAL | CORE_ROOMS | {'reporting', 'batch', 'parameters', 'nodes', 'export'},
+    'cli': NEUTRAL
+    | CORE_ROOMS
+    | {'investigation', 'reporting', 'batch', 'parameters', 'nodes', 'export'},
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION = {'inverses': set(), 'harmonics': set(), 'feedback': set()}

@@ -25,6 +25,8 @@ SPECS = {
     'step': {'amplitude': 2.0, 'duration': 10.0},
     'reversal_curves': {'amplitude': 1.5, 'curves': 3},
     'rest': {'level': 0.3},
+    'lines': {'times': [0.0, 1.0, 4.0], 'values': [0.0, 2.0, -1.0]},
+    'decay': {'amplitude': 2.0, 'frequency': 5.0, 'duration': 1.4, 'offset': 0.5},
     'sum': {'frequencies': [2.0, 5.0], 'weights': [1.0, 0.3], 'phases': [0.1, 0.2]},
     'sequence': {'parts': [{'kind': 'sine', 'duration': 2.3}, {'kind': 'chirp', 'duration': 3.0}]},
 }

@@ -14,7 +14,7 @@ from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
-from piezo_hysteresis.discovery.selection.rounds import Progress
+from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.tell import tell
@@ -48,6 +48,8 @@ class Discovery:
         What the data can tell.
     given : ModelFile or None
         The file that the baseline came from.
+    last : SelectionRound or None
+        The round that named nothing more, where there was one.
     """
 
     verdict: Verdict
@@ -59,6 +61,7 @@ class Discovery:
     proof: Proof
     check: Check
     given: ModelFile | None = None
+    last: SelectionRound | None = None
 
 
 def discover(
@@ -123,4 +126,5 @@ def discover(
         proof,
         coverage,
         baseline if isinstance(baseline, ModelFile) else None,
+        found.last,
     )

@@ -11,6 +11,7 @@ from piezo_hysteresis.waveforms.corners import (
     staircase,
     step_and_hold,
 )
+from piezo_hysteresis.waveforms.decay import Decay
 from piezo_hysteresis.waveforms.sequence import Sequence
 from piezo_hysteresis.waveforms.sine import Multisine, Sine, SineSum
 from piezo_hysteresis.waveforms.spec import FORMER, KINDS, Kind, Setting, from_spec, has_setting
@@ -19,6 +20,7 @@ __all__ = [
     'FORMER',
     'KINDS',
     'Chirp',
+    'Decay',
     'Kind',
     'Lines',
     'Multisine',

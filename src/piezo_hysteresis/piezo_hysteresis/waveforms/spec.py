@@ -13,6 +13,7 @@ import numpy as np
 from piezo_hysteresis.waveforms import corners
 from piezo_hysteresis.waveforms.base import Waveform, WaveformError
 from piezo_hysteresis.waveforms.chirp import LAWS, Chirp
+from piezo_hysteresis.waveforms.decay import Decay
 from piezo_hysteresis.waveforms.sequence import Sequence
 from piezo_hysteresis.waveforms.sine import GRIDS, Multisine, Sine, SineSum
 
@@ -151,6 +152,21 @@ _ROWS = (
         'Constant level; shows drift, hum and noise alone.',
         (_DURATION, Setting('level', 'unit', 0.0, 'The level.')),
         corners.rest,
+    ),
+    Kind(
+        'lines',
+        'Straight lines through given points; two of them at one time make a jump.',
+        (
+            Setting('times', 's', (0.0, 1.0), 'Times of the points, from 0 on.', 0.0, 1e7),
+            Setting('values', 'unit', (0.0, 0.0), 'Values there; the last is held.'),
+        ),
+        corners.Lines,
+    ),
+    Kind(
+        'decay',
+        'Sine that dies away, after which an actuator with memory has a defined remanence.',
+        (*_COMMON, _FREQUENCY),
+        Decay,
     ),
     Kind(
         'sum',

@@ -1,0 +1,190 @@
+"""Actuator time to the right name: chosen experiments, random ones, and a fixed battery.
+
+    python bench/investigate.py --sets 8 --nulls 4 --seed 3
+    python bench/investigate.py --table --page docs/investigate_study.md
+
+Actuators of `piezo_sim` with random numbers are identified, then one effect of random size is
+switched on (in a null actuator none). Three ways to find out what changed see the same actuator,
+each from its own beginning: `designed` runs what the investigation chooses, `random` runs the same
+experiments in random order under the same rule to stop, `battery` runs the records of "Records
+that make a verdict sharp" and looks once. Rows that are there already are not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from bench.investigate_table import page, table
+from bench.investigate_worlds import Bench, Changed, changed
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.investigation.choose import Choice
+from piezo_hysteresis.investigation.limits import Limits
+from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
+from piezo_hysteresis.records import RecordInfo
+from piezo_hysteresis.waveforms import from_spec
+
+WAYS = ('designed', 'random', 'battery')
+BUDGET = 200.0
+# What every experiment keeps: range [V], slew [V/s], frequency [Hz].
+LIMITS = Limits(-1.0, 1.0, slew=700.0, frequency=100.0)
+
+BATTERY: tuple[dict[str, Any], ...] = (
+    *(
+        {'kind': 'sine', 'frequency': f, 'amplitude': a, 'duration': 4.0, 'ramp': 0.2}
+        for a in (0.99, 0.5)
+        for f in (1.0, 5.0, 14.0, 33.0, 100.0)
+    ),
+    {'kind': 'chirp', 'amplitude': 0.5, 'frequency': 1.0, 'highest': 100.0, 'duration': 5.0},
+    {'kind': 'rest', 'duration': 30.0},
+    {'kind': 'step', 'amplitude': 0.99, 'duration': 30.5},
+    {'kind': 'reversal_curves', 'amplitude': 0.99, 'rate': 4.0},
+)
+
+
+def stroke_limit(world: Changed) -> Limits:
+    """Return the limits with a stroke of twice what the model does slowly."""
+    slow = np.sin(2.0 * np.pi * np.arange(world.rate) / world.rate)
+    answer = world.model.model.respond(slow, world.model.packed, 1.0 / world.rate)
+    return Limits(LIMITS.low, LIMITS.high, LIMITS.slew, LIMITS.frequency, 2.0 * np.ptp(answer))
+
+
+def by_choice(world: Changed, way: str, seed: int) -> dict[str, Any]:
+    """Investigate an actuator; `way` is designed or random."""
+    limits = stroke_limit(world)
+    investigation = Investigation(world.model, limits, world.rate, Rules(budget=BUDGET))
+    bench, rng = Bench(world), np.random.default_rng([seed, 7])
+
+    def at_random(now: Investigation) -> Choice | Stop:
+        choice = now.next()
+        ranked = now.ranked()
+        return choice if isinstance(choice, Stop) else ranked[int(rng.integers(len(ranked)))]
+
+    chooser = Investigation.next if way == 'designed' else at_random
+    stop = investigate(investigation, bench.run, chooser=chooser)
+    names = [answer.after.names for answer in investigation.answers]
+    right_from = len(names)
+    while right_from > 0 and world.right(names[right_from - 1]):
+        right_from -= 1
+    spent = [answer.spent for answer in investigation.answers]
+    return {
+        'found': names[-1],
+        'stop': stop.reason,
+        'seconds': spent[-1],
+        'right_after': spent[right_from] if right_from < len(spent) else None,
+        'asked': [answer.experiment.name for answer in investigation.answers],
+        'extremes': bench.extremes,
+    }
+
+
+def by_battery(world: Changed) -> dict[str, Any]:
+    """Run the fixed battery and look once."""
+    bench, records = Bench(world), []
+    for number, spec in enumerate(BATTERY):
+        record = bench.measured(f'{number:02} {spec["kind"]}', from_spec(spec))
+        info = RecordInfo(
+            excitation=spec['kind'],
+            frequency=spec['frequency'] if spec['kind'] == 'sine' else 0.0,
+            amplitude=spec.get('amplitude', 0.0),
+            warm_up=0.2,
+        )
+        records.append(replace(record, info=info))
+    found = tuple(effect.name for effect in discover(records, world.model).verdict.effects)
+    return {
+        'found': found,
+        'stop': 'battery',
+        'seconds': bench.seconds,
+        'right_after': bench.seconds if world.right(found) else None,
+    }
+
+
+def examine(task: tuple[str, int, int, str]) -> dict[str, Any]:
+    """Examine one actuator in one way."""
+    kind, index, seed, way = task
+    began = time.process_time()
+    world = changed(kind, index, seed)
+    row = by_battery(world) if way == 'battery' else by_choice(world, way, seed + index)
+    return {
+        'key': world.key,
+        'kind': kind,
+        'way': way,
+        'hidden': world.effects,
+        'baseline': world.model.model.name,
+        'right': world.right(row['found']),
+        'cpu': time.process_time() - began,
+        **row,
+    }
+
+
+def told(row: dict[str, Any]) -> str:
+    """Return one line about a row."""
+    hidden = ' + '.join(row['hidden']) or 'nothing'
+    found = ' + '.join(row['found']) or 'nothing'
+    word = 'right' if row['right'] else 'WRONG'
+    return (
+        f'{row["key"]:14} {row["way"]:9} {hidden} -> {found}: {word}, {row["seconds"]:.1f} s '
+        f'({row["stop"]}, {row["cpu"]:.0f} s of processor)'
+    )
+
+
+def wanted(words: argparse.Namespace) -> Iterator[tuple[str, int, int, str]]:
+    """Yield what is asked for."""
+    for kind, count in (('single', words.sets), ('null', words.nulls)):
+        for index in range(count):
+            for way in words.ways:
+                yield kind, index, words.seed, way
+
+
+def load(results: Path) -> list[dict[str, Any]]:
+    """Return the rows that are there already."""
+    if not results.is_file():
+        return []
+    return [json.loads(line) for line in results.read_text(encoding='utf-8').splitlines()]
+
+
+def main() -> int:
+    """Run what is missing and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add('--sets', type=int, default=8, help='actuators with one hidden effect')
+    add('--nulls', type=int, default=4, help='actuators with none')
+    add('--seed', type=int, default=3)
+    add('--ways', nargs='+', choices=WAYS, default=list(WAYS))
+    add('--workers', type=int, default=1, help='actuators at a time')
+    add('--out', type=Path, default=Path('out/investigate'))
+    add('--table', action='store_true', help='only print what is there')
+    add('--page', type=Path, help='write the table as a page of documentation, too')
+    words = parser.parse_args()
+    words.out.mkdir(parents=True, exist_ok=True)
+    results = words.out / f'results_{words.seed}.jsonl'
+    if not words.table:
+        had = {(row['key'], row['way']) for row in load(results)}
+        todo = [t for t in wanted(words) if (f'{t[0]}-{t[2]}-{t[1]}', t[3]) not in had]
+        with ProcessPoolExecutor(words.workers) as pool, results.open('a') as file:
+            for row in pool.map(examine, todo):
+                file.write(json.dumps(row) + '\n')
+                file.flush()
+                print(told(row), flush=True)
+    rows = load(results)
+    print(table(rows))
+    if words.page:
+        words.page.write_text(page(rows, words.seed), encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,132 @@
+"""Actuators that change after their model was identified, for the study of `investigate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.discovery_effects import KNOBS
+from bench.discovery_worlds import PRESET, Hidden, draw
+from piezo_hysteresis.identification.identify import identify
+from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.waveforms import Waveform
+from piezo_sim.plant import Plant
+from piezo_sim.sweep import grid, simulate
+
+# Time at rest between two experiments [s].
+PAUSE = 0.3
+# What is no change of an actuator but another law of its loop.
+OTHER_LAWS = ('play', 'preisach', 'bouc_wen')
+EFFECTS = tuple(name for name in KNOBS if name not in OTHER_LAWS)
+
+
+@dataclass(frozen=True)
+class Changed:
+    """An actuator whose model was identified before something changed.
+
+    Attributes
+    ----------
+    key : str
+        What it is called in the results.
+    model : ModelFile
+        Of the actuator as it was, with what it misses.
+    effects : tuple of str
+        What changed, in the words of the simulator; empty where nothing did.
+    names : tuple of tuple of str
+        By which names each may be called.
+    overrides : mapping
+        The actuator as it is.
+    rate : float
+        Ticks per second [Hz].
+    seed : int
+        Of its noise.
+    """
+
+    key: str
+    model: ModelFile
+    effects: tuple[str, ...]
+    names: tuple[tuple[str, ...], ...]
+    overrides: Mapping[str, float | bool]
+    rate: float
+    seed: int
+
+    def right(self, found: tuple[str, ...]) -> bool:
+        """Return whether what was named is what changed, and nothing else."""
+        if len(found) != len(self.names):
+            return False
+        return all(any(name in each for name in found) for each in self.names)
+
+
+class Bench:
+    """An actuator that goes through one experiment after another and forgets nothing between.
+
+    Parameters
+    ----------
+    changed : Changed
+        Which.
+
+    Attributes
+    ----------
+    seconds : float
+        Time for which it was driven [s].
+    extremes : list of float
+        Least and greatest command [V] and the fastest change [V/s].
+    """
+
+    def __init__(self, changed: Changed) -> None:
+        self._plant = Plant.from_preset(PRESET, changed.rate, changed.seed, changed.overrides)
+        self.seconds = 0.0
+        self.extremes = [0.0, 0.0, 0.0]
+
+    def run(self, experiment: Experiment) -> Record:
+        """Return the record of an experiment."""
+        return self._measured(experiment.name, experiment.voltage(self._plant.rate))
+
+    def measured(self, name: str, waveform: Waveform) -> Record:
+        """Return the record of any waveform."""
+        ticks = np.arange(round(waveform.duration * self._plant.rate)) / self._plant.rate
+        return self._measured(name, waveform.sample(ticks).value)
+
+    def _measured(self, name: str, voltage: np.ndarray) -> Record:
+        rate = self._plant.rate
+        self._plant.run(np.zeros(round(PAUSE * rate)))
+        change = np.diff(voltage, prepend=0.0, append=0.0) * rate
+        low, high, fastest = self.extremes
+        self.extremes = [
+            min(low, float(voltage.min())),
+            max(high, float(voltage.max())),
+            max(fastest, float(np.abs(change).max())),
+        ]
+        self.seconds += voltage.size / rate
+        return Record(name, 1.0 / rate, voltage, self._plant.run(voltage))
+
+
+def changed(kind: str, index: int, seed: int) -> Changed:
+    """Draw an actuator: ``single`` or ``null``; the model is that of before it changed."""
+    drawn = _drawn(kind, index, seed)
+    before = {**drawn.world.overrides, **{f'effects.{name}': False for name in drawn.effects}}
+    specs = grid('sine', [1.0, 5.0, 20.0, 50.0, 100.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
+    records = simulate(PRESET, specs, before, drawn.seed, drawn.rate, actuator='bench')
+    model = identify(records, named(drawn.world.baseline)).model_file()
+    return Changed(
+        f'{kind}-{seed}-{index}',
+        model,
+        drawn.effects,
+        drawn.names,
+        drawn.world.overrides,
+        drawn.rate,
+        drawn.seed + 1,
+    )
+
+
+def _drawn(kind: str, index: int, seed: int) -> Hidden:
+    if kind != 'single':
+        return draw(kind, index, seed)
+    # the table of effects is gone through in a random order, without those of other laws
+    order = np.random.default_rng([seed, 26]).permutation(len(EFFECTS))
+    name = EFFECTS[int(order[index % len(EFFECTS)])]
+    return draw(kind, list(KNOBS).index(name), seed)

@@ -1,0 +1,1 @@
+"""Discovery that chooses its own experiments: catalogue, prediction, choice, belief, journal."""

@@ -1,0 +1,127 @@
+"""Which experiment is worth its time most: what it is expected to tell, per second."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.investigation.belief import Belief, Rival
+from piezo_hysteresis.investigation.criterion import binary_entropy, told_apart
+from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.hidden import Hidden
+from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
+
+# How often one experiment may be run.
+MOST_RUNS = 2
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The next experiment, and why.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        Which.
+    told_apart : float
+        By how much it is expected to lower the entropy of the rivals' names [nats].
+    news : float
+        Probability that it shows something that no record so far has shown.
+    why : str
+        In one sentence.
+    """
+
+    experiment: Experiment
+    told_apart: float
+    news: float
+    why: str
+
+    @property
+    def worth(self) -> float:
+        """What it is expected to tell [nats]."""
+        return self.told_apart + binary_entropy(self.news)
+
+    @property
+    def rate(self) -> float:
+        """The same per second of actuator time [nats/s]."""
+        return self.worth / self.experiment.seconds
+
+
+def choices(
+    outlooks: Sequence[Outlook],
+    belief: Belief,
+    hidden: Hidden,
+    done: Sequence[str],
+    seconds: float,
+) -> list[Choice]:
+    """Return what may be done next, the most telling per second first.
+
+    Parameters
+    ----------
+    outlooks : sequence of Outlook
+        The experiments.
+    belief : Belief
+        What is believed.
+    hidden : Hidden
+        What may be missing besides.
+    done : sequence of str
+        Names of those that have been run.
+    seconds : float
+        Actuator time that is left [s].
+    """
+    runs = Counter(done)
+    possible = [
+        each
+        for each in outlooks
+        if each.experiment.seconds <= seconds and runs[each.experiment.name] < MOST_RUNS
+    ]
+    found = [_judged(each, belief, hidden, done) for each in possible]
+    return sorted(found, key=lambda each: (-each.rate, each.experiment.name))
+
+
+def _judged(seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]) -> Choice:
+    names = [rival.name for rival in belief.rivals]
+    apart, pair = 0.0, ('', '')
+    if len(set(names)) > 1:
+        nats = nats_between(belief.rivals, seen)
+        chances = np.array([rival.chance for rival in belief.rivals])
+        apart = told_apart(chances, names, nats)
+        pair = _best_pair(chances, names, nats)
+    news = hidden.news(done, seen.experiment.name, belief.names)
+    return Choice(seen.experiment, apart, news, _why(apart, pair, news))
+
+
+def nats_between(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
+    """Return by how much rival j would lose where rival i is right, shape (n, n) [nats].
+
+    Rival j may move its values within what they are known to, and so come nearer.
+    """
+    answers = [answer_of(rival.fit, seen.view) for rival in rivals]
+    rows = [sensitivities_of(rival.fit, rival.deviations, seen.view) for rival in rivals]
+    nats = np.zeros((len(rivals), len(rivals)))
+    for i, j in product(range(len(rivals)), repeat=2):
+        if rivals[i].name != rivals[j].name:
+            nats[i, j] = seen.nats(seen.gap(answers[i], answers[j], rows[j]))
+    return nats
+
+
+def _best_pair(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> tuple[str, str]:
+    """Return the two names that an experiment tells apart best, the likelier first."""
+    worth = np.outer(chances, chances) * (1.0 - np.exp(-np.maximum(nats, 0.0)))
+    i, j = np.unravel_index(int(np.argmax(worth)), worth.shape)
+    one, other = (i, j) if chances[i] >= chances[j] else (j, i)
+    return names[int(one)], names[int(other)]
+
+
+def _why(apart: float, pair: tuple[str, str], news: float) -> str:
+    words = []
+    if apart > 0.0:
+        words.append(f'tells {pair[0]} from {pair[1]} ({apart:.2g} nats are expected)')
+    if news > 0.0:
+        words.append(f'has a chance of {news:.1%} to show what no record has shown')
+    return ' and '.join(words) or 'is what is left'

@@ -1,0 +1,166 @@
+"""What rivals and hidden effects would do in an experiment that has not been run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
+from piezo_hysteresis.discovery.selection.expectation import Expectation, expectation
+from piezo_hysteresis.discovery.selection.policy import HELD
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.reading import simulated
+from piezo_hysteresis.identification.record_start import STEP
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.models import Discrepancy
+from piezo_hysteresis.numerics.linalg import solve_square
+
+# Ticks of rest at 0 V before a record.
+_EDGE = 4
+
+
+def view_of(experiment: Experiment, rate: float, noise: float) -> Target:
+    """Return an experiment as a fit would see it, with nothing measured."""
+    voltage = np.concatenate([np.zeros(_EDGE), experiment.voltage(rate)])
+    first = _EDGE + round(experiment.prelude * rate)
+    return Target(
+        name=experiment.name,
+        voltage=voltage,
+        measured=np.zeros(voltage.size - first),
+        first=first,
+        stride=1,
+        dt=1.0 / rate,
+        frequency=experiment.frequency,
+        repeats=1,
+        noise=noise,
+        period=0,
+        start=-_EDGE / rate,
+        origin=_EDGE,
+        begins=STEP,
+    )
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """An experiment, and what the model in use says of it.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        Which.
+    view : Target
+        As a fit would see it.
+    answer : ndarray, shape (n,)
+        Displacement that the model in use predicts, after the conditioning [m].
+    stroke : float
+        Its range, the conditioning included [m].
+    expected : Expectation
+        What may be left there without its being news.
+    """
+
+    experiment: Experiment
+    view: Target
+    answer: FloatArray
+    stroke: float
+    expected: Expectation
+
+    @cached_property
+    def slope(self) -> FloatArray:
+        """Derivative of the answer by a clock that runs late [m/s], its mean taken off."""
+        slope = np.gradient(self.answer, self.view.dt)
+        return np.asarray(slope - slope.mean())
+
+    def gap(
+        self, one: FloatArray, other: FloatArray, rows: FloatArray | None = None
+    ) -> FloatArray:
+        """Return by how much two answers differ beyond what nobody knows anyway [m].
+
+        The mean, since the zero of a record is its own; a clock that is less than a sample off;
+        and what small changes, `rows` of shape (p, n), of the fitted values can do, each of them
+        one standard deviation.
+        """
+        gap = one - other
+        gap = gap - gap.mean()
+        size = float(self.slope @ self.slope)
+        if size > 0.0:
+            late = float(gap @ self.slope) / size
+            late = min(max(late, -self.view.dt), self.view.dt)
+            gap = gap - late * self.slope
+        if rows is None or not len(rows):
+            return np.asarray(gap)
+        own = rows - rows.mean(axis=1, keepdims=True)
+        scale = max(self.expected.total, 1e-300)
+        normal = own @ own.T / scale + np.eye(len(own))
+        moved = solve_square(normal, own @ gap / scale).values
+        return np.asarray(gap - moved @ own)
+
+    def nats(self, gap: FloatArray, size: float = 1.0) -> float:
+        """Return by how much a model that is wrong by `size` times `gap` loses [nats]."""
+        return self._cost(self.expected.powers(gap) * size**2)
+
+    def _cost(self, powers: FloatArray) -> float:
+        if not np.all(np.isfinite(powers)):
+            return np.inf
+        known = self.expected.expected
+        return self.expected.cost(known + powers) - self.expected.cost(known)
+
+    def smallest_seen(self, gap: FloatArray, sizes: FloatArray, sure: float) -> float:
+        """Return the smallest of `sizes`, rising, at which `gap` would be news and sure [1]."""
+        powers = self.expected.powers(gap)
+        known = self.expected.expected
+        for size in sizes:
+            more = powers * size**2
+            if self.expected.news(known + more) and self._cost(more) >= sure:
+                return float(size)
+        return np.inf
+
+
+def answer_of(spec: ModelSpec, view: Target) -> FloatArray:
+    """Return what a model answers in a view [m]; infinite where it diverges."""
+    return np.asarray(-errors_of(spec, (view,))[0])
+
+
+def outlook(
+    experiment: Experiment, base: ModelSpec, known: Discrepancy, rate: float, noise: float
+) -> Outlook:
+    """Return what the model in use says of an experiment."""
+    view = view_of(experiment, rate, noise)
+    answer = answer_of(base, view)
+    packed = base.model.pack(base.values)
+    whole = simulated(base.model, packed, view, base.sampling_offset)
+    stroke = float(np.ptp(whole)) if np.all(np.isfinite(whole)) else np.inf
+    known_part = expectation(view, known, max(stroke, 1e-300), HELD)
+    return Outlook(experiment, view, answer, stroke, known_part)
+
+
+def sensitivities_of(spec: ModelSpec, deviations: dict[str, float], view: Target) -> FloatArray:
+    """Return what a change of each value by its deviation does, shape (p, n) [m]."""
+    answer = answer_of(spec, view)
+    rows = []
+    for name, deviation in deviations.items():
+        moved = _moved(spec, name, deviation, view)
+        if moved is not None and np.all(np.isfinite(moved)):
+            rows.append(moved - answer)
+    return np.array(rows).reshape(len(rows), answer.size)
+
+
+def _moved(spec: ModelSpec, name: str, step: float, view: Target) -> FloatArray | None:
+    for way in (step, -step):
+        values = {**spec.values, name: spec.values[name] + way}
+        try:
+            return answer_of(
+                ModelSpec(spec.model, values, sampling_offset=spec.sampling_offset), view
+            )
+        except PiezoError:
+            continue
+    return None
+
+
+def within(outlooks: Sequence[Outlook], stroke: float) -> list[Outlook]:
+    """Return those in which the model in use stays within a stroke [m]."""
+    return [each for each in outlooks if each.stroke <= stroke]

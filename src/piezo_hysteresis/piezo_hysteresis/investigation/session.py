@@ -1,0 +1,318 @@
+"""An investigation: choose, look at what came, believe something else, until it is settled.
+
+It runs nothing itself. Whoever has an actuator asks it for the next experiment, runs that and
+hands in the record; the same records in the same order lead to the same choices and verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import isfinite
+
+from piezo_hysteresis.discovery import Discovery, discover
+from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
+from piezo_hysteresis.investigation.belief import Belief, belief_of, nothing_known
+from piezo_hysteresis.investigation.catalogue import catalogue
+from piezo_hysteresis.investigation.choose import Choice, choices
+from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.hidden import hidden_effects
+from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.predict import Outlook, outlook, within
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When an investigation ends.
+
+    Attributes
+    ----------
+    budget : float
+        Actuator time that may be spent [s].
+    sure : float
+        Probability from which a name is sure [1].
+    confirmed : int
+        Further experiments that a sure name must have survived [1].
+    quiet : float
+        Chance to show something new below which an experiment is not worth running for it [1].
+    least : float
+        By how much an experiment must lower the entropy of the rivals to be worth running for
+        that [nats].
+    seed : int
+        Of every random choice.
+    """
+
+    budget: float = 200.0
+    sure: float = 0.9
+    confirmed: int = 1
+    quiet: float = 0.03
+    least: float = 0.02
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.budget) and self.budget > 0.0):
+            raise InvestigationError('the budget must be above 0 s')
+        if not 0.5 <= self.sure < 1.0:
+            raise InvestigationError('a name is sure from a probability within 0.5 .. 1')
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why an investigation is over.
+
+    Attributes
+    ----------
+    reason : str
+        ``sure``, ``nothing``, ``budget`` or ``exhausted``.
+    words : str
+        In one sentence.
+    """
+
+    reason: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one experiment led to.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        That was run.
+    before, after : Belief
+        What was believed before it and after it.
+    spent : float
+        Actuator time so far, this one included [s].
+    """
+
+    experiment: Experiment
+    before: Belief
+    after: Belief
+    spent: float
+
+    @property
+    def words(self) -> str:
+        """What it answered, in one sentence."""
+        after = self.after
+        if after.verdict == 'none':
+            return f'nothing new above the noise; nothing is missing with {_chance(after)}'
+        gap = f'a gap of {after.floors:.3g} noise floors is left'
+        if after.names:
+            return f'{" and ".join(after.names)} with {_chance(after)}; {gap}'
+        name, chance = after.surest
+        return f'something that has no name yet, perhaps {name} ({chance:.2g}); {gap}'
+
+
+def _chance(belief: Belief) -> str:
+    return f'probability {belief.surest[1]:.3g}'
+
+
+@dataclass
+class Investigation:
+    """What a model misses, asked of the actuator itself.
+
+    Parameters
+    ----------
+    model : ModelFile
+        The model in use, with what it is known to miss.
+    limits : Limits
+        What no experiment may exceed.
+    rate : float
+        Ticks per second [Hz].
+    rules : Rules
+        When it ends.
+    workers : int
+        Threads of a discovery.
+
+    Raises
+    ------
+    InvestigationError
+        If the model does not say what it misses, or the limits allow nothing.
+
+    Attributes
+    ----------
+    belief : Belief
+        What is believed now.
+    records : list of Record
+        What was measured.
+    answers : list of Answer
+        What each experiment led to.
+    found : Discovery or None
+        The newest one.
+    """
+
+    model: ModelFile
+    limits: Limits
+    rate: float
+    rules: Rules = field(default_factory=Rules)
+    workers: int = 1
+
+    def __post_init__(self) -> None:
+        known = self.model.discrepancy
+        if known is None:
+            raise InvestigationError(
+                'the model does not say what it misses: identify it once more, on records of the '
+                'actuator as it should be'
+            )
+        base = ModelSpec(
+            self.model.model,
+            dict(self.model.values),
+            sampling_offset=self.model.sampling_offset,
+        )
+        noise = known.noise
+
+        def seen(experiment: Experiment) -> Outlook:
+            return outlook(experiment, base, known, self.rate, noise)
+
+        every = [seen(each) for each in catalogue(self.limits, self.rate)]
+        self.outlooks = within(every, self.limits.stroke)
+        if not any(each.stroke > 0.0 for each in self.outlooks):
+            raise InvestigationError(
+                'every experiment exceeds the stroke that is allowed: allow more stroke or a '
+                'smaller range of voltages'
+            )
+        self.hidden = hidden_effects(base, self.outlooks, self.limits.amplitude)
+        self.belief = nothing_known(self.hidden)
+        self.records: list[Record] = []
+        self.answers: list[Answer] = []
+        self.found: Discovery | None = None
+
+    @property
+    def done(self) -> list[str]:
+        """Names of the experiments so far."""
+        return [answer.experiment.name for answer in self.answers]
+
+    @property
+    def spent(self) -> float:
+        """Actuator time so far [s]."""
+        return self.answers[-1].spent if self.answers else 0.0
+
+    def experiment(self, name: str) -> Experiment:
+        """Return the experiment of that name.
+
+        Raises
+        ------
+        InvestigationError
+            If the limits allow none of that name.
+        """
+        for each in self.outlooks:
+            if each.experiment.name == name:
+                return each.experiment
+        raise InvestigationError(f'these limits allow no experiment {name!r}')
+
+    def ranked(self) -> list[Choice]:
+        """Return what may be done next, the most telling per second first."""
+        left = self.rules.budget - self.spent
+        return choices(self.outlooks, self.belief, self.hidden, self.done, left)
+
+    def next(self) -> Choice | Stop:
+        """Return the next experiment, or why there is none."""
+        settled = self._settled()
+        if settled and not self.belief.left:
+            return self._sure()
+        ranked = self.ranked()
+        telling = any(self._tells(each) for each in ranked)
+        if settled and not telling:
+            return self._sure()
+        if not ranked:
+            return Stop('budget', 'the budget is spent')
+        if telling or not self.answers or self._confirming():
+            return ranked[0]
+        if self.belief.verdict == 'none':
+            return Stop('nothing', 'nothing is missing that an allowed experiment could show')
+        return Stop('exhausted', 'no allowed experiment is expected to tell more')
+
+    def _tells(self, choice: Choice) -> bool:
+        """Return whether an experiment is expected to tell enough to be worth running."""
+        return choice.news >= self.rules.quiet or choice.told_apart >= self.rules.least
+
+    def _sure(self) -> Stop:
+        names = ' and '.join(self.belief.names)
+        rest = '; what is left has no name' if self.belief.left else ''
+        return Stop('sure', f'{names}: sure, and confirmed by another experiment{rest}')
+
+    def _is_sure(self) -> bool:
+        return bool(self.belief.names) and self.belief.surest[1] >= self.rules.sure
+
+    def _confirming(self) -> bool:
+        """Return whether a sure name has yet to survive another experiment."""
+        return self._is_sure() and not self._settled()
+
+    def _settled(self) -> bool:
+        """Return whether the names are sure and were confirmed."""
+        before = [answer.after.names for answer in self.answers[-1 - self.rules.confirmed :]]
+        same = all(names == self.belief.names for names in before)
+        return self._is_sure() and len(before) > self.rules.confirmed and same
+
+    def take(
+        self,
+        experiment: Experiment,
+        measured: Record,
+        progress: Callable[[float, str], None] = lambda fraction, words: None,
+    ) -> Answer:
+        """Take in the record of an experiment, and believe accordingly.
+
+        Raises
+        ------
+        PiezoError
+            If nothing can be said from the records.
+        """
+        self.keep(experiment, measured)
+        return self.judge(progress)
+
+    def keep(self, experiment: Experiment, measured: Record) -> None:
+        """Take in a record; what is believed changes with `judge`."""
+        name = f'{len(self.records) + 1:02} {experiment.name}'
+        self.records.append(experiment.record(name, measured))
+        spent = self.spent + experiment.seconds
+        self.answers.append(Answer(experiment, self.belief, self.belief, spent))
+
+    def judge(
+        self, progress: Callable[[float, str], None] = lambda fraction, words: None
+    ) -> Answer:
+        """Believe what all records together say."""
+        self.found = discover(
+            self.records,
+            self.model,
+            name=self.model.model.name,
+            seed=self.rules.seed,
+            workers=self.workers,
+            progress=progress,
+        )
+        last = self.answers[-1]
+        self.belief = belief_of(self.found, self.hidden, self.done)
+        self.answers[-1] = Answer(last.experiment, last.before, self.belief, last.spent)
+        return self.answers[-1]
+
+
+Chooser = Callable[[Investigation], Choice | Stop]
+
+
+def investigate(
+    investigation: Investigation,
+    run: Callable[[Experiment], Record],
+    told: Callable[[Choice, Answer], None] = lambda choice, answer: None,
+    chooser: Chooser = Investigation.next,
+) -> Stop:
+    """Run an investigation to its end.
+
+    Parameters
+    ----------
+    investigation : Investigation
+        Which; may be under way.
+    run : callable
+        Runs an experiment and returns its record.
+    told : callable
+        Told each choice and what it led to.
+    chooser : callable
+        Chooses the next experiment; by default what tells most per second.
+    """
+    while True:
+        choice = chooser(investigation)
+        if isinstance(choice, Stop):
+            return choice
+        answer = investigation.take(choice.experiment, run(choice.experiment))
+        told(choice, answer)

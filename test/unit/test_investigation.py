@@ -1,0 +1,92 @@
+"""An investigation of a simulated actuator, from the choice of experiments to its end."""
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.identification.identify import identify
+from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
+from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.records import Record
+from piezo_sim.plant import Plant
+from piezo_sim.sweep import grid, simulate
+
+PRESET, RATE, LIMITS = 'generic_bouc_wen', 1000.0, Limits(-1.0, 1.0, slew=700.0)
+QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
+
+
+@pytest.fixture(scope='module')
+def model():
+    specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
+    records = simulate(PRESET, specs, QUIET, 1, RATE)
+    return identify(records, named('classical')).model_file()
+
+
+def actuator(**effects):
+    plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
+
+    def run(experiment):
+        plant.run(np.zeros(300))
+        voltage = experiment.voltage(RATE)
+        return Record(experiment.name, 1.0 / RATE, voltage, plant.run(voltage))
+
+    return run
+
+
+def test_creep_is_named_and_confirmed_in_a_tenth_of_the_budget(model):
+    investigation = Investigation(model, LIMITS, RATE)
+    stop = investigate(investigation, actuator(**{'effects.creep': True}))
+    assert stop.reason == 'sure'
+    assert investigation.belief.names == ('creep',)
+    assert investigation.spent < 0.1 * investigation.rules.budget
+    names = [answer.after.names for answer in investigation.answers]
+    assert names[-2:] == [('creep',), ('creep',)]
+
+
+def test_where_nothing_is_missing_it_stops_early(model):
+    investigation = Investigation(model, LIMITS, RATE)
+    stop = investigate(investigation, actuator())
+    assert stop.reason == 'nothing'
+    assert investigation.belief.names == ()
+    assert investigation.spent < 0.1 * investigation.rules.budget
+
+
+def test_the_same_records_lead_to_the_same_choices_and_beliefs(model):
+    first = Investigation(model, LIMITS, RATE)
+    investigate(first, actuator(**{'effects.saturation': True, 'amplifier.clip_high': 0.8}))
+    again = Investigation(model, LIMITS, RATE)
+    for answer, record in zip(first.answers, first.records, strict=True):
+        choice = again.next()
+        assert not isinstance(choice, Stop)
+        assert choice.experiment == answer.experiment
+        assert again.take(choice.experiment, record).after.chances == answer.after.chances
+    assert again.next() == first.next()
+
+
+def test_a_budget_is_not_exceeded(model):
+    investigation = Investigation(model, LIMITS, RATE, Rules(budget=2.0))
+    stop = investigate(investigation, actuator())
+    assert stop.reason == 'budget'
+    assert 0.0 < investigation.spent <= 2.0
+
+
+def test_experiments_keep_the_stroke_that_the_model_predicts(model):
+    every = Investigation(model, LIMITS, RATE).outlooks
+    most = 0.6 * max(each.stroke for each in every)
+    with pytest.raises(InvestigationError, match='stroke'):
+        Investigation(model, Limits(-1.0, 1.0, stroke=1e-9), RATE)
+    with pytest.raises(InvestigationError, match='stroke'):
+        # the conditioning alone takes the whole range of voltages
+        Investigation(model, Limits(-1.0, 1.0, stroke=most), RATE)
+
+
+def test_a_model_that_does_not_say_what_it_misses_is_refused(model):
+    bare = ModelFile(model.model, model.values)
+    with pytest.raises(InvestigationError, match='identify it once more'):
+        Investigation(bare, LIMITS, RATE)
+
+
+@pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (float('nan'), 1.0)])
+def test_a_range_without_rest_is_refused(low, high):
+    with pytest.raises(InvestigationError):
+        Limits(low, high)
