@@ -162,9 +162,10 @@ BORDER = 31.0
 
 
 def slow_and_fast(slow, fast):
-    models = (MODELS[name] for name in (slow, fast))
-    links = (inverse_for(model, values_of(model), DT, limits=LIMITS) for model in models)
-    return FrequencySwitch(*links, BORDER, DT, limits=LIMITS)
+    def link(model):
+        return inverse_for(model, values_of(model), DT, limits=LIMITS)
+
+    return FrequencySwitch(link(MODELS[slow]), link(MODELS[fast]), BORDER, DT, limits=LIMITS)
 
 
 def attenuation(**chosen):

@@ -64,9 +64,11 @@ def test_the_switch_between_slow_and_fast_models_has_the_bits_of_its_parts(seed,
             for name in ('classical', 'bouc_wen_mode')
         ]
 
-    link = FrequencySwitch(*links(), border, DT, transition=0.1, limits=LIMITS)
+    slow, fast = links()
+    link = FrequencySwitch(slow, fast, border, DT, transition=0.1, limits=LIMITS)
     ours = [link.step(p, 0.01 * (k % 3), m) for k, (p, m) in enumerate(points)]
-    assert ours == list(chosen_by_hand(*links(), border, 0.1, points))
+    slow, fast = links()
+    assert ours == list(chosen_by_hand(slow, fast, border, 0.1, points))
     first = ours[:200]
     link.reset()
     assert [link.step(p, 0.01 * (k % 3), m) for k, (p, m) in enumerate(points[:200])] == first

@@ -18,9 +18,9 @@ QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCh
 def _inside(row):
     """Values over the whole range of a parameter, near its default more often."""
     if row.low > 0.0 or row.low == 0.0:
-        low = max(row.low, 1e-6 * (abs(row.default) or 1.0))
-        return st.floats(math.log(low), math.log(row.high)).map(
-            lambda x, a=low, b=row.high: min(max(math.exp(x), a), b)
+        low, high = max(row.low, 1e-6 * (abs(row.default) or 1.0)), row.high
+        return st.floats(math.log(low), math.log(high)).map(
+            lambda x: min(max(math.exp(x), low), high)
         )
     return st.floats(row.low, row.high)
 

@@ -163,7 +163,7 @@ class Browser:
             f"(() => {{ const e = {element}; e.scrollIntoView({{block: 'center'}});"
             ' const b = e.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()'
         )
-        return tuple(box)  # type: ignore[return-value]
+        return tuple(box)
 
     def click(self, name: str, inner: str = '') -> None:
         """Click into the middle of a widget."""

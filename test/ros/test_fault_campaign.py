@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from bench.faults import Campaign, Trial
 from bench.faults_watch import Watch, missing
-from bench.live_loop import NODES, VOLTAGE_ATTENUATED, Loop, Setting, wait_until
+from bench.live_loop import NODES, Loop, Setting, wait_until
 from bench.live_observer import Observer, State
 from bench.rogue import Rogue
 from piezo_common import topics
@@ -66,7 +66,7 @@ def test_the_security_policy_allows_what_every_node_does(campaign: Campaign) -> 
 
     assert wait_until(all_are_known, 60.0)
     profiles = {p.attrib['node']: p for p in Xml.parse(POLICY).getroot().iter('profile')}
-    between = {'/' + VOLTAGE_ATTENUATED}  # the campaign remaps, the policy does not
+    between = {'/' + topics.VOLTAGE_ATTENUATED}  # the campaign remaps, the policy does not
     for name in NODES:
         profile = profiles[name]
         said = {n for n, _ in graph.get_publisher_names_and_types_by_node(name, '/')}

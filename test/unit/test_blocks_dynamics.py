@@ -127,6 +127,7 @@ def test_tangents_of_a_nonlinear_mode_respond_with_the_bits_of_its_kernel(fricti
     p = block.pack({**block.defaults(), **values})
     x = np.cumsum(np.random.default_rng(3).normal(0.0, 2e-6, 800))  # turns round all the time
     y, rows = np.empty_like(x), np.empty((len(p) + 1, x.size))
+    assert block.tangent is not None
     block.tangent(x, y, np.ones((1, x.size)), rows, p, dt)
     np.testing.assert_array_equal(y, respond('nonlinear_mode', x, values, dt))
     # the first row is what a voltage that is higher throughout does

@@ -42,7 +42,7 @@ def test_tables_of_a_user_are_obeyed(tmp_path):
         for rules in (FuzzyRules(*scales, **read), FuzzyRules(*scales))
     ]
     wanted = 20e-6 * np.sin(2 * np.pi * 5 * np.arange(200) * 1e-3)
-    answers = [
+    one, other = [
         [
             link.step(
                 ReferencePoint(k, float(d), 0.0, 0.0, 5.0, 0.0), 0.0, Measured(k - 1, 0.0, 0.0)
@@ -51,7 +51,7 @@ def test_tables_of_a_user_are_obeyed(tmp_path):
         ]
         for link in links
     ]
-    assert np.max(np.abs(np.subtract(*answers))) > 1e-6
+    assert np.max(np.abs(np.subtract(one, other))) > 1e-6
 
 
 @pytest.mark.parametrize(

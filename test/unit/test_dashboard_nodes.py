@@ -35,7 +35,7 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def asked(live: Live) -> tuple[NodeRegistry, Answer]:
     live.nodes['attenuation'] = NodeState('attenuation', True, 0.0)
-    directory, answer = NodeRegistry(None, live), Answer()  # type: ignore[arg-type]
+    directory, answer = NodeRegistry(None, live), Answer()
     directory.set('attenuation', {'method': 'rls'}, answer)
     return directory, answer
 

@@ -39,7 +39,7 @@ def test_every_launch_argument_is_documented(launch):
     values = next(
         node.value
         for node in ast.parse(source).body
-        if isinstance(node, ast.Assign) and node.targets[0].id == 'ARGUMENTS'
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'ARGUMENTS'
     )
     arguments = ast.literal_eval(values)
     page = (ROOT / 'docs/launch.md').read_text()

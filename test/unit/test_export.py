@@ -172,18 +172,16 @@ def test_the_same_on_aarch64(tmp_path):
 def test_parameters_change_as_those_of_the_links_do(loop):
     model = named('bouc_wen_mode')
     values = {**model.defaults(), 'natural_frequency': 68.0}
-    links = [
-        inverse_for(model, values, 1.0 / RATE, limits=LIMITS),
-        Pid(PidGains(*GAINS), 1.0 / RATE, limits=LIMITS),
-    ]
+    inverse = inverse_for(model, values, 1.0 / RATE, limits=LIMITS)
+    pid = Pid(PidGains(*GAINS), 1.0 / RATE, limits=LIMITS)
     loop.numbers[loop.names.index('attenuation_on')] = 0.0
     loop.numbers[loop.names.index('start')] = 0.5
     assert loop.begin() == 0
     measured, given = None, 0.0
     for k in range(2000):
         if k == 500:
-            links[0].set_parameters({'A': 3.5e-5, 'natural_frequency': 70.0, 'offset': 1e-6})
-            links[1].set_gains(PidGains(50.0, 1e4, 0.5))
+            inverse.set_parameters({'A': 3.5e-5, 'natural_frequency': 70.0, 'offset': 1e-6})
+            pid.set_gains(PidGains(50.0, 1e4, 0.5))
             changed = loop.change(
                 A=3.5e-5, natural_frequency=70.0, offset=1e-6, pid_proportional=50.0,
                 pid_integral=1e4, pid_derivative=0.5,
@@ -191,9 +189,7 @@ def test_parameters_change_as_those_of_the_links_do(loop):
             assert changed == 0
         row = reference(k)
         point = ReferencePoint(k, *row)
-        expected = 0.0
-        for link in links:
-            expected = link.step(point, expected, measured)
+        expected = pid.step(point, inverse.step(point, 0.0, measured), measured)
         reading = 1e-6 * np.sin(0.01 * k)
         code, voltage = loop.step(*row, measured=given, age=1.0)
         assert (code, voltage) == (0, expected)

@@ -165,4 +165,4 @@ def test_a_lost_sample_is_skipped() -> None:
 )
 def test_wrong_settings_are_named(wrong: dict[str, object]) -> None:
     with pytest.raises(IdentificationError):
-        UdSettings(**wrong)  # type: ignore[arg-type]
+        UdSettings(**wrong)

@@ -1,5 +1,7 @@
 """Model files: what is refused, and that the sentence names what to do."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import yaml
@@ -135,7 +137,7 @@ def test_held_parameters_are_marked_and_left_alone():
     assert models.for_range(known, 150.0, 20e-6).held == {'pi_range': 75.0}
 
 
-FORMER = {
+FORMER: dict[str, Any] = {
     'chain': ['amplifier_lag_sampled', 'bouc_wen_exact', 'eased_mode', 'delayed_motion', 'offset'],
     'values': {'sampled_lag_time': 4e-4, 'natural_frequency': 80.0, 'damping_ratio': 0.03,
                'ease_time': 4e-4, 'motion_delay': 1.3e-3, 'A1': 1.4e-4, 'A': 5e-5, 'A0': 0.0,

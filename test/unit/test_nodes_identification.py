@@ -49,7 +49,7 @@ def feed(course: RecordSegmenter, samples: list[int]) -> None:
 
 def spied(only_records: bool = True) -> tuple[RecordSegmenter, list[object]]:
     spy = Spy()
-    return RecordSegmenter(spy, RATE, only_records), spy.did  # type: ignore[arg-type]
+    return RecordSegmenter(spy, RATE, only_records), spy.did
 
 
 def test_without_markers_everything_counts_once() -> None:
@@ -84,7 +84,7 @@ EDGES = [SegmentEdge(k * MS, name) for k, name in ((2, 'a'), (4, ''), (6, 'b'), 
 
 def taped(order: list[int | SegmentEdge]) -> tuple[list[object], int]:
     """Let a course hear samples, by their number, and markers, in an order."""
-    course = RecordSegmenter(Tape(), RATE)  # type: ignore[arg-type]
+    course = RecordSegmenter(Tape(), RATE)
     for each in order:
         if isinstance(each, SegmentEdge):
             course.mark(each)

@@ -20,10 +20,11 @@ LIMITS = Limits(-1.2, 1.2, 2000.0)
 def points(count: int, first: int = 0) -> list[ReferencePoint]:
     w = 2 * np.pi * 5.0
     t = (first + np.arange(count)) * DT
-    rows = zip(
-        1e-4 * np.sin(w * t), 1e-4 * w * np.cos(w * t), -1e-4 * w * w * np.sin(w * t), strict=True
-    )
-    return [ReferencePoint(first + k, *map(float, row), 5.0, 0.0) for k, row in enumerate(rows)]
+    x, v, a = 1e-4 * np.sin(w * t), 1e-4 * w * np.cos(w * t), -1e-4 * w * w * np.sin(w * t)
+    return [
+        ReferencePoint(first + k, float(x[k]), float(v[k]), float(a[k]), 5.0, 0.0)
+        for k in range(count)
+    ]
 
 
 def model(name: str, **values: float) -> ModelFile:
@@ -97,7 +98,7 @@ def test_a_book_answers_each_tick_once_in_any_order() -> None:
         answered = []
         for k in range(5):
             own = [calls[3 * k], calls[3 * k + 1], *([calls[3 * k - 1]] if k else [])]
-            rng.shuffle(own)  # type: ignore[arg-type]
+            rng.shuffle(own)
             for add, words in own:
                 add(*words)
                 while (tick := book.take()) is not None:

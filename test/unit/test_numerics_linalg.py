@@ -168,9 +168,9 @@ def test_harmonics_of_what_is_no_number_are_none(bad):
     np.testing.assert_array_equal(phasors, np.zeros(len(phasors)))
     normal = np.eye(4)
     normal[3, 1] = bad
-    mean, phasors, deviation = solve_lines(normal, 100)
+    mean, lines, deviation = solve_lines(normal, 100)
     assert mean == 0.0
-    assert np.all(phasors == 0.0)
+    assert np.all(lines == 0.0)
     assert np.isinf(deviation)
 
 

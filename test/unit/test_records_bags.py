@@ -3,6 +3,7 @@
 import sqlite3
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,12 +82,12 @@ def test_rosbags_reads_the_same(tmp_path, storage):
 
     with AnyReader([tmp_path / 'bag']) as reader:
         assert {c.msgtype for c in reader.connections} == {STATE, REFERENCE, MARKER}
-        states = [
+        states: list[Any] = [
             reader.deserialize(data, connection.msgtype)
             for connection, _, data in reader.messages()
             if connection.msgtype == STATE
         ]
-        markers = [
+        markers: list[Any] = [
             reader.deserialize(data, connection.msgtype)
             for connection, _, data in reader.messages()
             if connection.msgtype == MARKER

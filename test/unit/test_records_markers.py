@@ -1,5 +1,7 @@
 """Markers and references of a bag: what they end, what they may not say, what is left out."""
 
+from dataclasses import fields
+
 import numpy as np
 import yaml
 from damaged_bags import FIELDS, STROKE, TICKS, chunk_starts, make, mcap_crc, refused
@@ -68,14 +70,14 @@ def test_markers_of_another_definition(tmp_path):
         store = get_typestore(Stores.ROS2_JAZZY)
         store.register(get_types_from_msg(text, MARKER))
         kind = store.types[MARKER]
+        names = {field.name for field in fields(kind)}
         stamp = store.types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
         header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
-        values = dict.fromkeys(kind.__dataclass_fields__, 0.5) | {
+        values = dict.fromkeys(names, 0.5) | {
             'header': header, 'record': 'x', 'actuator': '', 'excitation': '', 'input_unit': 'N',
             'operator': 'me', 'amplitude': value, 'rate': 1000.0,
         }  # fmt: skip
-        marker = kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__
-                         and not k.startswith('__')})  # fmt: skip
+        marker = kind(**{k: v for k, v in values.items() if k in names})
         with Recorder(tmp_path / name) as recorder:
             state = recorder.add_topic('/p/actuator/state', STATE,
                                        definition=definition_of(STATE)[0])  # fmt: skip

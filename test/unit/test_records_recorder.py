@@ -98,8 +98,6 @@ def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
     """Copy the bag in front of every single write that the recorder makes."""
     import shutil
 
-    from piezo_hysteresis.records import mcap_writer
-
     seen = []
     write = os.pwrite
     cut = os.ftruncate
@@ -122,8 +120,8 @@ def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
         cut(fd, size)
         look()
 
-    monkeypatch.setattr(mcap_writer.os, 'pwrite', pwrite)
-    monkeypatch.setattr(mcap_writer.os, 'ftruncate', ftruncate)
+    monkeypatch.setattr(os, 'pwrite', pwrite)
+    monkeypatch.setattr(os, 'ftruncate', ftruncate)
     messages = payloads(450)
     with Recorder(tmp_path / 'bag', flush_interval=30, split=1 << 14) as recorder:
         topic = recorder.add_topic(NAME, STATE, definition=definition_of(STATE)[0])
@@ -202,7 +200,7 @@ def test_a_killed_recording_is_readable(tmp_path, how):
 
 
 def test_a_full_disk_keeps_everything_and_counts_the_rest(tmp_path, monkeypatch):
-    from piezo_hysteresis.records import mcap_writer, metadata
+    from piezo_hysteresis.records import metadata
 
     write = os.pwrite
     room = [60_000]
@@ -213,7 +211,7 @@ def test_a_full_disk_keeps_everything_and_counts_the_rest(tmp_path, monkeypatch)
         room[0] -= len(data)
         return write(fd, data, at)
 
-    monkeypatch.setattr(mcap_writer.os, 'pwrite', pwrite)
+    monkeypatch.setattr(os, 'pwrite', pwrite)
     plain = metadata.Metadata.write
 
     def write_metadata(self, folder):
@@ -239,7 +237,6 @@ def test_a_full_disk_keeps_everything_and_counts_the_rest(tmp_path, monkeypatch)
 
 
 def test_a_disk_that_has_room_again_goes_on(tmp_path, monkeypatch):
-    from piezo_hysteresis.records import mcap_writer
 
     write = os.pwrite
     full = [False]
@@ -249,7 +246,7 @@ def test_a_disk_that_has_room_again_goes_on(tmp_path, monkeypatch):
             raise OSError(28, 'No space left on device')
         return write(fd, data, at)
 
-    monkeypatch.setattr(mcap_writer.os, 'pwrite', pwrite)
+    monkeypatch.setattr(os, 'pwrite', pwrite)
     messages = payloads(300)
     with Recorder(tmp_path / 'bag', flush_interval=0.01) as recorder:
         topic = recorder.add_topic(NAME, STATE, definition=definition_of(STATE)[0])

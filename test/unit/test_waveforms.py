@@ -91,7 +91,7 @@ def test_a_wrong_specification_is_refused_with_the_reason(spec, reason):
 
 
 def test_whole_numbers_are_taken_for_numbers_and_the_other_way_round():
-    assert from_spec({'kind': 'sine', 'frequency': 3}).frequency == 3.0
+    assert vars(from_spec({'kind': 'sine', 'frequency': 3}))['frequency'] == 3.0
     assert from_spec({'kind': 'staircase', 'steps': 4.0}) == staircase(1.0, 4, 1.0)
 
 

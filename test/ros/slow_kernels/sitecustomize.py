@@ -37,15 +37,15 @@ class Finder(importlib.abc.MetaPathFinder):
 
     def find_spec(self, name, path=None, target=None):
         change = WAYS.pop(name, None)
-        spec = importlib.util.find_spec(name) if change else None
-        if spec is not None:
+        spec = None if change is None else importlib.util.find_spec(name)
+        if change is not None and spec is not None and spec.loader is not None:
             execute = spec.loader.exec_module
 
             def exec_module(module):
                 execute(module)
                 change(module)
 
-            spec.loader.exec_module = exec_module
+            setattr(spec.loader, 'exec_module', exec_module)  # noqa: B010
         return spec
 
 

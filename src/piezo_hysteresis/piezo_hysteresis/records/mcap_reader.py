@@ -241,7 +241,7 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
     if compression == '':
         return data
     if compression == 'lz4':
-        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+        from lz4.frame import LZ4FrameDecompressor
 
         return bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     if compression == 'zstd':
