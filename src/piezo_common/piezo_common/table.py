@@ -108,10 +108,10 @@ class ParameterSpec:
             return next((reason for reason in reasons if reason), '')
         return self._judge_one(value, type(self.default))
 
-    def _judge_one(self, value: object, wanted: type) -> str:
-        if type(value) is not wanted:
+    def _judge_one(self, value: object, kind: type) -> str:
+        if type(value) is not kind:
             return (
-                f'{self.name} must be of type {wanted.__name__}, got {value!r}; '
+                f'{self.name} must be of type {kind.__name__}, got {value!r}; '
                 f'{"write for example " + repr(self.default)}'
             )
         if isinstance(value, str):

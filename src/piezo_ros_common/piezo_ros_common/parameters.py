@@ -126,9 +126,9 @@ class NodeParameters:
 
     def overwrite(self, values: Mapping[str, Value]) -> str:
         """Set several parameters at once from within the node; return '' or why it is refused."""
-        wanted = [Parameter(name, value=value) for name, value in values.items()]
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
         try:
-            result = self._node.set_parameters_atomically(wanted)
+            result = self._node.set_parameters_atomically(parameters)
         except RefusedError as refused:
             return str(refused)
         return '' if result.successful else str(result.reason)

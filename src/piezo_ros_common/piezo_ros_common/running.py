@@ -119,8 +119,8 @@ def spin(
     ended = Future()
 
     def look() -> None:
-        wanted = stop is not None and stop.done()
-        if (wanted or (interrupt is not None and interrupt.requested)) and not ended.done():
+        due = stop is not None and stop.done()
+        if (due or (interrupt is not None and interrupt.requested)) and not ended.done():
             ended.set_result(True)
 
     timer = wall_timer(nodes[0], LOOK, look)

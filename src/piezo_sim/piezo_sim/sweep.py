@@ -123,10 +123,10 @@ def record_names(specs: Sequence[Mapping[str, Any]]) -> list[str]:
         words = [str(spec.get('kind', 'unknown'))]
         words += [f'{spec["frequency"]:g}Hz'] if 'frequency' in spec else []
         words += [f'{spec["amplitude"]:g}V'] if 'amplitude' in spec else []
-        name = wanted = str(spec.get('name') or '_'.join(words))
+        name = label = str(spec.get('name') or '_'.join(words))
         again = 2
         while name in names:
-            name, again = f'{wanted}_{again}', again + 1
+            name, again = f'{label}_{again}', again + 1
         names.append(name)
     return names
 

@@ -73,8 +73,8 @@ class Job:
 
     def note(self, row: dict[str, Any]) -> None:
         """Write down how the job ended; an empty row says that it has begun."""
-        said = {'fingerprint': self.fingerprint if row else None, 'row': row}
-        write_folder(self.folder, {NOTE: json.dumps(said, indent=2, allow_nan=False) + '\n'})
+        entry = {'fingerprint': self.fingerprint if row else None, 'row': row}
+        write_folder(self.folder, {NOTE: json.dumps(entry, indent=2, allow_nan=False) + '\n'})
 
 
 def jobs_of(task: Task, data: Sequence[str | Path], out: str | Path) -> list[Job]:

@@ -97,11 +97,11 @@ def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
         cells = [(row['name'], row['state'], row['error']) for row in bad[:_SHOWN]]
         why = table(('data', 'state', 'why'), cells)
         sections.append(PageSection('What could not be used', '', (), (why,)))
-    said = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
-    said += f', {len(bad)} did not.' if bad else '.'
+    summary = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
+    summary += f', {len(bad)} did not.' if bad else '.'
     text = f'All columns, in SI units: {", ".join(f"`{name}`" for name in tables)}.'
     sections.append(PageSection('The whole table', text))
-    return render(f'Batch: {verb} over {len(rows)} data sets', said, sections)
+    return render(f'Batch: {verb} over {len(rows)} data sets', summary, sections)
 
 
 def _identified(rows: Sequence[Row]) -> PageSection:

@@ -28,8 +28,8 @@ def _interpolator() -> FloatArray:
     basis = np.exp(-1j * np.outer(frequencies, np.arange(_TAPS)))
     normal = (basis.conj().T @ basis).real / frequencies.size + 1e-8 * np.eye(_TAPS)
     shifts = np.arange(_PHASES + 1) / _PHASES - 1.0
-    wanted = np.exp(1j * np.outer(frequencies, shifts))
-    weights = solve_square(normal, (basis.conj().T @ wanted).real / frequencies.size).values.T
+    target = np.exp(1j * np.outer(frequencies, shifts))
+    weights = solve_square(normal, (basis.conj().T @ target).real / frequencies.size).values.T
     weights[-1] = np.eye(_TAPS)[0]
     weights[0] = np.eye(_TAPS)[1]
     return np.ascontiguousarray((weights / weights.sum(axis=1, keepdims=True)).T)

@@ -94,9 +94,9 @@ def identify_own(data: Sequence[str], out: Path) -> None:
             write_data_report(folder / 'report.html', records, found, choice.steps, given)
         write_model(found.model_file(given, records[0].rate), folder)
         steps = [vars(step) for step in choice.steps]
-        told = {'choice': steps, 'held_out': [vars(each) for each in choice.held_out]}
+        summary = {'choice': steps, 'held_out': [vars(each) for each in choice.held_out]}
         seconds = round(time.perf_counter() - begun, 3)
-        write_summary({**found.summary(), **told, 'seconds': seconds}, folder)
+        write_summary({**found.summary(), **summary, 'seconds': seconds}, folder)
     _print_fit(found)
     for each in choice.held_out:
         print(

@@ -92,15 +92,15 @@ def _say(
 
 
 def _run(words: list[str]) -> int:
-    wanted = words[0] if words and words[0] in VERBS else None
-    if wanted is None:
+    verb = words[0] if words and words[0] in VERBS else None
+    if verb is None:
         return _overview(words)
-    module = load_verb(wanted)
+    module = load_verb(verb)
     parser = argparse.ArgumentParser(
-        prog=f'piezo_hysteresis {wanted}', description=module.__doc__ or module.HELP
+        prog=f'piezo_hysteresis {verb}', description=module.__doc__ or module.HELP
     )
     module.configure(parser)
-    if wanted not in PLAIN:
+    if verb not in PLAIN:
         talk.add_words(parser)
     arguments = parser.parse_args(words[1:])
     talk.choose(arguments)

@@ -26,10 +26,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Ask, and print the answers."""
-    wanted = {'list': 0, 'get': 2, 'set': 3, 'load': 2}[arguments.what]
+    needed = {'list': 0, 'get': 2, 'set': 3, 'load': 2}[arguments.what]
     words = [arguments.node, arguments.name, arguments.value]
     given = [word for word in words if word is not None]
-    if len(given) < wanted or (arguments.what != 'set' and arguments.value is not None):
+    if len(given) < needed or (arguments.what != 'set' and arguments.value is not None):
         forms = {'get': '/NODE NAME', 'set': '/NODE NAME VALUE', 'load': '/NODE FILE'}
         form = forms.get(arguments.what, '[/NODE]')
         raise PiezoError(f'write `param {arguments.what} {form}`')

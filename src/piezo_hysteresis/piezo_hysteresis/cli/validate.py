@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     noise = floor_of(records).rms
     left = residuals_of(saved.model, saved.values, records, views, late)
     known = compared(left, saved.discrepancy) if saved.discrepancy is not None else []
-    told = replace(saved, discrepancy=discrepancy_of(left, held_out=True))
+    updated = replace(saved, discrepancy=discrepancy_of(left, held_out=True))
     summary = {
         'model': saved.model.name,
         'method': 'validate',
@@ -87,15 +87,15 @@ def run(arguments: argparse.Namespace) -> int:
         'warnings': warnings,
         'seconds': time.perf_counter() - begun,
     }
-    said = comparison_words(known, saved.discrepancy)
+    remarks = comparison_words(known, saved.discrepancy)
     write_folder(
         arguments.out,
         {
             'report.html': validation_page(
-                saved, records, simulated, rows, noise, [said, *map(str, warnings)]
+                saved, records, simulated, rows, noise, [remarks, *map(str, warnings)]
             ),
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
-            'model.yaml': told.text(),
+            'model.yaml': updated.text(),
             **figures(records, simulated, rows, noise_floor=noise),
         },
         'validate',
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
             f'{row.record}: free run {1e6 * row.free_run_rms:.4g} µm '
             f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} µm'
         )
-    print(said)
+    print(remarks)
     print(f'written to {arguments.out}; open {arguments.out}/report.html')
     for warning in warnings:
         talk.warn(str(warning))

@@ -72,8 +72,8 @@ class ProcessPlant:
     def _last(self) -> str:
         """Return the last line that the program said, without what every error begins with."""
         self._process.kill()
-        _, said = self._process.communicate()
-        lines = said.decode('utf-8', 'replace').strip().splitlines()
+        _, output = self._process.communicate()
+        lines = output.decode('utf-8', 'replace').strip().splitlines()
         return lines[-1].removeprefix('error: ') if lines else 'it said nothing'
 
     def close(self) -> None:

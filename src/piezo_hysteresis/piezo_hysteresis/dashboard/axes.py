@@ -36,10 +36,10 @@ class Follower:
             return
         if (self.range.start, self.range.end) != self._set:
             return  # somebody looks closer; the reset tool gives the axis back
-        wanted = self._decades(low, high) if self._logarithmic else self._linear(low, high)
-        if wanted != self._set:
-            self._set = wanted
-            start, end = wanted
+        limits = self._decades(low, high) if self._logarithmic else self._linear(low, high)
+        if limits != self._set:
+            self._set = limits
+            start, end = limits
             self.range.update(start=start, end=end, reset_start=start, reset_end=end)
 
     def _decades(self, low: float, high: float) -> tuple[float, float]:

@@ -92,8 +92,8 @@ class JobBox:
         self.cancel.disabled = not job.busy
         self.bar.visible = job.busy
         self.bar.value = round(100 * job.fraction)
-        said = job_words(job) + (f'<p class="soft">{spent}</p>' if spent else '')
-        self._say(said or ('' if offered else hint))
+        text = job_words(job) + (f'<p class="soft">{spent}</p>' if spent else '')
+        self._say(text or ('' if offered else hint))
 
     def _say(self, text: str) -> None:
         self.words.update(text=text, visible=bool(text))

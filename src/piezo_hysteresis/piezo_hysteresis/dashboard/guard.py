@@ -50,8 +50,8 @@ class GuardedApplication(BokehTornado):
         refusal = self._access.refusal(request.headers)
         if refusal is None and self._shows_token(request):
             cookie = f'{self._access.cookie}={self._access.proof}; HttpOnly; SameSite=Lax; Path=/'
-            told = {'cookie': cookie, 'target': _without_token(request)}
-            return self.get_handler_delegate(request, _Admission, told)
+            details = {'cookie': cookie, 'target': _without_token(request)}
+            return self.get_handler_delegate(request, _Admission, details)
         if refusal is None and not self._access.admitted(request.headers):
             refusal = _NO_TOKEN
         if refusal is not None:

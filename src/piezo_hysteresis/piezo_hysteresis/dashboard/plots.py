@@ -192,8 +192,8 @@ class SpectrumPlot:
 
     def _end(self, window: Window, scene: PageState) -> float:
         half = 0.5 / window.dt
-        wanted = max(10.0 * scene.fundamental, 1.3 * scene.resonance) or 100.0
-        end = min(half, wanted)
+        reach = max(10.0 * scene.fundamental, 1.3 * scene.resonance) or 100.0
+        end = min(half, reach)
         if self._x.reset_end != end:
             self._x.update(start=0.0, end=end, reset_start=0.0, reset_end=end)
         return end

@@ -271,9 +271,9 @@ class RowList:
             stylesheets=[WIDGET_STYLE],
         )  # fmt: skip
 
-    def refresh(self, wanted: Iterable[ParameterState], all_of: Mapping[str, Any]) -> None:
-        """Show `wanted`; `all_of` holds the parameters by node and name."""
-        listed = list(wanted)
+    def refresh(self, parameters: Iterable[ParameterState], all_of: Mapping[str, Any]) -> None:
+        """Show `parameters`; `all_of` holds the parameters by node and name."""
+        listed = list(parameters)
         # what a control looks like depends on these, not on the value
         keys = [(p.node, p.name, type(p.value), p.low, p.high, p.choices) for p in listed]
         if keys != self._keys:

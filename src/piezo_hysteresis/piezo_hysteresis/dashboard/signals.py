@@ -162,8 +162,8 @@ class Signals:
     def window(self, seconds: float) -> Window:
         """Return the last `seconds`, or what there is of them; at most half of what is kept."""
         with self._lock:
-            wanted = min(max(1, round(seconds / self._dt)), self._capacity // 2)
-            count = min(wanted, self._newest + 1)
+            size = min(max(1, round(seconds / self._dt)), self._capacity // 2)
+            count = min(size, self._newest + 1)
             first = self._newest + 1 - count
             numbers: IntArray = np.arange(first, first + count, dtype=np.int64)
             slots = numbers % self._capacity

@@ -79,9 +79,9 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
         share = 100 * error / size
         found.append(Wellbeing('error', f'the reference is not followed: error {share:.0f} %'))
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
-        said = of_node(live, node)
-        if node.present and said.level != 'ok':
-            found.append(Wellbeing(said.level, f'{node.name}: {said.text}'))
+        state = of_node(live, node)
+        if node.present and state.level != 'ok':
+            found.append(Wellbeing(state.level, f'{node.name}: {state.text}'))
     found.sort(key=lambda each: each.level != 'error')
     return Wellbeing(found[0].level if found else 'ok', '; '.join(each.text for each in found))
 
@@ -114,17 +114,17 @@ def _remedy(live: Live) -> str:
     """Return what to do about an actuator that is there and says nothing."""
     if 'excitation' not in live.parameters:
         return 'In lock-step it waits for commands: start an excitation.'
-    said = live.diagnostics.get('excitation')
+    report = live.diagnostics.get('excitation')
     mode = live.parameter('excitation', 'mode')
     if mode is not None and mode.value == 'idle':
-        if said is not None and said.level == 'error':
+        if report is not None and report.level == 'error':
             return (
-                f'The excitation has given up ({said.text}). Once all nodes run, choose a mode '
+                f'The excitation has given up ({report.text}). Once all nodes run, choose a mode '
                 'again under Drive.'
             )
         return 'No experiment runs: choose a mode under Drive, or start a sweep.'
-    if said is not None and said.level != 'ok':
-        return f'The excitation says: {said.text}.'
+    if report is not None and report.level != 'ok':
+        return f'The excitation says: {report.text}.'
     return 'See under Nodes which of them does not go on.'
 
 
@@ -157,5 +157,5 @@ def pulse(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> s
         parts.append(f'drive {live.fundamental:g} Hz')
     if live.record:
         parts.append(f'record {live.record}')
-    said = f' <span class="{known.level}">{escape(known.text)}</span>' if known.text else ''
-    return f'{light}{escape(" · ".join(parts))}{said}'
+    text = f' <span class="{known.level}">{escape(known.text)}</span>' if known.text else ''
+    return f'{light}{escape(" · ".join(parts))}{text}'

@@ -117,10 +117,10 @@ def status_words(live: Live) -> str:
 def _counted(counters: Counters | None) -> str:
     if counters is None:
         return ''
-    told = [_counter(name, count) for name, count in counters.counts.items() if count]
+    counted = [_counter(name, count) for name, count in counters.counts.items() if count]
     if counters.rate > 0.0:
-        told.insert(0, f'{counters.rate:.0f} ticks/s')
-    return ', '.join(told)
+        counted.insert(0, f'{counters.rate:.0f} ticks/s')
+    return ', '.join(counted)
 
 
 def _counter(name: str, count: int) -> str:

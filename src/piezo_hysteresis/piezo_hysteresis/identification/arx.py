@@ -89,10 +89,10 @@ class TransferFunction:
             If the file is missing or no transfer function.
         """
         try:
-            told: Any = yaml.safe_load(Path(path).read_text('utf-8'))
-            top, bottom = (tuple(map(float, told[k])) for k in ('numerator', 'denominator'))
-            found = cls(top, bottom, float(told.get('rate', 0.0)),
-                        float(told.get('nrmse_percent', 'nan')))  # fmt: skip
+            content: Any = yaml.safe_load(Path(path).read_text('utf-8'))
+            top, bottom = (tuple(map(float, content[k])) for k in ('numerator', 'denominator'))
+            found = cls(top, bottom, float(content.get('rate', 0.0)),
+                        float(content.get('nrmse_percent', 'nan')))  # fmt: skip
         except OSError as error:
             raise IdentificationError(
                 f'{path}: it cannot be read ({error.strerror or error})'

@@ -289,5 +289,5 @@ class BestFit:
         pull : ndarray, shape (q,)
             How much of each is in the model already, in multiples.
         """
-        wanted = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
-        return solve_square(self._gram, wanted).values
+        target = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
+        return solve_square(self._gram, target).values

@@ -69,15 +69,15 @@ def comparison_words(found: Sequence[Comparison], known: Discrepancy | None) -> 
         return 'the model does not say how much it misses; the model.yaml written here does'
     worst = max(found, key=lambda each: each.ratio)
     where = 'records that were not fitted' if known.held_out else 'the fitted records'
-    told = (
+    text = (
         f'{worst.record}: {worst.ratio:.3g} times the {1e6 * worst.expected:.3g} µm that {where} '
         'let expect'
     )
     news = sum(each.news for each in found)
     if not news:
-        return f'no more than the model is known to miss; at most {told}'
+        return f'no more than the model is known to miss; at most {text}'
     return (
-        f'more than the model is known to miss on {news} of {len(found)} records; most on {told}'
+        f'more than the model is known to miss on {news} of {len(found)} records; most on {text}'
     )
 
 

@@ -123,12 +123,12 @@ def views_of(
     checked : bool
         False takes models that cannot be simulated as they are.
     """
-    wanted = choices or Choices()
-    targets = targets_of(records, folded=False, start=wanted.start, zero=wanted.zero)
+    chosen = choices or Choices()
+    targets = targets_of(records, folded=False, start=chosen.start, zero=chosen.zero)
     if not checked:
         return tuple(targets)
-    told = revised(model, values, sampling_offset, targets, records, wanted, alone=True)
-    return tuple(told)
+    renewed = revised(model, values, sampling_offset, targets, records, chosen, alone=True)
+    return tuple(renewed)
 
 
 def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> FloatArray:

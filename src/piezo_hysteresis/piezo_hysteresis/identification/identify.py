@@ -229,9 +229,9 @@ def identify(
     given = dict(options.get('start') or {})
     given.pop(SAMPLING_OFFSET, None)
     held_at(model, {}, given)
-    said = require_usable(records)
+    remarks = require_usable(records)
     if base in ONLINE_METHODS:
-        return _online(records, model, method, said, begun, progress, options)
+        return _online(records, model, method, remarks, begun, progress, options)
     if base == 'output_error':
         fit = output_error_in_stages(model, records, workers=workers, progress=progress, **options)
     else:
@@ -239,7 +239,7 @@ def identify(
             model, records, base, seed=seed, workers=workers, progress=progress, **options
         )
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
-    return from_fit(fit, method, records, said, begun, choices)
+    return from_fit(fit, method, records, remarks, begun, choices)
 
 
 def from_fit(
@@ -323,7 +323,7 @@ def judged_on(found: Identification, records: Sequence[Record]) -> Identificatio
 
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     """Say what records lost, and so where the model leaves much more than their noise."""
-    said = [
+    remarks = [
         f'record {row.record}: {row.lost} samples are spikes or drop-outs and do not count.'
         for row in rows
         if row.lost
@@ -331,28 +331,28 @@ def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     worst = max(rows, key=lambda row: row.free_run_rms)
     if not np.isfinite(worst.free_run_rms):
         return [
-            *said,
+            *remarks,
             f'the free run diverges on record {worst.record}: simulate with another method.',
         ]
     known = [row for row in rows if row.noise_rms > 0]
     if not known:
-        return said
+        return remarks
     worst = max(known, key=lambda row: row.free_run_rms / row.noise_rms)
     ratio = worst.free_run_rms / worst.noise_rms
     if ratio < 3:
-        return said
+        return remarks
     sentence = (
         f'the model misses {ratio:.0f} times the noise floor on record {worst.record}: standard '
         'deviations do not cover that; run discover to learn what is missing.'
     )
-    return [*said, sentence]
+    return [*remarks, sentence]
 
 
 def _online(
     records: Sequence[Record],
     model: Model,
     method: str,
-    said: Sequence[str],
+    remarks: Sequence[str],
     begun: float,
     progress: Progress | None,
     options: Mapping[str, Any],
@@ -367,7 +367,7 @@ def _online(
     std = {n: float(s) for n, s in zip(estimate.names, estimate.standard_deviations, strict=True)}
     if run.zero is not None:
         values['offset'], std['offset'] = run.zero.offset, run.zero.spread
-        said = (*said, _MEAN_APART)
+        remarks = (*remarks, _MEAN_APART)
     late = run.sampling_offset
     views = views_of(chain, values, records, late, checked=False)
     rows = judged(chain, values, views, late, checked=False)
@@ -381,7 +381,7 @@ def _online(
         condition=estimate.condition_number,
         converged=run.settled,
         message='at rest' if run.settled else 'still drifting',
-        warnings=(*said, *run.warnings, *_misfit(rows)),
+        warnings=(*remarks, *run.warnings, *_misfit(rows)),
         records=rows,
         noise_floor=floor_of(records).rms,
         sampling_offset=late,

@@ -60,15 +60,15 @@ def start_of(
     return suited(model, records), {n: v for n, v in found.items() if n in model.free_names}
 
 
-def _at_knots(found: Mapping[str, float], span: float, wanted: float) -> dict[str, float]:
-    """Return a table over slopes up to `span` at the knots of one up to `wanted`."""
+def _at_knots(found: Mapping[str, float], span: float, target: float) -> dict[str, float]:
+    """Return a table over slopes up to `span` at the knots of one up to `target`."""
     names = sorted({name.rsplit('_at', 1)[0] for name in found})
     count = len(found) // len(names)
     here = np.arange(1, count + 1) / count
     moved = {}
     for name in names:
         column = [found[f'{name}_at{i}'] for i in range(1, count + 1)]
-        values = np.interp(wanted * here, span * here, column)
+        values = np.interp(target * here, span * here, column)
         moved.update({f'{name}_at{i}': float(v) for i, v in enumerate(values, start=1)})
     return moved
 

@@ -172,8 +172,8 @@ def run_online(
 
     def run(late: float) -> tuple[float, OnlineRun]:
         seen = [_read_earlier(record, late) for record in records]
-        told = progress if late == 0.0 else None
-        found = run_on_clock(model, seen, method, progress=told, **options)
+        report = progress if late == 0.0 else None
+        found = run_on_clock(model, seen, method, progress=report, **options)
         last = found.history[len(found.history) // 2 :]
         error = float(np.sqrt(np.mean(np.square(last))))
         late_s = (late + ahead) * records[0].dt
@@ -218,7 +218,7 @@ def run_on_clock(
         raise IdentificationError(
             f'{method} needs records of one sampling rate; resample them, or use output_error'
         )
-    said: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     if method == 'rls':
         settings = RlsSettings(
             variant=variant,
@@ -230,7 +230,7 @@ def run_on_clock(
         )
         recursion = _papers(model, records, settings)
     else:
-        recursion, said = _well_posed(model, records, method, start or {}, forgetting)
+        recursion, remarks = _well_posed(model, records, method, start or {}, forgetting)
     total = sum(len(record) for record in records)
     done, history = 0, []
     before = recursion.estimate()
@@ -249,8 +249,11 @@ def run_on_clock(
     zero = _zero(recursion, records) if method == 'rls' and offset else None
     at_rest = settled(before, after)
     if not at_rest:
-        said = (*said, 'the estimates still drift at the end: record longer, or use output_error.')
-    return OnlineRun(recursion, (*said, *after.notes), at_rest, tuple(history), zero=zero)
+        remarks = (
+            *remarks,
+            'the estimates still drift at the end: record longer, or use output_error.',
+        )
+    return OnlineRun(recursion, (*remarks, *after.notes), at_rest, tuple(history), zero=zero)
 
 
 def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> Zero:
@@ -322,12 +325,12 @@ def _well_posed(
         raise IdentificationError(
             f'{method} identifies {fitting[method]}, not {model.name}; use output_error'
         )
-    said: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     frequency, damping = 0.0, 0.02
     if 'natural_frequency' in model.parameter_names:
         frozen = _with_mode(records, start)
         frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
-        said = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
+        remarks = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
     settings = UdSettings(
         kind=KINDS[method],
         voltage_range=max(float(np.max(np.abs(r.voltage))) for r in records),
@@ -337,4 +340,4 @@ def _well_posed(
         forgetting=forgetting or 0.9999,
         dt=records[0].dt,
     )
-    return OnlineUd(settings), said
+    return OnlineUd(settings), remarks

@@ -156,8 +156,8 @@ def _settled(
             break
     known = motion.target.begins.levels
     largest = float(np.max(np.abs(motion.target.voltage)))
-    wanted = more[len(most) : len(most) + len(known)]
-    levels = tuple(a + largest * float(b) for a, b in zip(known, wanted, strict=True))
+    target = more[len(most) : len(most) + len(known)]
+    levels = tuple(a + largest * float(b) for a, b in zip(known, target, strict=True))
     return replace(begun, pull=shares, levels=levels, explained=explained)
 
 

@@ -117,8 +117,8 @@ def output_error(
     late = {SAMPLING_OFFSET: known.pop(SAMPLING_OFFSET, 0.0)}
     if set(names) <= set(known):
         # a model that is known already tells how the records begin before it is fitted
-        told = {**chain.defaults(), **known}
-        targets = revised(chain, told, late[SAMPLING_OFFSET], targets, records, choices)
+        given = {**chain.defaults(), **known}
+        targets = revised(chain, given, late[SAMPLING_OFFSET], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
     best = _followed(
         [

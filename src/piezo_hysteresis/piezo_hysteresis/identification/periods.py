@@ -12,22 +12,22 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records import Record
 
-Told = TypeVar('Told')
+Remembered = TypeVar('Remembered')
 
 _PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
 
 
-def remembered(function: Callable[[Record], Told]) -> Callable[[Record], Told]:
+def remembered(function: Callable[[Record], Remembered]) -> Callable[[Record], Remembered]:
     """Return `function` that works once on each record: records never change."""
-    known: WeakKeyDictionary[Record, Told] = WeakKeyDictionary()
+    known: WeakKeyDictionary[Record, Remembered] = WeakKeyDictionary()
 
-    def told(record: Record) -> Told:
+    def cached(record: Record) -> Remembered:
         if record not in known:
             known[record] = function(record)
         return known[record]
 
-    told.__doc__ = function.__doc__
-    return told
+    cached.__doc__ = function.__doc__
+    return cached
 
 
 @remembered

@@ -140,14 +140,14 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
     spread = covariance(solution.factor, variance, names)
     values = objective.values(solution.x)
     late = values.pop(SAMPLING_OFFSET, 0.0)
-    said = list(warnings_of(spread, names, solution.x))
-    said += [
+    remarks = list(warnings_of(spread, names, solution.x))
+    remarks += [
         f'{name} ended on its bound {value:.4g}: the records want it beyond what is possible.'
         for name, value, on in zip(names, solution.x, solution.at_bound, strict=True)
         if on
     ]
     if not solution.converged:
-        said.insert(0, f'the fit did not converge ({solution.message}): trust no digit of it.')
+        remarks.insert(0, f'the fit did not converge ({solution.message}): trust no digit of it.')
     return FitResult(
         model=objective.model,
         values=values,
@@ -159,7 +159,7 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
         targets=objective.targets,
         converged=solution.converged,
         message=solution.message,
-        warnings=tuple(said),
+        warnings=tuple(remarks),
         history=tuple(sqrt(2 * cost / (freedom + p)) for cost in solution.history),
         evaluations=solution.evaluations,
         objective=objective,

@@ -69,9 +69,9 @@ def sensitivities(
         if isinstance(stage, TickStage):
             signal, tangent = _alone(stage, own, p, free, signal, tangent, clock)
         else:
-            wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
+            numbers = [j for j, parameter in enumerate(own) if parameter.name in free]
             through = _by_ways if _is_way(stage, p, signal, tangent, clock) else _along
-            signal, tangent = through(stage, own, p, wanted, signal, tangent, clock)
+            signal, tangent = through(stage, own, p, numbers, signal, tangent, clock)
         columns += [each.name for each in own if each.name in free]
     order = [columns.index(name) for name in free]
     return signal, tangent if order == list(range(len(order))) else tangent[order]
@@ -119,7 +119,7 @@ def _by_ways(
     stage: Stage,
     own: Sequence[Parameter],
     p: FloatArray,
-    wanted: Sequence[int],
+    columns: Sequence[int],
     signal: FloatArray,
     tangent: FloatArray,
     clock: _Clock,
@@ -137,7 +137,7 @@ def _by_ways(
     gone = run.gone(signal, p, dt, state=state, layout=stage.run.layout(dt))
     flat, rows = gone.values.ravel(), np.empty((0, gone.values.size))
     places: list[int] = []
-    free = [own[j].name for j in wanted]
+    free = [own[j].name for j in columns]
     for part in run.middle:
         inside = TickStage(part.block, part.span, ahead=True)
         mine = [(j, own[j]) for j in range(part.span.start, part.span.stop)]
@@ -146,16 +146,16 @@ def _by_ways(
     answers = run.taken_up(np.vstack([flat, rows]), gone, p, dt)
     known = dict(zip(places, answers[1:], strict=True))
     behind = {j for part in run.behind for j in range(part.span.start, part.span.stop)}
-    for j in behind & set(wanted):
+    for j in behind & set(columns):
         moved = p.copy()
         moved[j] += parameter_step(stage, own[j], p[j], dt)
         answer = run.taken_up(flat[None], gone, moved, dt)[0]
         known[j] = (answer - answers[0]) / (moved[j] - p[j])
-    rest = [j for j in wanted if j not in known]
+    rest = [j for j in columns if j not in known]
     _, others = _differenced(stage, own, p, rest, signal, tangent, clock)
     known |= dict(zip(rest, others, strict=True))
-    result = np.empty((len(wanted), signal.size))
-    for row, j in enumerate(wanted):
+    result = np.empty((len(columns), signal.size))
+    for row, j in enumerate(columns):
         result[row] = known[j]
     return answers[0], result
 
@@ -164,7 +164,7 @@ def _along(
     stage: Stage,
     own: Sequence[Parameter],
     p: FloatArray,
-    wanted: Sequence[int],
+    columns: Sequence[int],
     signal: FloatArray,
     tangent: FloatArray,
     clock: _Clock,
@@ -179,12 +179,12 @@ def _along(
         near = _by_ticks(stage, own, p, signal, tangent, clock)
         largest = int(np.argmax(np.max(np.abs(near), axis=1)))
         probe = tangent[largest : largest + 1]
-        output, exact = _differenced(stage, own, p, wanted, signal, probe, clock)
+        output, exact = _differenced(stage, own, p, columns, signal, probe, clock)
         missed = float(np.max(np.abs(near[largest] - exact[0]), initial=0.0))
         if missed <= _CLOSE * float(np.max(np.abs(exact[0]), initial=0.0)):
             near[largest] = exact[0]
             return output, np.vstack([near, exact[1:]])
-    return _differenced(stage, own, p, wanted, signal, tangent, clock)
+    return _differenced(stage, own, p, columns, signal, tangent, clock)
 
 
 def _by_ticks(
@@ -224,24 +224,24 @@ def _through(
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
     block = stage.block
-    wanted = [j for j, parameter in enumerate(own) if parameter.name in free]
+    columns = [j for j, parameter in enumerate(own) if parameter.name in free]
     incoming = tangent.shape[0]
-    ranged = any(own[j].follows_range for j in wanted)
-    if block.tangent is not None and not ranged and (wanted or incoming):
+    ranged = any(own[j].follows_range for j in columns)
+    if block.tangent is not None and not ranged and (columns or incoming):
         output = np.empty_like(signal)
         every = np.empty((incoming + len(own), signal.size))
         block.tangent(signal, output, tangent, every, p, clock.dt)
-        if len(wanted) == len(own):
+        if len(columns) == len(own):
             return output, every
-        return output, every[[*range(incoming), *(incoming + j for j in wanted)]]
-    return _differenced(stage, own, p, wanted, signal, tangent, clock)
+        return output, every[[*range(incoming), *(incoming + j for j in columns)]]
+    return _differenced(stage, own, p, columns, signal, tangent, clock)
 
 
 def _differenced(
     stage: Stage,
     own: Sequence[Parameter],
     p: FloatArray,
-    wanted: Sequence[int],
+    columns: Sequence[int],
     signal: FloatArray,
     tangent: FloatArray,
     clock: _Clock,
@@ -256,7 +256,7 @@ def _differenced(
 
     output = run(signal, p)
     incoming = tangent.shape[0]
-    result = np.empty((incoming + len(wanted), signal.size))
+    result = np.empty((incoming + len(columns), signal.size))
     span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
     linear = isinstance(stage, LinearStage)
     for j in range(incoming):
@@ -270,7 +270,7 @@ def _differenced(
             continue
         step = _STEP * span / size
         result[j] = (run(signal + step * column, p) - output) / step
-    for place, j in enumerate(wanted, start=incoming):
+    for place, j in enumerate(columns, start=incoming):
         moved = p.copy()
         moved[j] += parameter_step(stage, own[j], p[j], clock.dt)
         result[place] = (run(signal, moved) - output) / (moved[j] - p[j])

@@ -204,8 +204,8 @@ class StartSearch:
         levels = [each for each in others if each[1].levels]
         if not levels:
             return best
-        told = self._with_levels(target, record, min(levels, key=_cost), enough)
-        return told if told[0] <= _AS_WELL * best[0] else best
+        levelled = self._with_levels(target, record, min(levels, key=_cost), enough)
+        return levelled if levelled[0] <= _AS_WELL * best[0] else best
 
     def _refined(self, target: Target, record: Record, best: Judged) -> Judged:
         """Return a start whose last level leaves least nearby, and all as far as a slope tells."""

@@ -201,11 +201,11 @@ def identify_by_search(
             trail.append(found)
             values.update(zip(names, (float(v) for v in box.point(found.x)), strict=True))
         own = {name: values[name] for name in chain.parameter_names}
-        told = revised(chain, own, values[SAMPLING_OFFSET], targets, records, choices)
+        renewed = revised(chain, own, values[SAMPLING_OFFSET], targets, records, choices)
         if all(a.begins == b.begins and a.own_zero == b.own_zero
-               for a, b in zip(told, targets, strict=True)):  # fmt: skip
+               for a, b in zip(renewed, targets, strict=True)):  # fmt: skip
             break
-        targets = told
+        targets = renewed
     return _result(chain, targets, values, late, weights, trail, workers)
 
 

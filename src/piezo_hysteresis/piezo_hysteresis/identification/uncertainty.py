@@ -151,20 +151,20 @@ _DEFAULT_HELP = 'add records at other frequencies and amplitudes, or fix one of 
 
 def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) -> tuple[str, ...]:
     """Say in words which parameters these records do not determine, and what to record."""
-    said: list[str] = []
+    remarks: list[str] = []
     lost: set[str] = set()
     for direction in result.directions:
         group = [name for name, _ in direction]
         lost |= set(group)
         if len(group) == 1:
-            said.append(
+            remarks.append(
                 f'{group[0]} has no influence on these records: fix it, or record what excites it.'
             )
         else:
-            said.append(
+            remarks.append(
                 f'{_listed(group)} cannot be told apart from these records: {_help(group)}.'
             )
-    said += [
+    remarks += [
         f'{_listed(group)} can hardly be told apart from these records (correlation beyond '
         f'{CORRELATION_LIMIT}): {_help(group)}.'
         for group in _confounded(result, names, values)
@@ -181,8 +181,8 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             if len(small) == 1
             else ('are smaller than their uncertainties')
         )
-        said.append(f'{_listed(small)} {which}: these records do not show it.')
-    return tuple(said)
+        remarks.append(f'{_listed(small)} {which}: these records do not show it.')
+    return tuple(remarks)
 
 
 def _confounded(result: Covariance, names: Sequence[str], values: FloatArray) -> list[list[str]]:

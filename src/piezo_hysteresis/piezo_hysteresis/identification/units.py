@@ -51,25 +51,25 @@ def require_plausible(records: Sequence[Record]) -> list[str]:
     IdentificationError
         If a record is none of a piezo actuator; it is named.
     """
-    told = []
+    problems = []
     for record in records:
         for impossible, sentence in unit_findings(record):
-            told.append(f'record {record.name}: {sentence}')
+            problems.append(f'record {record.name}: {sentence}')
             if impossible:
-                raise IdentificationError(told[-1])
-    return told
+                raise IdentificationError(problems[-1])
+    return problems
 
 
 def _stroke(stroke: float) -> list[tuple[bool, str]]:
-    told = f'the displacement spans {stroke:.3g} m, '
+    text = f'the displacement spans {stroke:.3g} m, '
     if stroke > LARGEST_STROKE:
-        return [(True, f'{told}which no piezo actuator does; {_NAME_IT}')]
+        return [(True, f'{text}which no piezo actuator does; {_NAME_IT}')]
     if stroke < SMALLEST_STROKE:
-        return [(True, f'{told}less than an atom; {_NAME_IT}')]
+        return [(True, f'{text}less than an atom; {_NAME_IT}')]
     if stroke > UNLIKELY_STROKE:
-        return [(False, f'{told}more than most piezo actuators do; {_NAME_IT}')]
+        return [(False, f'{text}more than most piezo actuators do; {_NAME_IT}')]
     if stroke < SMALL_STROKE:
-        return [(False, f'{told}little for a piezo actuator; if it is in m or mm, {_NAME_IT}')]
+        return [(False, f'{text}little for a piezo actuator; if it is in m or mm, {_NAME_IT}')]
     return []
 
 
@@ -78,20 +78,20 @@ def _voltage(record: Record, gain: float) -> list[tuple[bool, str]]:
     if most > LARGEST_VOLTAGE:
         return [(False, f'the voltage reaches {most:.3g} V; if it is in mV, name it voltage_mV')]
     if not SMALLEST_GAIN < gain < LARGEST_GAIN:
-        told = (
+        text = (
             f'{gain:.3g} m per volt is no gain of a piezo actuator; check the units of voltage '
             '(voltage_V, _mV, _kV) and displacement'
         )
-        return [(False, told)]
+        return [(False, text)]
     return []
 
 
 def _rate(record: Record) -> list[tuple[bool, str]]:
-    told = (
+    text = (
         f'{record.rate:.3g} samples per second over {record.duration:.3g} s; if the times are in '
     )
     if record.rate < SLOWEST_RATE:
-        return [(False, f'{told}ms, name the column time_ms')]
+        return [(False, f'{text}ms, name the column time_ms')]
     if record.rate > FASTEST_RATE:
-        return [(False, f'{told}s, name the column time_s')]
+        return [(False, f'{text}s, name the column time_s')]
     return []

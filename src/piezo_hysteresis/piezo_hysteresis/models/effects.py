@@ -70,10 +70,10 @@ class Candidate:
         """Return the first start with what the residual of a record says about it."""
         if self.effect.guess is None:
             return []
-        said = self.effect.guess(seen)
+        answer = self.effect.guess(seen)
         limits = {q.name: (q.low, q.high) for q in self.model.parameters}
         starts = []
-        for guess in [said] if isinstance(said, Mapping) else said:
+        for guess in [answer] if isinstance(answer, Mapping) else answer:
             start = dict(self.starts[0])
             for key, value in guess.items():
                 name = self.renamed[key]

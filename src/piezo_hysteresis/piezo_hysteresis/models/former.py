@@ -52,9 +52,9 @@ def of_today(chain: Sequence[str], rows: Mapping[str, Any]) -> tuple[list[str], 
     after = model.parameter_names
     translated = {new: rows[old] for new, old in zip(after, before, strict=True) if old in rows}
     stray = {name: row for name, row in rows.items() if name not in known}
-    said = ', '.join(f'{name} as {_FORMER[name][0].name}' for name in chain if name in _FORMER)
+    text = ', '.join(f'{name} as {_FORMER[name][0].name}' for name in chain if name in _FORMER)
     warnings.warn(
-        f'the model is of a former version and read anew: {said}; fit it again to be exact',
+        f'the model is of a former version and read anew: {text}; fit it again to be exact',
         FormerModelWarning,
         stacklevel=4,
     )

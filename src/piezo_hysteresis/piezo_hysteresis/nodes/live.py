@@ -202,8 +202,8 @@ def _start_recorder(processes: NodeProcesses, bag: Path) -> NodeProcess:
 def _wait_for_recorder(observer: Observer, count: int) -> None:
     def recorded() -> bool:
         infos = observer.node.get_subscriptions_info_by_topic
-        wanted = (topics.STATE, topics.REFERENCE, topics.MARKER)[:count]
-        return all(any(i.node_name == 'recorder' for i in infos(f'/{topic}')) for topic in wanted)
+        listed = (topics.STATE, topics.REFERENCE, topics.MARKER)[:count]
+        return all(any(i.node_name == 'recorder' for i in infos(f'/{topic}')) for topic in listed)
 
     observer.until(recorded, 'the start of the recorder')
 

@@ -72,10 +72,10 @@ class ModelParameters:
 
     def load(self, loaded: ModelFile) -> None:
         """Make `loaded` the model of the node."""
-        wanted = loaded.to_ros_parameters()
-        head = {spec.name: wanted[spec.name] for spec in HEAD.specs}
+        values = loaded.to_ros_parameters()
+        head = {spec.name: values[spec.name] for spec in HEAD.specs}
         self._parameters.overwrite(head)
-        self._parameters.overwrite({k: v for k, v in wanted.items() if k not in head})
+        self._parameters.overwrite({k: v for k, v in values.items() if k not in head})
         self._changed = True
 
     def take(self) -> ModelFile | None:
@@ -113,9 +113,9 @@ class ModelParameters:
             self._follow_chain()
 
     def _follow_chain(self) -> None:
-        wanted = self._parameters.values['model.chain']
-        assert isinstance(wanted, list)
-        chain = [str(name) for name in wanted if name]
+        named = self._parameters.values['model.chain']
+        assert isinstance(named, list)
+        chain = [str(name) for name in named if name]
         if chain == self._chain:
             return
         if self._table is not None:

@@ -116,8 +116,8 @@ class Asks:
         return [f'{node}: {len(found)} parameters set']
 
     def _set(self, node: str, values: dict[str, Any]) -> None:
-        wanted = [_parameter(name, value) for name, value in values.items()]
-        results = self._answer(self._client(node).set_parameters(wanted), node).results
+        parameters = [_parameter(name, value) for name, value in values.items()]
+        results = self._answer(self._client(node).set_parameters(parameters), node).results
         for name, result in zip(values, results, strict=True):
             if not result.successful:
                 raise PiezoError(f'{node} refuses {name}: {result.reason or "no reason given"}')

@@ -105,11 +105,11 @@ def _fill(
 ) -> None:
     writer = McapWriter(file) if storage == 'mcap' else SqliteWriter(file)
     prefix = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'
-    wanted = [(STATE_NAME, STATE), (MARKER_NAME, MARKER)]
+    kinds = [(STATE_NAME, STATE), (MARKER_NAME, MARKER)]
     if any(record.reference is not None for record in records):
-        wanted.append((REFERENCE_NAME, REFERENCE))
+        kinds.append((REFERENCE_NAME, REFERENCE))
     try:
-        for name, msgtype in wanted:
+        for name, msgtype in kinds:
             writer.add_topic(Topic(prefix + name, msgtype, *definition_of(msgtype)))
         checksum = 0
         for batches in _batches(records):

@@ -117,7 +117,7 @@ def csv_records(
 
 def _renamed(path: Path, names: list[str], chosen: Mapping[str, str]) -> list[str]:
     """Return the names of the columns as they would have to be, for those that are chosen."""
-    wanted = list(names)
+    columns = list(names)
     for what, text in chosen.items():
         name, colon, unit = text.rpartition(':')
         if not colon:
@@ -131,9 +131,9 @@ def _renamed(path: Path, names: list[str], chosen: Mapping[str, str]) -> list[st
         if unit not in UNITS[what]:
             raise RecordError(f'{unit!r} is no unit of a {what}; use {", ".join(UNITS[what])}')
         # what was named so by itself is something else then
-        wanted = ['' if _meaning(each)[0] == what else each for each in wanted]
-        wanted[place] = f'{what}_{unit}'
-    return wanted
+        columns = ['' if _meaning(each)[0] == what else each for each in columns]
+        columns[place] = f'{what}_{unit}'
+    return columns
 
 
 def _meanings(path: Path, names: list[str]) -> dict[int, tuple[str, str]]:

@@ -87,8 +87,8 @@ class DamageLog:
         if not self.salvage:
             advice = f'{remedy}, or {SALVAGE_HINT}' if remedy else SALVAGE_HINT
             raise RecordError(f'{where}: {what}; {advice}')
-        told = f'{what}: {done}' if done else what
-        self.findings.append(Damage(str(where), told, count, lost))
+        text = f'{what}: {done}' if done else what
+        self.findings.append(Damage(str(where), text, count, lost))
 
     def note(self, where: object, what: str, *, count: int = 1) -> None:
         """List something that should be said but does not keep the data from being used."""

@@ -140,10 +140,10 @@ class McapFile:
 
     def _data(self, file: BinaryIO) -> Generator[MessageBlock]:
         """Walk over the data section in windows; yield its messages."""
-        at, wanted = len(mcap.MAGIC), WINDOW
+        at, size = len(mcap.MAGIC), WINDOW
         while at < self._size:
             file.seek(at)
-            window = file.read(wanted)
+            window = file.read(size)
             walk = mcap.walk(np.frombuffer(window, np.uint8))
             chunks, ended = [], False
             for opcode, offset, length in walk.others.tolist():
@@ -161,14 +161,14 @@ class McapFile:
                 yield from self._chunk(window[offset : offset + length], at + offset)
             if ended:
                 return
-            wanted = WINDOW
+            size = WINDOW
             if walk.stop:
                 at += walk.stop
                 continue
             opcode, length = _prefix(window)
             if mcap.PREFIX.size + length <= self._size - at and length >= 0:
                 if opcode in WANTED:
-                    wanted = mcap.PREFIX.size + length
+                    size = mcap.PREFIX.size + length
                 else:
                     at += mcap.PREFIX.size + length
                 continue

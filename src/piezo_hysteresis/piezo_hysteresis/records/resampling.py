@@ -64,6 +64,6 @@ def _at(signal: FloatArray, dt: float, rate: float) -> FloatArray:
     step = dt * ratio.denominator / ratio.numerator
     if abs(step * rate - 1.0) * found.size > SAME:
         time = np.arange(found.size) * step
-        wanted = np.arange(int(time[-1] * rate) + 1) / rate
-        found = CubicSpline(time, found)(wanted)
+        instants = np.arange(int(time[-1] * rate) + 1) / rate
+        found = CubicSpline(time, found)(instants)
     return np.asarray(found, np.float64)

@@ -89,10 +89,10 @@ def _errors(runs: Sequence[StudiedRun], from_seconds: float) -> PageSection:
         for run in runs
     ]
     headers = ('run', 'RMSE [µm]', 'without mean [µm]', 'largest [µm]')
-    said = '\n'.join(f'- {each}' for each in dict.fromkeys(w for run in runs for w in run.words))
+    text = '\n'.join(f'- {each}' for each in dict.fromkeys(w for run in runs for w in run.words))
     caption = f'Tracking error from {from_seconds:g} s on; the orders are those of the reference.'
     all_headers = (*headers, *(f'{n}× [µm]' for n in orders))
-    return PageSection('How well is it tracked?', said, (), (table(all_headers, rows, caption),))
+    return PageSection('How well is it tracked?', text, (), (table(all_headers, rows, caption),))
 
 
 def _left(runs: Sequence[StudiedRun]) -> PageSection:

@@ -115,14 +115,14 @@ def write_data_report(
 
 def _verdict(runs: Sequence[TrackingRun], plan: TrackingPlan) -> str:
     first, *others = runs
-    said = []
+    parts = []
     for run in others:
         ratio = first.metrics.rms / run.metrics.rms
         change = f'{ratio:.3g} times lower' if ratio > 1 else f'{1 / ratio:.3g} times higher'
-        said.append(f'{micrometres(run.metrics.rms)} µm with {run.name} ({change})')
+        parts.append(f'{micrometres(run.metrics.rms)} µm with {run.name} ({change})')
     return (
         f'The rms tracking error at {plan.tracked:g} Hz is {micrometres(first.metrics.rms)} µm '
-        f'with {first.name}, {" and ".join(said)}.'
+        f'with {first.name}, {" and ".join(parts)}.'
     )
 
 
@@ -215,15 +215,15 @@ def _where(
             ground=False,
         ),
     ]  # fmt: skip
-    said = 'What is left, by multiple of the frequency of the reference.'
+    text = 'What is left, by multiple of the frequency of the reference.'
     if resonance is not None:
         nearest = max(1, round(resonance / plan.tracked))
-        said += (
+        text += (
             f' The {_ordinal(nearest)} harmonic of {plan.tracked:g} Hz lies at '
             f'{nearest * plan.tracked:g} Hz, beside the resonance at {resonance:.2f} Hz, which '
             'amplifies what hysteresis leaves there (odd-harmonic oscillation).'
         )
-    return PageSection('Where does the error sit?', said, tuple(figures))
+    return PageSection('Where does the error sit?', text, tuple(figures))
 
 
 def _ordinal(n: int) -> str:

@@ -277,9 +277,9 @@ def _model(found: Discovery) -> PageSection:
     units = {q.name: q.unit for q in final.model.parameters}
     held = set(final.model.held)
     # what is held has no deviation
-    told = {name: value for name, value in std.items() if name not in held}
+    shown = {name: value for name, value in std.items() if name not in held}
     numbers = {name: final.values[name] for name in final.model.parameter_names}
-    rows = folded(values_of(numbers, told, units))
+    rows = folded(values_of(numbers, shown, units))
     chain = ' -> '.join(block.name for block in final.model.blocks)
     verdict = found.verdict
     text = (

@@ -49,13 +49,13 @@ def marker_of(folder: str | Path) -> FolderMarker | None:
 
     A folder without a marker (a copy, or of an earlier version) is known by its summary.
     """
-    told = _read(Path(folder) / MARKER)
-    if isinstance(told.get('verb'), str):
-        files = told.get('files')
+    content = _read(Path(folder) / MARKER)
+    if isinstance(content.get('verb'), str):
+        files = content.get('files')
         names = files if isinstance(files, list) else []
         # Plain names only: what a file says must not lead out of its folder.
         return FolderMarker(
-            told['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n))
+            content['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n))
         )
     if (Path(folder) / 'verdict.json').is_file():
         return FolderMarker('discover')
@@ -71,10 +71,10 @@ def marker_of(folder: str | Path) -> FolderMarker | None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        told = json.loads(path.read_text(encoding='utf-8'))
+        content = json.loads(path.read_text(encoding='utf-8'))
     except (OSError, ValueError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def _plain(name: str) -> bool:

@@ -77,8 +77,8 @@ def _panels(count: int) -> tuple[Figure, list[Any]]:
 def _tail(record: Record) -> slice:
     """Return the last two periods, or the end of the record, where there is no period."""
     frequency = record.info.frequency
-    wanted = round(2 / (frequency * record.dt)) if frequency > 0 else 5 * _DRAWN
-    return slice(max(len(record) - wanted, record.warm_up_samples), None)
+    count = round(2 / (frequency * record.dt)) if frequency > 0 else 5 * _DRAWN
+    return slice(max(len(record) - count, record.warm_up_samples), None)
 
 
 def _loops(records: Sequence[Record], simulated: Mapping[str, FloatArray]) -> Figure:

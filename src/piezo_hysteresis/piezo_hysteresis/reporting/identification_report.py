@@ -80,19 +80,19 @@ def sentence_of(found: Identification) -> str:
     where = f' in the worst of {len(found.records)} records' if many else ''
     if not np.isfinite(worst.free_run_rms):
         return f'The model {found.model.name} diverges in free run{where}: do not use it.'
-    said = (
+    sentence = (
         f'The model {found.model.name} follows the measurement within '
         f'{micrometres(worst.free_run_rms)} µm rms ({worst.nrmse_percent:.3g} % of its standard '
         f'deviation) in free run{where}'
     )
     if not found.converged:
-        return said + ', but the fit did not converge: do not use it.'
+        return sentence + ', but the fit did not converge: do not use it.'
     if found.noise_floor > 0:
         ratio = worst.free_run_rms / found.noise_floor
-        said += f', {ratio:.3g} times the noise floor'
+        sentence += f', {ratio:.3g} times the noise floor'
         if ratio > _MANY_FLOORS:
-            return said + ': it lacks something that the data show.'
-    return said + '.'
+            return sentence + ': it lacks something that the data show.'
+    return sentence + '.'
 
 
 def fit_section(

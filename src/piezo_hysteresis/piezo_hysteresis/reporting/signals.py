@@ -67,8 +67,8 @@ def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, Float
 
 def last_periods(n: int, frequency: float, dt: float, periods: int, warm_up: int = 0) -> slice:
     """Return the last whole `periods` of `n` samples, or all behind the warm-up without one."""
-    wanted = round(periods / (frequency * dt)) if frequency > 0 else n
-    return slice(max(n - wanted - 1, warm_up, 0), n)
+    count = round(periods / (frequency * dt)) if frequency > 0 else n
+    return slice(max(n - count - 1, warm_up, 0), n)
 
 
 def stands_out(whole: FloatArray, part: FloatArray) -> bool:

@@ -41,12 +41,12 @@ def validation_page(
     """
     worst = max(rows, key=lambda row: largest_if_unknown(row.nrmse_percent))
     many = f' in the worst of {len(rows)} records' if len(rows) > 1 else ''
-    said = (
+    sentence = (
         f'The model {saved.model.name} is off by {micrometres(worst.free_run_rms)} µm rms '
         f'({worst.nrmse_percent:.3g} % of the standard deviation) in free run{many}'
     )
     if noise_floor > 0.0:
-        said += f', {worst.free_run_rms / noise_floor:.3g} times the noise floor'
+        sentence += f', {worst.free_run_rms / noise_floor:.3g} times the noise floor'
     sections = [
         _table(rows, noise_floor, words),
         PageSection('Does the model follow the actuator?', '', fit_figures(records, simulated)),
@@ -59,7 +59,7 @@ def validation_page(
             'records as its discrepancy: the next `validate` compares with it.',
         ),
     ]
-    return render(f'{saved.model.name} on records', f'{said}.', sections)
+    return render(f'{saved.model.name} on records', f'{sentence}.', sections)
 
 
 def _table(rows: Sequence[RecordErrors], noise_floor: float, words: Sequence[str]) -> PageSection:

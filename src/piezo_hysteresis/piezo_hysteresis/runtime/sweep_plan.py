@@ -105,8 +105,8 @@ class Sweep:
         first = 0
         for amplitude in amplitudes:
             for frequency in frequencies:
-                wanted = {'frequency': frequency, 'amplitude': amplitude, 'duration': seconds}
-                shape = waveform_of(waveform, wanted, options or {}, rate)
+                settings = {'frequency': frequency, 'amplitude': amplitude, 'duration': seconds}
+                shape = waveform_of(waveform, settings, options or {}, rate)
                 info = RecordInfo(
                     excitation=waveform, frequency=frequency, amplitude=amplitude, warm_up=warm_up
                 )
@@ -204,9 +204,9 @@ class Sweep:
 
 
 def waveform_of(
-    kind: str, wanted: Mapping[str, float], options: Mapping[str, object], rate: float
+    kind: str, settings: Mapping[str, float], options: Mapping[str, object], rate: float
 ) -> Waveform:
-    """Return the waveform called `kind` with those of the `wanted` settings that it has.
+    """Return the waveform called `kind` with those of `settings` that it has.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def waveform_of(
         If there is no such kind, an option is impossible, or a frequency cannot be sampled at
         `rate` [Hz].
     """
-    known = {name: value for name, value in wanted.items() if has_setting(kind, name)}
+    known = {name: value for name, value in settings.items() if has_setting(kind, name)}
     merged = {**known, **options}
     for name in ('frequency', 'highest'):
         value = merged.get(name, 0.0)

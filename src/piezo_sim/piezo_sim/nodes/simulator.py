@@ -155,8 +155,8 @@ class Simulator(Node):
         self._advance()
 
     def _listened_to(self) -> bool:
-        wanted = self._params.integer('wait_for')
-        return bool(self._state_publisher.get_subscription_count() >= wanted)
+        count = self._params.integer('wait_for')
+        return bool(self._state_publisher.get_subscription_count() >= count)
 
     def _run_due(self) -> None:
         due = self._pace.due(time.monotonic()) - self._tick

@@ -112,11 +112,11 @@ def stepping(law: FeedbackLaw) -> Callable[..., float]:
             reading = read[READ_DISPLACEMENT]
             see(read[READ_VOLTAGE], reading, memory[_POLARITY:_FADING], dt)
             share = share_of(memory[place + DISPLACEMENT] - reading, own, p, dt)
-        wanted = received + share
-        safe = min(max(wanted, low), high)
+        unlimited = received + share
+        safe = min(max(unlimited, low), high)
         if on and place >= 0:
-            cut(safe - wanted, own, p, dt)
-            judge(safe - wanted, low <= received <= high, memory, settings[WINDOW])
+            cut(safe - unlimited, own, p, dt)
+            judge(safe - unlimited, low <= received <= high, memory, settings[WINDOW])
         return received + fade(safe - received, memory[_FADING:OWN], dt, _FADE, settings[SLEW])
 
     return step

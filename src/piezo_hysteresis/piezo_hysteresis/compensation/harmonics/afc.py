@@ -183,14 +183,14 @@ def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float
         every[i] = p[ORDERS + i]
     if p[RESONANCE] > 0.0:
         count += fill_resonant(frequency, p[RESONANCE], dt, HIGHEST, every[own : own + MOST])
-    wanted = count
+    number = count
     every[count] = 1.0
     found = fill_separable(every[: count + 1], frequency, dt, span, kept)
-    take_lines(memory, kept[:found], every[:wanted], most)
+    take_lines(memory, kept[:found], every[:number], most)
     for order in _STRONG:
         every[count] = order
         count += 1
-    for i in range(wanted):
+    for i in range(number):
         if every[i] == 2.0:
             every[count] = _STRONG_EVEN
             count += 1

@@ -168,9 +168,9 @@ def _by_law(
     core = tuple(part for part in _anatomy(model).core if part is not Part.STRUCTURE)
     if law in _FOR and core not in _FOR[law]:
         blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
-        wanted = ' or '.join(' and '.join(map(_called, each)) for each in _FOR[law])
+        needed = ' or '.join(' and '.join(map(_called, each)) for each in _FOR[law])
         raise CompensationError(
-            f'the law {law} inverts {wanted}, but model {model.name} is {" -> ".join(blocks)}; '
+            f'the law {law} inverts {needed}, but model {model.name} is {" -> ".join(blocks)}; '
             'take another law or identify that model'
         )
     if law in ('fujii2018', 'tatebatake2017'):

@@ -39,8 +39,8 @@ class Check:
 
     def sentences(self) -> list[str]:
         """Return everything in sentences."""
-        told = [f'{", ".join(names)} cannot be told apart: {a}' for names, a in self.confounded]
-        return [*self.findings, *told]
+        rivals = [f'{", ".join(names)} cannot be told apart: {a}' for names, a in self.confounded]
+        return [*self.findings, *rivals]
 
 
 def check(records: Sequence[Record]) -> Check:

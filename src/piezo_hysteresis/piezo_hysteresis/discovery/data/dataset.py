@@ -192,9 +192,9 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     slowest = int(np.argmax([v.voltage.size * v.dt / (1.0 + v.frequency) for v in views]))
     least[slowest] = min(views[slowest].voltage.size, max(least[slowest], samples // 5))
     spare = samples - sum(least)
-    wanted = np.array([v.voltage.size for v in views]) - np.array(least)
-    share = max(0.0, spare) / max(float(wanted.sum()), 1.0)
-    kept = [base + int(share * more) for base, more in zip(least, wanted, strict=True)]
+    excess = np.array([v.voltage.size for v in views]) - np.array(least)
+    share = max(0.0, spare) / max(float(excess.sum()), 1.0)
+    kept = [base + int(share * more) for base, more in zip(least, excess, strict=True)]
     return tuple(part_of(v, 0, n - v.first) for v, n in zip(views, kept, strict=True))
 
 

@@ -113,7 +113,7 @@ def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = F
     """Return the data with starts, zeros and weights as a model tells them, see `revised`."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
-    told = revised(
+    renewed = revised(
         spec.model,
         spec.values,
         spec.sampling_offset,
@@ -122,7 +122,7 @@ def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = F
         choices,
         alone=alone,
     )
-    return beginning_like(data, told)
+    return beginning_like(data, renewed)
 
 
 def _from_data(data: Dataset, model: Model) -> list[dict[str, float]]:

@@ -42,15 +42,15 @@ def as_on(
     IdentificationError
         If the reference tells nothing of what the model misses.
     """
-    wanted = choices or Choices()
+    chosen = choices or Choices()
     records = annotated(reference)
     if isinstance(baseline, Model):
         file = identify(
-            records, baseline, workers=workers, begins=wanted.start, zero=wanted.zero
+            records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero
         ).model_file()
     else:
         late = baseline.sampling_offset
-        views = views_of(baseline.model, baseline.values, records, late, wanted)
+        views = views_of(baseline.model, baseline.values, records, late, chosen)
         left = residuals_of(baseline.model, baseline.values, records, views, late)
         file = replace(baseline, discrepancy=discrepancy_of(left, held_out=True))
     if file.discrepancy is None:

@@ -116,12 +116,12 @@ def _forward(
         current = replace(evaluator.judged(current), fitted=current.fitted)
         begin, share = 0.12 + 0.7 * place / most, 0.7 / most
 
-        def told(
+        def report(
             fraction: float, message: str, begin: float = begin, share: float = share
         ) -> None:
             progress(begin + share * fraction, message)
 
-        last = select(evaluator, current, start, told)
+        last = select(evaluator, current, start, report)
         if last is None or not last.accepted:
             return Found(evaluator, start, current, tuple(steps), last)
         found = _finished(evaluator, last.best)

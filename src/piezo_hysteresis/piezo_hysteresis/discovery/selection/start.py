@@ -120,13 +120,13 @@ def held_data(
     """
     late = given.sampling_offset
     nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
-    told = told_by(nominal, data, choices, alone=True) if searched else data
+    known = told_by(nominal, data, choices, alone=True) if searched else data
     own = choices.zero != 'common'
 
     def zeroed(views: Sequence[Target]) -> tuple[Target, ...]:
         return tuple(replace(v, own_zero=own, precision=1.0, influence=None) for v in views)
 
-    seen = replace(told, training=zeroed(told.training), held_out=zeroed(told.held_out))
+    seen = replace(known, training=zeroed(known.training), held_out=zeroed(known.held_out))
     dt = data.training[0].dt
     clocked = fitted_to(
         nominal,

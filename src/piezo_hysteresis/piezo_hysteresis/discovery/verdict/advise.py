@@ -16,24 +16,24 @@ RIVAL_PROBABILITY = 0.02
 
 def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:
     """Return experiments, the most telling first."""
-    wanted: list[str] = []
+    sentences: list[str] = []
     for step in steps:
         chances = step.round.probabilities()
         rivals = [name for name, chance in chances.items() if chance > RIVAL_PROBABILITY]
         if len(rivals) < 2:
             continue
         for name in rivals:
-            told = described(name)[0].experiment
-            wanted.append(f'To tell {" from ".join(rivals)}: {told}')
+            experiment = described(name)[0].experiment
+            sentences.append(f'To tell {" from ".join(rivals)}: {experiment}')
     named = {step.fit.effect for step in steps}
     for names, advice in check.confounded:
         if named & set(names) or (left and not steps):
-            wanted.append(f'To tell {", ".join(names)} apart: {advice}.')
+            sentences.append(f'To tell {", ".join(names)} apart: {advice}.')
     if left:
-        wanted.append(
+        sentences.append(
             'Repeat the record in which most is left, unchanged: what does not come again is '
             'disturbance, what does is the actuator.'
         )
-    if not wanted:
-        wanted = [f'To look further: {advice}.' for advice in check.experiments()[:2]]
-    return list(dict.fromkeys(wanted))
+    if not sentences:
+        sentences = [f'To look further: {advice}.' for advice in check.experiments()[:2]]
+    return list(dict.fromkeys(sentences))

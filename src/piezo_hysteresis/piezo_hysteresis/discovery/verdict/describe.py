@@ -27,20 +27,20 @@ def describe(
     """Return sentences on size, place, law and time scale of what is left."""
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
     total = float(np.sqrt(np.mean(np.concatenate([e**2 for e in errors]))))
-    said = [
+    sentences = [
         f'What is left is {total * 1e6:.3g} µm rms, {total / floor:.2g} times the noise floor.'
     ]
     worst = int(np.argmax(sizes))
-    said.append(
+    sentences.append(
         f'It is largest in {views[worst].name} ({sizes[worst] * 1e6:.3g} µm) and smallest in '
         f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} µm).'
     )
-    said += _harmonics(data, views, errors, floor)
-    said += _lines(data, views, errors)
-    said += _law(views, sizes, floor)
-    said += _bursts(views, errors, floor)
-    said += _trend(views, errors, floor)
-    return ' '.join(said)
+    sentences += _harmonics(data, views, errors, floor)
+    sentences += _lines(data, views, errors)
+    sentences += _law(views, sizes, floor)
+    sentences += _bursts(views, errors, floor)
+    sentences += _trend(views, errors, floor)
+    return ' '.join(sentences)
 
 
 def _harmonics(
@@ -52,22 +52,22 @@ def _harmonics(
     whole = sum(power.values())
     if whole <= 0.0:
         return []
-    said = []
+    sentences = []
     odd = sum(v for k, v in power.items() if k > 0 and k % 2 == 1) / whole
     even = sum(v for k, v in power.items() if k > 0 and k % 2 == 0) / whole
     aside = power.get(-1, 0.0) / whole
     strongest = sorted((k for k in power if k > 0), key=lambda k: -power[k])[:3]
     if odd + even > 0.3:
         kind = 'odd' if odd > 3 * even else 'even' if even > 3 * odd else 'odd and even'
-        said.append(
+        sentences.append(
             f'{100 * (odd + even):.0f} % of its power lies on {kind} harmonics of the drive, most '
             f'on order {", ".join(map(str, strongest))}.'
         )
     if aside > 0.3:
-        said.append(f'{100 * aside:.0f} % of its power is on no harmonic of the drive.')
+        sentences.append(f'{100 * aside:.0f} % of its power is on no harmonic of the drive.')
     if power.get(0, 0.0) / whole > 0.3:
-        said.append(f'{100 * power[0] / whole:.0f} % of its power is a shift of the mean.')
-    return said
+        sentences.append(f'{100 * power[0] / whole:.0f} % of its power is a shift of the mean.')
+    return sentences
 
 
 def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[str]:
@@ -99,7 +99,7 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
     ]
     if len(rows) < 3:
         return []
-    said = []
+    sentences = []
     clean = [(f, a, max(s**2 - floor**2, 1e-30) ** 0.5) for f, a, s in rows]
     table = np.array(clean)
     columns = [np.ones(len(table))]
@@ -114,8 +114,8 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
     if not solved.sound:
         return []
     for name, power in zip(names, solved.values[1:], strict=True):
-        said.append(_growth(name, float(power)))
-    return said
+        sentences.append(_growth(name, float(power)))
+    return sentences
 
 
 def _growth(name: str, power: float) -> str:
@@ -132,8 +132,8 @@ def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float)
     top = np.sort(joined)[-max(1, joined.size // 100) :]
     share = float(top.sum() / joined.sum())
     if share > 0.5:
-        told = f'{100 * share:.0f} % of its power comes in 1 % of the samples'
-        return [f'{told}: bursts, jumps or drop-outs rather than a smooth effect.']
+        share_text = f'{100 * share:.0f} % of its power comes in 1 % of the samples'
+        return [f'{share_text}: bursts, jumps or drop-outs rather than a smooth effect.']
     return []
 
 

@@ -129,14 +129,17 @@ def _evidence(step: Step, variant: str, floor: float) -> list[str]:
     effect = next(e for e in described(step.fit.effect) if e.variant == variant)
     gap = f'{found_in.before.rms / floor:.3g} to {step.fit.rms / floor:.3g} noise floors'
     trust = f'{found_in.gain.ratio:.3g} standard errors, {found_in.tried} candidates tried'
-    said = [effect.physics, f'It lowers the gap on the training records from {gap} ({trust}).']
+    sentences = [
+        effect.physics,
+        f'It lowers the gap on the training records from {gap} ({trust}).',
+    ]
     if len(found_in.finalists) > 1:
         second = next((t for t in found_in.finalists if t.effect != step.fit.effect), None)
         if second is not None:
-            said.append(
+            sentences.append(
                 f'The next best effect, {second.effect}, leaves {second.rms / floor:.3g} floors.'
             )
-    return said
+    return sentences
 
 
 def _drives_on(frequency: float, records: Sequence[Record]) -> list[dict[str, float]]:
@@ -190,10 +193,10 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
 
 def summary_of(verdict: Verdict) -> str:
     """Return the verdict in one sentence, and in another what there was no time for."""
-    told = _summary(verdict)
+    summary = _summary(verdict)
     if not verdict.not_tried:
-        return told
-    return f'{told} The time limit came first; not tried: {", ".join(verdict.not_tried)}.'
+        return summary
+    return f'{summary} The time limit came first; not tried: {", ".join(verdict.not_tried)}.'
 
 
 def _summary(verdict: Verdict) -> str:

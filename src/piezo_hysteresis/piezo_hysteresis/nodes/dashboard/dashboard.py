@@ -172,8 +172,8 @@ class Dashboard(Node):
         return named or ([own] if own else [])
 
     def _find_actuators(self) -> list[str]:
-        wanted = self._wanted()
-        return wanted or sorted(
+        names = self._wanted()
+        return names or sorted(
             name.removesuffix(topics.STATE).strip('/')
             for name, types in self.get_topic_names_and_types()
             if STATE_TYPE in types
@@ -203,8 +203,8 @@ class Dashboard(Node):
 
     def allows(self, actuator: str) -> bool:
         """Return whether a namespace that a reader asks for may be looked at."""
-        wanted = self._wanted()
-        return actuator in wanted if wanted else len(self._lives) < MOST_ACTUATORS
+        names = self._wanted()
+        return actuator in names if names else len(self._lives) < MOST_ACTUATORS
 
     def live(self, actuator: str) -> Live:
         """Return what is known of an actuator."""

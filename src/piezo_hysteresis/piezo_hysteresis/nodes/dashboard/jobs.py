@@ -161,12 +161,12 @@ class ActionJob:
         if not self._unexplained:
             return
         now = self._live.clock()
-        said = [
+        lines = [
             w for w in self._live.words if w.node == self._server and w.at >= self._asked - 0.1
         ]
-        if said:
-            self.write(replace(self.read(), text=said[-1].text))
-        self._unexplained = not said and now - self._asked < EXPLAINED
+        if lines:
+            self.write(replace(self.read(), text=lines[-1].text))
+        self._unexplained = not lines and now - self._asked < EXPLAINED
 
 
 class Jobs:

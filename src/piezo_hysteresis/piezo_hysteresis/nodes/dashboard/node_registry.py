@@ -147,7 +147,7 @@ class NodeRegistry:
             answer.give(f'{name} is not there; start it first')
             return
         try:
-            wanted = [RosParameter(key, value=value) for key, value in values.items()]
+            parameters = [RosParameter(key, value=value) for key, value in values.items()]
         except (TypeError, ValueError) as error:
             answer.give(str(error))
             return
@@ -159,7 +159,7 @@ class NodeRegistry:
             refused = [r.reason or 'refused' for r in future.result().results if not r.successful]
             answer.give(refused[0] if refused else '')
 
-        self._client(name).set_parameters(wanted, callback=answered)
+        self._client(name).set_parameters(parameters, callback=answered)
 
     def _expire(self, now: float) -> None:
         for due, name, answer in self._answers:

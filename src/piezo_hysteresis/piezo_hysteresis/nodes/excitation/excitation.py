@@ -161,8 +161,8 @@ class Excitation(Node):
         """Return who else must be there before the first tick; empty where all are."""
         voltage = self._params.text('mode') == 'voltage'
         publisher = self._voltage_publisher if voltage else self._reference_publisher
-        wanted = self._params.integer('wait_for')
-        return missing_subscribers(publisher, publisher.topic_name, wanted)
+        count = self._params.integer('wait_for')
+        return missing_subscribers(publisher, publisher.topic_name, count)
 
     def _repeat(self) -> None:
         """Say the last word again where the loop stands still: somebody may have missed it."""
@@ -233,16 +233,16 @@ class Excitation(Node):
     def _waveform(self, changes: dict[str, Value]) -> Waveform:
         values: dict[str, Any] = {**self._params.values, **changes}
         kind = 'voltage' if values['mode'] == 'voltage' else 'reference'
-        wanted = {
+        spec = {
             'frequency': values['frequency'],
             'amplitude': values[f'{kind}.amplitude'],
             'offset': values[f'{kind}.offset'],
             'ramp': values['ramp'],
         }
         if values['duration'] > 0:
-            wanted['duration'] = values['duration']
+            spec['duration'] = values['duration']
         options = parse_options(values['waveform_options'])
-        return waveform_of(values['waveform'], wanted, options, self._params.number('rate'))
+        return waveform_of(values['waveform'], spec, options, self._params.number('rate'))
 
     def _refuse(self, changes: dict[str, Value]) -> str:
         if changes.get('mode', 'idle') != 'idle' and self._sweeps.busy:

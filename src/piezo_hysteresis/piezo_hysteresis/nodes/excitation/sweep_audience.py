@@ -23,10 +23,10 @@ from piezo_ros_common.qos import LOOP
 LONGEST_QUIET = 4.0
 
 
-def missing_subscribers(publisher: Publisher, topic: str, wanted: int) -> str:
+def missing_subscribers(publisher: Publisher, topic: str, count: int) -> str:
     """Return how many subscribers a topic wants and has; empty where they are all there."""
     there = publisher.get_subscription_count()
-    return '' if there >= wanted else f'{wanted} subscribers of {topic}, {there} are there'
+    return '' if there >= count else f'{count} subscribers of {topic}, {there} are there'
 
 
 class SweepAudience:
@@ -76,8 +76,8 @@ class SweepAudience:
             When the sweep was asked for [s], on the monotonic clock.
         """
         reports = self._reports
-        wanted = max(self._parameters.integer('marker_listeners'), reports.subscribed)
-        if missing := missing_subscribers(self._publisher, topics.MARKER, wanted):
+        count = max(self._parameters.integer('marker_listeners'), reports.subscribed)
+        if missing := missing_subscribers(self._publisher, topics.MARKER, count):
             return missing
         if silent := reports.silent():
             return f'the first word of {", ".join(silent)} on its status'

@@ -179,25 +179,25 @@ class LinkNode(LifecycleNode):
         """Say what the voltage is, before the first one is passed on."""
         self._limiter.follow(voltage)
 
-    def pass_on(self, head: bytes, sample: int, received: float, wanted: float) -> None:
-        """Limit `wanted` and publish it for tick `sample`; `received` is what came in.
+    def pass_on(self, head: bytes, sample: int, received: float, voltage: float) -> None:
+        """Limit `voltage` and publish it for tick `sample`; `received` is what came in.
 
         What is not a number is refused and the last voltage held.
         """
-        share = wanted - received
+        share = voltage - received
         if math.isfinite(share):
             faded = self._fade.apply(share)
-            wanted = wanted if faded == share else received + faded
+            voltage = voltage if faded == share else received + faded
         else:
             self._refused += 1
-            wanted = self._limiter.voltage
+            voltage = self._limiter.voltage
         if self._watchdog.stale:
             if sample <= self._sample:  # the ramp to safety was faster
                 self._late += 1
                 return
             self.get_logger().info(f'input is back at tick {sample}', throttle_duration_sec=5.0)
         self._watchdog.received(sample)
-        self._send(head, sample, self._limiter.apply(wanted))
+        self._send(head, sample, self._limiter.apply(voltage))
 
     def _send(self, head: bytes, sample: int, voltage: float) -> None:
         self._sample = sample

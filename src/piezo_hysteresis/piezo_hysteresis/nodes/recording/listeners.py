@@ -116,9 +116,9 @@ class Listeners:
     def wait_marked(self, publish: Callable[[], None]) -> float:
         """Publish a marker, wait until everybody has received it; return how long it took [s]."""
         with self._condition:
-            wanted = {name: known.marked + 1 for name, known in self._known().items()}
+            counts = {name: known.marked + 1 for name, known in self._known().items()}
         publish()
-        return self._wait(lambda name, known: known.marked >= wanted.get(name, 0), 'a marker')
+        return self._wait(lambda name, known: known.marked >= counts.get(name, 0), 'a marker')
 
     def begin(self) -> None:
         """Count samples from here on; whoever comes later is waited for no more."""

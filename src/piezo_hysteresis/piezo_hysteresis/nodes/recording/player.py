@@ -87,12 +87,12 @@ class PlayerNode(Node):
         bag = self._params.text('bag')
         if not bag:
             raise PiezoError('give the bag to play: -p bag:=FOLDER')
-        wanted = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
+        names = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
         return Player(
             bag,
             rate=math.inf if self._lock_step else self._params.number('rate_factor'),
             loop=self._params.flag('loop'),
-            topics=wanted or None,
+            topics=names or None,
             salvage=self._params.flag('salvage'),
         )
 

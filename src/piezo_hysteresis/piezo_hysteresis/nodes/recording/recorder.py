@@ -57,8 +57,8 @@ class RecorderNode(Node):
             self._recorder = Recorder(out)
         except PiezoError as error:
             self._give_up(str(error))
-        wanted = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
-        self._missing = {self.resolve_topic_name(name) for name in wanted or DEFAULT_TOPICS}
+        names = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
+        self._missing = {self.resolve_topic_name(name) for name in names or DEFAULT_TOPICS}
         self._inlets: list[tuple[Subscription, Callable[[bytes], None]]] = []
         self._problem = ''
         self._watch = CounterWatch(SENTENCES)
