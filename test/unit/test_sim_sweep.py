@@ -8,6 +8,7 @@ import yaml
 
 from piezo_hysteresis.records import read_bag, read_csv
 from piezo_hysteresis.waveforms import KINDS, WaveformError
+from piezo_hysteresis.waveforms.spec import has_setting
 from piezo_sim import Plant, PresetError, SweepError
 from piezo_sim.cli import main
 from piezo_sim.sweep import grid, record_names, record_seed, simulate
@@ -39,7 +40,7 @@ def test_a_record_does_not_depend_on_the_others():
 
 @pytest.mark.parametrize('kind', sorted(KINDS))
 def test_every_waveform_runs_on_an_actuator_with_a_bias(kind):
-    settings = {'offset': 50.0} if kind not in ('rest', 'sequence') else {}
+    settings = {'offset': 50.0} if has_setting(kind, 'offset') else {}
     record = simulate('xiao_pi_stack', [{'kind': kind, **settings}], rate=1000.0)[0]
     assert record.info.excitation == kind
     assert np.all(np.isfinite(record.displacement))
