@@ -81,9 +81,9 @@ class ParameterSpec:
     def _coerce_list(self, value: object) -> object:
         """Return the list that is meant: ``ros2 param set`` sends ``[1, 2.5]`` as a text."""
         if isinstance(value, str) and LIST.fullmatch(value.strip()) and self.element is not str:
-            words = value.strip()[1:-1].split(',')
+            items = value.strip()[1:-1].split(',')
             try:
-                found = [_number(word) for word in words if word.strip()]
+                found = [_number(item) for item in items if item.strip()]
             except ValueError:
                 return value
             if self.element is int and any(type(each) is float for each in found):
@@ -144,11 +144,11 @@ class ParameterSpec:
         return f' {self.unit}' if self.unit not in ('', '1') else ''
 
 
-def _number(word: str) -> int | float:
+def _number(text: str) -> int | float:
     try:
-        return int(word)
+        return int(text)
     except ValueError:
-        return float(word)
+        return float(text)
 
 
 def _is_list(value: object) -> bool:

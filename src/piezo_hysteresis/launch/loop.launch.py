@@ -144,10 +144,10 @@ def generate_launch_description():
                 DeclareLaunchArgument(
                     name,
                     default_value=default,
-                    description=words,
+                    description=description,
                     choices=CHOICES.get(name),
                 )
-                for name, (default, words) in ARGUMENTS.items()
+                for name, (default, description) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=_nodes),
         ]

@@ -50,8 +50,8 @@ def generate_launch_description():
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(name, default_value=default, description=words)
-                for name, (default, words) in ARGUMENTS.items()
+                DeclareLaunchArgument(name, default_value=default, description=description)
+                for name, (default, description) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=_loops),
         ]

@@ -63,8 +63,8 @@ class Diagnostics:
         self._level, self._reported = health.level, now
         self._publish(Readiness.READY, health)
 
-    def _starts(self, state: Readiness, words: str) -> None:
-        self._publish(state, Health(Level.OK, words))
+    def _starts(self, state: Readiness, message: str) -> None:
+        self._publish(state, Health(Level.OK, message))
 
     def _compiles(self) -> None:
         self._node.get_logger().info('compiles its kernels, once; whoever waits for it goes on')

@@ -90,6 +90,6 @@ class Herald:
             self._reported = True
             self._compiles()
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
-        words = [state.value] if state is Readiness.STARTING else []
-        words += ['compiles its kernels, once'] if kernel else []
-        self._say(state, f'{": ".join(words)} ({seconds:.0f} s)')
+        values = [state.value] if state is Readiness.STARTING else []
+        values += ['compiles its kernels, once'] if kernel else []
+        self._say(state, f'{": ".join(values)} ({seconds:.0f} s)')

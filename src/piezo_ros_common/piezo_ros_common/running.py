@@ -170,10 +170,10 @@ def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | N
     return int(getattr(nodes[0], 'exit_code', 0))
 
 
-def _init(words: list[str]) -> None:
+def _init(options: list[str]) -> None:
     prepare()
     try:
-        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=options, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy does not export the class of this error
         _refuse(error, 'mend the arguments or the parameter file')
 

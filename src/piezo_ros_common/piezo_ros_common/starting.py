@@ -82,7 +82,7 @@ def node_executable(module: str, sheets: str) -> Callable[[], None]:
 
     def run() -> None:
         quiet_start()
-        if any(word in HELP_WORDS for word in sys.argv[1:]):
+        if any(option in HELP_WORDS for option in sys.argv[1:]):
             return tell(module, sheets)
         end_with_owner()
         importlib.import_module(module).main()

@@ -60,7 +60,7 @@ class WorkBook:
         """Return who works and at what, empty where nobody does."""
         now = self._now()
         return ', '.join(
-            f'{name}: {words}'
-            for name, (state, words, received) in sorted(self._said.items())
+            f'{name}: {work}'
+            for name, (state, work, received) in sorted(self._said.items())
             if state in WORKS and now - received < FRESH
         )

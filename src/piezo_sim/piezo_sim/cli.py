@@ -183,9 +183,9 @@ def _describe_waveforms() -> None:
     for kind in KINDS.values():
         print(f'{kind.name:20} {kind.description}')
         for row in kind.settings:
-            words = f' ({", ".join(row.choices)})' if row.choices else ''
+            choices = f' ({", ".join(row.choices)})' if row.choices else ''
             default = '' if row.name == 'parts' else row.default
-            print(f'  {row.name:18} {default!s:>10} {row.unit:8} {row.description}{words}')
+            print(f'  {row.name:18} {default!s:>10} {row.unit:8} {row.description}{choices}')
 
 
 def _progress(fraction: float) -> None:
@@ -195,26 +195,26 @@ def _progress(fraction: float) -> None:
 def _numbers(text: str) -> list[float]:
     """Return the numbers of ``1,5,23``, ``1:50`` (step 1) or ``1:50:0.5``."""
     numbers: list[float] = []
-    for word in text.split(','):
+    for item in text.split(','):
         try:
-            ends = [float(end) for end in word.split(':')]
+            ends = [float(end) for end in item.split(':')]
         except ValueError:
-            raise argparse.ArgumentTypeError(f'{word!r} is not a number or a range') from None
+            raise argparse.ArgumentTypeError(f'{item!r} is not a number or a range') from None
         if len(ends) == 1:
             numbers += ends
             continue
         first, last, step = (*ends, 1.0)[:3]
         if len(ends) > 3 or step <= 0.0 or not 0.0 <= (last - first) / step < 1e5:
-            raise argparse.ArgumentTypeError(f'{word!r} is not a range like 1:50 or 1:50:0.5')
+            raise argparse.ArgumentTypeError(f'{item!r} is not a range like 1:50 or 1:50:0.5')
         numbers += [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
     return numbers
 
 
 def _assignment(text: str) -> tuple[str, float | bool]:
     name, equals, value = text.partition('=')
-    words = {'true': True, 'on': True, 'false': False, 'off': False}
-    if value.lower() in words:
-        return name, words[value.lower()]
+    switches = {'true': True, 'on': True, 'false': False, 'off': False}
+    if value.lower() in switches:
+        return name, switches[value.lower()]
     try:
         return name, float(value)
     except ValueError:
@@ -225,10 +225,10 @@ def _assignment(text: str) -> tuple[str, float | bool]:
 
 def _mapping(text: str) -> dict[str, Any]:
     result: dict[str, Any] = {}
-    for word in filter(None, text.split(',')):
-        name, equals, value = word.partition('=')
+    for item in filter(None, text.split(',')):
+        name, equals, value = item.partition('=')
         if not equals:
-            raise argparse.ArgumentTypeError(f'{word!r} has no =; write a=1,b=odd')
+            raise argparse.ArgumentTypeError(f'{item!r} has no =; write a=1,b=odd')
         try:
             result[name] = float(value)
         except ValueError:

@@ -31,8 +31,8 @@ def serve(plant: Plant, source: BinaryIO, sink: BinaryIO) -> None:
     }
     sink.write(json.dumps(about).encode() + b'\n')
     sink.flush()
-    while len(word := source.read(_NUMBER.size)) == _NUMBER.size:
-        (voltage,) = _NUMBER.unpack(word)
+    while len(number := source.read(_NUMBER.size)) == _NUMBER.size:
+        (voltage,) = _NUMBER.unpack(number)
         if math.isnan(voltage):
             plant.reset()
             answer = 0.0

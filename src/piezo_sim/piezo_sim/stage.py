@@ -13,14 +13,14 @@ def configure_stage(parser: argparse.ArgumentParser) -> None:
     """Add the words of the verb."""
     add = parser.add_argument
     add('--preset', help='the dimensions of a preset; those given here replace them')
-    for name, words in (
+    for name, text in (
         ('modulus', "Young's modulus [Pa]"),
         ('depth', 'of the hinges, b [m]'),
         ('thickness', 'where they are thinnest, t [m]'),
         ('radius', 'of the circular hinges, R [m]'),
         ('link', 'length between two hinges, L [m]'),
     ):
-        add(f'--{name}', type=float, help=words)
+        add(f'--{name}', type=float, help=text)
     add('--hinges', type=int, help='that bend (8)')
     add('--stroke', type=float, default=1e-5, help='of the stage [m] (10 um)')
     add('--actuator-stiffness', type=float, default=1e8, help='[N/m] (100 N/um)')
@@ -45,7 +45,7 @@ def _stage(options: argparse.Namespace) -> int:
             raise FlexureError(f'--{name.replace("_", "-")} must be positive')
     guide = Flexure(**chosen)
     stiffness = options.actuator_stiffness
-    for words, value, unit in (
+    for quantity, value, unit in (
         ('rotation of a link', 1e3 * guide.angle(options.stroke), 'mrad'),
         ('hinge Kr', guide.hinge_stiffness, 'N m/rad'),
         ('hinge Kr, exact bending', guide.exact_hinge_stiffness, 'N m/rad'),
@@ -55,7 +55,7 @@ def _stage(options: argparse.Namespace) -> int:
         ('part of the free stroke left', 100.0 * guide.left(stiffness), '%'),
         ('first mode', guide.natural_frequency(stiffness, options.mass), 'Hz'),
     ):
-        print(f'{words:30} {value:10.5g} {unit}')
+        print(f'{quantity:30} {value:10.5g} {unit}')
     print('\nflexure:  # of a preset')
     for name, value in chosen.items():
         print(f'  {name}: {value if name == "hinges" else format(value, ".6e")}')

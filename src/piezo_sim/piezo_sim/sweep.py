@@ -120,10 +120,10 @@ def record_names(specs: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a name for every record: what was asked for, or kind, frequency and amplitude."""
     names: list[str] = []
     for spec in specs:
-        words = [str(spec.get('kind', 'unknown'))]
-        words += [f'{spec["frequency"]:g}Hz'] if 'frequency' in spec else []
-        words += [f'{spec["amplitude"]:g}V'] if 'amplitude' in spec else []
-        name = label = str(spec.get('name') or '_'.join(words))
+        parts = [str(spec.get('kind', 'unknown'))]
+        parts += [f'{spec["frequency"]:g}Hz'] if 'frequency' in spec else []
+        parts += [f'{spec["amplitude"]:g}V'] if 'amplitude' in spec else []
+        name = label = str(spec.get('name') or '_'.join(parts))
         again = 2
         while name in names:
             name, again = f'{label}_{again}', again + 1

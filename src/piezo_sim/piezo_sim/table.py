@@ -72,8 +72,8 @@ def dimensions(unit: str) -> tuple[int, int]:
     """Return the powers of volt and metre in `unit`, such as ``m/V^2``."""
     powers = {'V': 0, 'm': 0}
     for place, half in enumerate(unit.split('/')):
-        for word in half.split():
-            base, _, power = word.partition('^')
+        for part in half.split():
+            base, _, power = part.partition('^')
             if base in powers:
                 powers[base] += int(power or 1) * (1 if place == 0 else -1)
     return powers['V'], powers['m']

@@ -182,8 +182,8 @@ def _round(
             except BrokenExecutor:
                 lost.append(job)
             except Exception as error:  # of a cluster that gave the job up
-                words = f'{type(error).__name__}: {error}'
-                collect(job, _row(job, 'failed', words, time.perf_counter()))
+                message = f'{type(error).__name__}: {error}'
+                collect(job, _row(job, 'failed', message, time.perf_counter()))
     return _Lost(lost, list(reversed(waiting)))
 
 

@@ -226,8 +226,8 @@ class Discover:
         check_folder(out, self.verb)
         require_settings(seed=self.seed, workers=self.workers)
         POLICY.but(**self.policy)
-        word = self.baseline
-        baseline = ModelFile.load(word) if _is_file(word) else named(word)
+        name = self.baseline
+        baseline = ModelFile.load(name) if _is_file(name) else named(name)
         records = load(data, actuator=self.actuator, salvage=self.salvage)
         choices = Choices(self.begins, self.zero)
         if self.reference:
@@ -237,7 +237,7 @@ class Discover:
         found = discover(
             warmed(records, self.warm_up),
             baseline,
-            name=word,
+            name=name,
             seed=self.seed,
             workers=self.workers,
             choices=choices,
@@ -296,19 +296,19 @@ def _require_apart(
         raise IdentificationError(f'{min(both).name} {both_words}; give it once')
 
 
-def _is_file(word: str) -> bool:
-    return word.endswith(('.yaml', '.yml'))
+def _is_file(text: str) -> bool:
+    return text.endswith(('.yaml', '.yml'))
 
 
-def _model(word: str) -> tuple[Model, dict[str, float]]:
-    """Return model and start values that `word` names."""
+def _model(given: str) -> tuple[Model, dict[str, float]]:
+    """Return model and start values that `given` names."""
     from piezo_hysteresis.blocks import named_block
     from piezo_hysteresis.models import ModelFile, named
 
-    if _is_file(word):
-        saved = ModelFile.load(word)
+    if _is_file(given):
+        saved = ModelFile.load(given)
         return saved.model, {n: saved.values[n] for n in saved.model.free_names}
-    name, *blocks = word.split('+')
+    name, *blocks = given.split('+')
     model = named(name)
     for block in blocks:
         model = model.with_block(named_block(block))

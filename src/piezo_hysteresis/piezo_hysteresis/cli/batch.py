@@ -45,9 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     workers, arguments.workers = arguments.workers, 1  # one thread in each process
     module: Any = {'identify': identify, 'discover': discover}[arguments.each]
     for name in ('model', 'baseline'):  # workers elsewhere start in other folders
-        word = getattr(arguments, name, '')
-        if word.endswith(('.yaml', '.yml')):
-            setattr(arguments, name, str(Path(word).resolve()))
+        value = getattr(arguments, name, '')
+        if value.endswith(('.yaml', '.yml')):
+            setattr(arguments, name, str(Path(value).resolve()))
     task = module.task_of(arguments)
     with _cluster(arguments.dask) as executor, progress_bar(f'batch {arguments.each}') as progress:
         done = run_batch(

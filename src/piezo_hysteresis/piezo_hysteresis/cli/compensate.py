@@ -99,8 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     write(out, study, runs, arguments.reference, time.perf_counter() - begun)
     for line in _table(runs):
         print(line)
-    for words in dict.fromkeys(words for each in runs for words in each.words):
-        print(words)
+    for remark in dict.fromkeys(remark for each in runs for remark in each.words):
+        print(remark)
     print(f'written to {out}; open {out}/report.html')
     return 0
 

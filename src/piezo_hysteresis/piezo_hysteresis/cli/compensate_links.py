@@ -85,8 +85,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = harmonics.add_argument
     add('--attenuation', choices=ATTENUATIONS, default=DEFAULT.method, help='its method')
     orders = list(DEFAULT.orders)
-    words = ' '.join(map(str, orders))
-    add('--orders', type=int, nargs='+', default=orders, help=f'harmonics to attenuate ({words})')
+    shown = ' '.join(map(str, orders))
+    add('--orders', type=int, nargs='+', default=orders, help=f'harmonics to attenuate ({shown})')
     add(
         '--resonance',
         type=float,
@@ -186,15 +186,15 @@ def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
         'h_infinity_set': ('h_infinity',),
         'transfer_function': ('h_infinity',),
     }
-    for word, kinds in belongs.items():
-        if getattr(arguments, word) and kind not in kinds:
+    for option, kinds in belongs.items():
+        if getattr(arguments, option) and kind not in kinds:
             raise CompensationError(
-                f'--{word.replace("_", "-")} belongs to --feedback {" or ".join(kinds)}'
+                f'--{option.replace("_", "-")} belongs to --feedback {" or ".join(kinds)}'
             )
     needed = {'pid': ('pid',), 'fuzzy_pid': ('pid', 'fuzzy'), 'h_infinity': ('bandwidth',)}
-    for word in needed.get(kind, ()):
-        if getattr(arguments, word) is None:
-            raise CompensationError(f'--feedback {kind} needs --{word}')
+    for option in needed.get(kind, ()):
+        if getattr(arguments, option) is None:
+            raise CompensationError(f'--feedback {kind} needs --{option}')
     if kind == 'none':
         return None
     if kind == 'h_infinity':
@@ -218,13 +218,13 @@ def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
     return Feedback(kind, gains, rules)
 
 
-def _settings(words: Sequence[str], known: Sequence[str], what: str) -> dict[str, str]:
+def _settings(assignments: Sequence[str], known: Sequence[str], what: str) -> dict[str, str]:
     found = {}
-    for word in words:
-        name, equals, value = word.partition('=')
+    for assignment in assignments:
+        name, equals, value = assignment.partition('=')
         if not equals or name not in known:
             raise CompensationError(
-                f'{word!r} is no setting of {what}; write NAME=VALUE with {", ".join(known)}'
+                f'{assignment!r} is no setting of {what}; write NAME=VALUE with {", ".join(known)}'
             )
         found[name] = value
     return found

@@ -76,11 +76,11 @@ def parse_reference(text: str) -> Waveform:
     """
     kind, _, rest = text.partition(':')
     spec: dict[str, Any] = {'kind': kind}
-    for word in filter(None, rest.split(',')):
-        key, equals, value = word.partition('=')
+    for part in filter(None, rest.split(',')):
+        key, equals, value = part.partition('=')
         if not equals:
             raise CompensationError(
-                f'the reference says {word!r}; write KIND:setting=value,..., e.g. '
+                f'the reference says {part!r}; write KIND:setting=value,..., e.g. '
                 'sine:frequency=23,amplitude=120e-6'
             )
         spec[key.strip()] = _value(value)
@@ -138,8 +138,8 @@ def _plant(study: Study) -> Iterator[_Plant]:
 def _run(study: Study, name: str, links: list[Link], samples: Samples, plant: _Plant) -> Run:
     plant.reset()
     result = closed_loop(samples, links, plant, study.limits, study.dt)
-    words = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
-    return Run(name, result, tracking_metrics(result, study.from_seconds), words)
+    remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
+    return Run(name, result, tracking_metrics(result, study.from_seconds), remarks)
 
 
 def _chains(study: Study) -> list[tuple[str, list[Link]]]:
@@ -185,7 +185,7 @@ def write_results(
             else f'preset:{study.plant}'
         ),
         'law': study.law,
-        'notes': list(dict.fromkeys(words for each in runs for words in each.words)),
+        'notes': list(dict.fromkeys(remark for each in runs for remark in each.words)),
         'reference': reference,
         'rate_hz': 1.0 / study.dt,
         'from_seconds': study.from_seconds,

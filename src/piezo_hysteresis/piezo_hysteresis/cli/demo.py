@@ -114,8 +114,8 @@ def _print_runs(demo: Any) -> None:
     table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column('run', no_wrap=True)
     orders = list(demo.runs[0].metrics.harmonics)
-    for words in ('RMSE', 'less mean', *(f'{order}x' for order in orders)):
-        table.add_column(words, justify='right', no_wrap=True)
+    for heading in ('RMSE', 'less mean', *(f'{order}x' for order in orders)):
+        table.add_column(heading, justify='right', no_wrap=True)
     for run in demo.runs:
         m = run.metrics
         numbers = (m.rms, m.rms_without_mean, *m.harmonics.values())

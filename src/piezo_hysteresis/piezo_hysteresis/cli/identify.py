@@ -160,9 +160,9 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     )
     if stray:
         called = {'start': 'set', 'begins': 'start'}
-        words = ', '.join(called.get(name, name) for name in stray)
+        listed = ', '.join(called.get(name, name) for name in stray)
         raise IdentificationError(
-            f'{arguments.method} does not take {words.replace("_", "-")}; leave it out'
+            f'{arguments.method} does not take {listed.replace("_", "-")}; leave it out'
         )
     options = {k: value for k, value in given.items() if value is not None and k != 'start'}
     if 'workers' in takes:
@@ -184,8 +184,8 @@ def _tell(found: Any, out: str) -> None:
         if math.isinf(found.std.get(name, 0.0)):
             print(f'  {name:20} {value:>28.2g} {unit} (not determined)')
         elif name in found.std:
-            words = digits(value, abs(factor) * found.std[name])
-            print(f'  {name:20} {words:>28} {unit}'.rstrip())
+            number = digits(value, abs(factor) * found.std[name])
+            print(f'  {name:20} {number:>28} {unit}'.rstrip())
         else:
             print(f'  {name:20} {value:>28.6g} {unit} (held)')
     for each in found.records:

@@ -59,13 +59,13 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
     int
         Exit code: 0 done, 2 for anything the user can mend, 130 interrupted.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
     if verb is not None:
-        words = [verb, *words]
+        given = [verb, *given]
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _say
-            return _run(words)
+            return _run(given)
     except PiezoError as error:
         if talk.level() == talk.Verbosity.VERBOSE:
             traceback.print_exc()
@@ -91,10 +91,10 @@ def _say(
     talk.warn(str(message), kind)
 
 
-def _run(words: list[str]) -> int:
-    verb = words[0] if words and words[0] in VERBS else None
+def _run(given: list[str]) -> int:
+    verb = given[0] if given and given[0] in VERBS else None
     if verb is None:
-        return _overview(words)
+        return _overview(given)
     module = load_verb(verb)
     parser = argparse.ArgumentParser(
         prog=f'piezo_hysteresis {verb}', description=module.__doc__ or module.HELP
@@ -102,12 +102,12 @@ def _run(words: list[str]) -> int:
     module.configure(parser)
     if verb not in PLAIN:
         talk.add_words(parser)
-    arguments = parser.parse_args(words[1:])
+    arguments = parser.parse_args(given[1:])
     talk.choose(arguments)
     return int(module.run(arguments))
 
 
-def _overview(words: list[str]) -> int:
+def _overview(given: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog='piezo_hysteresis',
         description='Model, identify and compensate piezo hysteresis; find what the model misses.',
@@ -120,5 +120,5 @@ def _overview(words: list[str]) -> int:
         except ModuleNotFoundError as error:
             if not (error.name or '').startswith('piezo_hysteresis.cli'):
                 raise
-    parser.parse_args(words)
+    parser.parse_args(given)
     return 2  # pragma: no cover - argparse has answered or refused

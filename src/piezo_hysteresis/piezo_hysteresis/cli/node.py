@@ -41,11 +41,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Become the node."""
     path = executable(arguments.node)
     sys.stdout.flush()
-    words = ros_words(arguments.words)
+    options = ros_words(arguments.words)
     with ros_needed():
         from piezo_ros_common.starting import held_signals
     with held_signals():
-        os.execv(sys.executable, [sys.executable, str(path), *words])  # never returns
+        os.execv(sys.executable, [sys.executable, str(path), *options])  # never returns
     return 0
 
 
@@ -64,7 +64,7 @@ def executable(node: str) -> Path:
     return path
 
 
-def ros_words(words: list[str]) -> list[str]:
+def ros_words(options: list[str]) -> list[str]:
     """Return what the process is told: ROS wants its words behind ``--ros-args``."""
     plain = {'-h', '--help', '--ros-args'}
-    return words if not words or not plain.isdisjoint(words) else ['--ros-args', *words]
+    return options if not options or not plain.isdisjoint(options) else ['--ros-args', *options]

@@ -27,8 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Ask, and print the answers."""
     needed = {'list': 0, 'get': 2, 'set': 3, 'load': 2}[arguments.what]
-    words = [arguments.node, arguments.name, arguments.value]
-    given = [word for word in words if word is not None]
+    texts = [arguments.node, arguments.name, arguments.value]
+    given = [each for each in texts if each is not None]
     if len(given) < needed or (arguments.what != 'set' and arguments.value is not None):
         forms = {'get': '/NODE NAME', 'set': '/NODE NAME VALUE', 'load': '/NODE FILE'}
         form = forms.get(arguments.what, '[/NODE]')

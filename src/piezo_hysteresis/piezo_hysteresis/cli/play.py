@@ -27,14 +27,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Hand over to the player node."""
-    words = [arguments.bag, *arguments.topics, '--rate', repr(arguments.rate)]
+    options = [arguments.bag, *arguments.topics, '--rate', repr(arguments.rate)]
     switches = {
         '--loop': arguments.loop,
         '--lock-step': arguments.lock_step,
         '--clock': arguments.clock,
         '--salvage': arguments.salvage,
     }
-    words += [switch for switch, given in switches.items() if given]
+    options += [switch for switch, given in switches.items() if given]
     with ros_needed():
         from piezo_hysteresis.nodes.recording import player
-    return player.run(words)
+    return player.run(options)

@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Hand over to the recorder node."""
-    words = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
+    options = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
     with ros_needed():
         from piezo_hysteresis.nodes.recording import recorder
-    return recorder.run(words)
+    return recorder.run(options)

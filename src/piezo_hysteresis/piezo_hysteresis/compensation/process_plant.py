@@ -58,9 +58,9 @@ class ProcessPlant:
         """Put the plant back to rest; its noise begins anew."""
         self._ask(_REST)
 
-    def _ask(self, word: bytes) -> float:
+    def _ask(self, number: bytes) -> float:
         try:
-            self._in.write(word)
+            self._in.write(number)
             self._in.flush()
         except OSError:
             raise CompensationError(f'the plant has ended: {self._last()}') from None
@@ -111,7 +111,7 @@ def simulated(
     CompensationError
         If there is no such preset or setting, or no simulator.
     """
-    words = ['plant', '--preset', preset, '--rate', repr(rate), '--seed', str(seed)]
+    command = ['plant', '--preset', preset, '--rate', repr(rate), '--seed', str(seed)]
     for setting in settings:
-        words += ['--set', setting]
-    return ProcessPlant([sys.executable, '-m', 'piezo_sim', *words])
+        command += ['--set', setting]
+    return ProcessPlant([sys.executable, '-m', 'piezo_sim', *command])

@@ -109,9 +109,9 @@ class AccessPolicy:
             return False
         return parts.scheme in ('http', 'https') and _canonical(parts.netloc) in self.names
 
-    def shown(self, word: str) -> bool:
+    def shown(self, token: str) -> bool:
         """Return whether a word is the token."""
-        return bool(self._token) and hmac.compare_digest(word.encode(), self._token.encode())
+        return bool(self._token) and hmac.compare_digest(token.encode(), self._token.encode())
 
     def admitted(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request is of a reader who has shown the token, if there is one."""

@@ -88,15 +88,15 @@ class ParameterState:
         """
         if not isinstance(self.value, list):
             return text
-        words = [word for word in re.split(r'[\s,]+', text.strip('[] ')) if word]
+        items = [item for item in re.split(r'[\s,]+', text.strip('[] ')) if item]
         try:
-            if isinstance(next(iter(self.value), 0.0), int) and not any('.' in w for w in words):
-                return [int(word) for word in words]
+            if isinstance(next(iter(self.value), 0.0), int) and not any('.' in w for w in items):
+                return [int(item) for item in items]
             if not isinstance(next(iter(self.value), 0.0), str):
-                return [float(word) for word in words]
+                return [float(item) for item in items]
         except ValueError:
             pass
-        return words
+        return items
 
 
 def described(
@@ -126,7 +126,7 @@ def described(
         Whether it is fixed.
     """
     found = _DESCRIPTION.match(description)
-    words = _CHOICES.match(constraints)
+    listed = _CHOICES.match(constraints)
     low, high = bounds or (-math.inf, math.inf)
     return ParameterState(
         node,
@@ -136,7 +136,7 @@ def described(
         (found['unit'] or '') if found else '',
         low if abs(low) < 1e300 else -math.inf,
         high if abs(high) < 1e300 else math.inf,
-        tuple(words.group(1).split(', ')) if words else (),
+        tuple(listed.group(1).split(', ')) if listed else (),
         read_only,
     )
 

@@ -37,11 +37,11 @@ def numbers(text: str, what: str) -> tuple[float, ...]:
     PiezoError
         If there is none, or a word is no number.
     """
-    words = [word for word in re.split(r'[\s,;]+', text) if word]
-    if not words:
+    items = [item for item in re.split(r'[\s,;]+', text) if item]
+    if not items:
         raise PiezoError(f'{what}: type at least one number, such as 1, 5, 10')
     try:
-        return tuple(float(word) for word in words)
+        return tuple(float(item) for item in items)
     except ValueError:
         raise PiezoError(f'{what}: {text!r} is no list of numbers, such as 1, 5, 10') from None
 

@@ -65,7 +65,7 @@ class GuardedApplication(BokehTornado):
         return (
             request.method == 'GET'
             and request.path == '/'
-            and any(self._access.shown(word.decode('utf-8', 'replace')) for word in shown)
+            and any(self._access.shown(token.decode('utf-8', 'replace')) for token in shown)
         )
 
 

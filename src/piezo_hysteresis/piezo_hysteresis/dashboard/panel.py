@@ -79,11 +79,11 @@ class Controls:
         self._all.refresh(groups.get('' if chosen == NONE else chosen, []), parameters)
 
 
-def _offer(select: Select, words: list[str]) -> None:
-    if words != list(select.options):
-        select.options = words
-    if select.value not in words:
-        select.value = words[0] if words else ''
+def _offer(select: Select, names: list[str]) -> None:
+    if names != list(select.options):
+        select.options = names
+    if select.value not in names:
+        select.value = names[0] if names else ''
 
 
 def _send(backend: Backend, actuator: str, node: str, name: str, value: Value) -> Answer:

@@ -168,9 +168,9 @@ class SpectrumPlot:
         )  # fmt: skip
         self.figure.line('x', 'y', source=self._line, color=GREY, line_width=1.2)
         peaks = self.figure.scatter('x', 'y', source=self._peaks, color=PALETTE[1], size=8)
-        words = [('order', '@order'), ('at', '@x{0.0} Hz'), ('amplitude', '@y{0.0000} µm'),
+        tips = [('order', '@order'), ('at', '@x{0.0} Hz'), ('amplitude', '@y{0.0000} µm'),
                  ('of the first', '@share{0.00} %')]  # fmt: skip
-        self.figure.add_tools(HoverTool(renderers=[peaks], tooltips=words))
+        self.figure.add_tools(HoverTool(renderers=[peaks], tooltips=tips))
 
     def show(self, scene: PageState) -> None:
         """Draw the spectrum of the end of the window."""
@@ -210,13 +210,13 @@ class SpectrumPlot:
             'order': [f'{orders[k]}×' for k in shown],
             'share': [100.0 * float(peaks[k] / first) for k in shown],
         }
-        words = [f'{orders[k]}×' for k in shown]
+        labels = [f'{orders[k]}×' for k in shown]
         colours = ['#57606a'] * len(shown)
         if 0.0 < scene.resonance <= end:
-            places, words = [*places, scene.resonance], [*words, '']
+            places, labels = [*places, scene.resonance], [*labels, '']
             colours.append(PALETTE[3])
         top = [float(self._y.range.end)] * len(places)
-        marks = {'x': places, 'words': words, 'top': top, 'colour': colours}
+        marks = {'x': places, 'words': labels, 'top': top, 'colour': colours}
         if marks != dict(self._marks.data):
             self._marks.data = marks
 

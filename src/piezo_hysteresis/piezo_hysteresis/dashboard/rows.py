@@ -175,8 +175,8 @@ class ParameterRow:
             if not self._answer.done:
                 return
             reason, self._answer = self._answer.reason, None
-            words = refusal_words(self._parameter, reason)
-            self._reason.update(text=escape(words), visible=bool(words))
+            refusal = refusal_words(self._parameter, reason)
+            self._reason.update(text=escape(refusal), visible=bool(refusal))
             self._refused = time.monotonic() if reason else None
             if not reason:
                 self._parameter = self._parameter.with_value(self._parameter_wanted)

@@ -31,10 +31,10 @@ def tracking_words(rms: float, size: float) -> str:
 
 def start_words(what: str, node: str, actuator: str, *settings: str) -> str:
     """Return what is missing, and the command that starts it beside this actuator."""
-    words = [node, *(f'-p {each}' for each in settings)]
+    options = [node, *(f'-p {each}' for each in settings)]
     if actuator:
-        words.append(f'-r __ns:=/{actuator}')
-    line = escape(' '.join(words))
+        options.append(f'-r __ns:=/{actuator}')
+    line = escape(' '.join(options))
     return (
         f'<p class="soft">{what} In another terminal: '
         f'<code>python -m piezo_hysteresis node {line}</code></p>'
@@ -81,12 +81,12 @@ def estimate_words(
     for name, unit, value, std in zip(
         newest.names, newest.units, newest.values, newest.deviations, strict=False
     ):
-        words, factor = shown(unit)
+        unit_text, factor = shown(unit)
         # a parameter that the method holds has no deviation
         known = None if std == 0.0 else math.inf if math.isnan(std) else abs(factor) * std
         number, deviation = with_deviation(factor * value, known)
         sign = '± ' if deviation[0].isdigit() else ''
-        rows.append((name, number, f'{sign}{deviation}', words))
+        rows.append((name, number, f'{sign}{deviation}', unit_text))
     state = 'settled' if newest.converged else 'settling'
     head = (
         f'<p>{escape(newest.model or "no model")} by {escape(newest.method)}, {state}; one-step '
@@ -106,10 +106,10 @@ def status_words(live: Live) -> str:
         rows.append((name, escape(known.text), _counted(live.counters.get(node.name))))
     parts = [_raw_table(('node', 'health', 'counters'), rows)] if rows else []
     parts += [
-        f'<p class="{word.level}">{escape(word.node)}: {escape(word.text)} '
-        f'<span class="soft">{ago(now - word.at)} ago</span></p>'
-        for word in list(live.words)[-4:]
-        if now - word.at < LOG_SHOWN
+        f'<p class="{line.level}">{escape(line.node)}: {escape(line.text)} '
+        f'<span class="soft">{ago(now - line.at)} ago</span></p>'
+        for line in list(live.words)[-4:]
+        if now - line.at < LOG_SHOWN
     ]
     return ''.join(parts) or '<p class="soft">No nodes yet.</p>'
 
@@ -125,9 +125,9 @@ def _counted(counters: Counters | None) -> str:
 
 def _counter(name: str, count: int) -> str:
     """Return a counter, with what it counts for whoever rests the mouse on it."""
-    words = f'{escape(name)} {count}'
+    text = f'{escape(name)} {count}'
     meaning = COUNTED.get(name)
-    return words if meaning is None else f'<abbr title="{escape(meaning)}">{words}</abbr>'
+    return text if meaning is None else f'<abbr title="{escape(meaning)}">{text}</abbr>'
 
 
 def time_words(job: BackgroundJob, now: float) -> str:
@@ -135,10 +135,10 @@ def time_words(job: BackgroundJob, now: float) -> str:
     if not job.busy or not math.isfinite(job.since):
         return ''
     spent = max(now - job.since, 0.0)
-    words = f'since {clock(spent)}'
+    text = f'since {clock(spent)}'
     if job.fraction >= ENOUGH and spent >= 1.0:
-        words += time_left(job.fraction, spent)
-    return words
+        text += time_left(job.fraction, spent)
+    return text
 
 
 def job_words(job: BackgroundJob) -> str:

@@ -48,27 +48,27 @@ class About:
 def header(about: About, chain: Component | None, plant: Component) -> str:
     """Return the text of the header."""
     n, whole = about.name, f'{about.name}_plant'
-    words = {
+    values = {
         'UPPER': n.upper(), 'RATE': repr(about.rate), 'SHORT_RATE': f'{about.rate:.10g}',
         **{key.upper(): _harmless(v) for key, v in vars(about).items() if key != 'rate'},
     }  # fmt: skip
-    parts = [_filled('head.h', words)]
+    parts = [_filled('head.h', values)]
     if chain is not None:
         text = f'What may be set, with {n}_init and between steps with {n}_set.'
         parts += [
             _struct(f'{n}_parameters', text, chain.fields),
-            _filled('input.h', words),
+            _filled('input.h', values),
             _state(f'{n}_state', chain.rows),
-            _filled('loop.h', words),
-            _filled('common.h', words),
+            _filled('loop.h', values),
+            _filled('common.h', values),
         ]
-    plain = {**words, 'NAME': whole}
+    plain = {**values, 'NAME': whole}
     parts += [
         _struct(f'{whole}_parameters', 'The model as a plant: what may be set.', plant.fields),
         _state(f'{whole}_state', plant.rows),
         _filled('plant.h', plain),
         _filled('common.h', plain),
-        _filled('foot.h', words),
+        _filled('foot.h', values),
     ]
     return '\n'.join(parts)
 
@@ -78,10 +78,10 @@ def _harmless(value: object) -> str:
     return ' '.join(str(value).replace('*/', '* /').split())
 
 
-def _filled(name: str, words: Mapping[str, str]) -> str:
+def _filled(name: str, values: Mapping[str, str]) -> str:
     text = template(name)
-    for word, value in words.items():
-        text = text.replace(f'${word}$', value)
+    for key, value in values.items():
+        text = text.replace(f'${key}$', value)
     return text
 
 

@@ -58,8 +58,8 @@ def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, .
     }  # fmt: skip
     text = template('example.c').replace('/*OFF*/', off).replace('/*MOVES*/', moves)
     text = text.replace('RUNS', '3' if links else '2').replace('/*ALL*/', ', '.join(links))
-    for word, value in numbers.items():
-        text = text.replace(f'${word}', repr(value))
+    for key, value in numbers.items():
+        text = text.replace(f'${key}', repr(value))
     return text.replace('NAME', name).replace('UPPER', name.upper())
 
 

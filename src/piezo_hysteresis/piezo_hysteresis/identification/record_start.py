@@ -97,20 +97,20 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
     IdentificationError
         If the word is unknown, or a record without a cycle should begin in one.
     """
-    word = record.info.start if record.info.start != 'auto' else wanted
-    if word not in STARTS:
+    start = record.info.start if record.info.start != 'auto' else wanted
+    if start not in STARTS:
         raise IdentificationError(
-            f'a record cannot begin by {word!r}; choose one of {", ".join(STARTS)}'
+            f'a record cannot begin by {start!r}; choose one of {", ".join(STARTS)}'
         )
-    if word == 'settled' and not cycle_of(record):
+    if start == 'settled' and not cycle_of(record):
         raise IdentificationError(
             f'record {record.name} does not repeat itself, so it cannot begin settled; use '
             'estimate or leave it at auto'
         )
-    if word == 'estimate':
+    if start == 'estimate':
         return RecordStart('estimate')
-    if word != 'auto':
-        return RecordStart(word)
+    if start != 'auto':
+        return RecordStart(start)
     reach = float(np.max(np.abs(record.voltage)))
     if abs(float(record.voltage[0])) <= NEAR_ZERO * reach:
         return STEP
@@ -122,16 +122,16 @@ def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iter
 
     Those after `levels` differ for a memory of extremes only.
     """
-    word = record.info.start if record.info.start != 'auto' else wanted
+    start = record.info.start if record.info.start != 'auto' else wanted
     reach = float(np.max(np.abs(record.voltage)))
-    if word == 'auto':
+    if start == 'auto':
         yield STEP
         if abs(float(record.voltage[0])) > NEAR_ZERO * reach:
             yield REST
         yield RecordStart('estimate')
         if cycle_of(record):
             yield SETTLED
-    if levels and word in ('auto', 'estimate'):
+    if levels and start in ('auto', 'estimate'):
         for level in _LEVELS:
             yield RecordStart('estimate', (level * reach,))
 

@@ -56,20 +56,20 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
         If a name is unknown, a value impossible, or a parameter both held and started.
     """
     known = {q.name: q for q in model.parameters}
-    for words, given in (('hold', hold), ('start from', start)):
+    for verb, given in (('hold', hold), ('start from', start)):
         for name, value in given.items():
             if name not in known:
                 raise IdentificationError(
-                    f'model {model.name} has no parameter {name} to {words}; it has '
+                    f'model {model.name} has no parameter {name} to {verb}; it has '
                     f'{", ".join(known)}'
                 )
             q = known[name]
             if not isfinite(value):
-                raise IdentificationError(f'{name} = {value:g} is no number to {words}')
+                raise IdentificationError(f'{name} = {value:g} is no number to {verb}')
             # the bounds of one that the model itself holds are where it holds it
             if name not in model.held and not q.low <= value <= q.high:
                 raise IdentificationError(
-                    f'{name} = {value:g} {q.unit} is impossible to {words}: it lies within '
+                    f'{name} = {value:g} {q.unit} is impossible to {verb}: it lies within '
                     f'{q.low:g} .. {q.high:g}'
                 )
     for name in start:
@@ -132,7 +132,7 @@ def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record
     ]
 
 
-def pairs(words: Sequence[str]) -> dict[str, float]:
+def pairs(assignments: Sequence[str]) -> dict[str, float]:
     """Return the values that words NAME=VALUE give, in SI units.
 
     Raises
@@ -141,8 +141,8 @@ def pairs(words: Sequence[str]) -> dict[str, float]:
         If one is no such word, or a name comes twice.
     """
     found: dict[str, float] = {}
-    for word in words:
-        name, equals, value = word.partition('=')
+    for assignment in assignments:
+        name, equals, value = assignment.partition('=')
         if name in found:
             raise IdentificationError(f'{name} is given twice; give it once')
         try:
@@ -150,5 +150,7 @@ def pairs(words: Sequence[str]) -> dict[str, float]:
         except ValueError:
             equals = ''
         if not equals:
-            raise IdentificationError(f'{word!r} should be NAME=VALUE with a number in SI units')
+            raise IdentificationError(
+                f'{assignment!r} should be NAME=VALUE with a number in SI units'
+            )
     return found

@@ -209,7 +209,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _help(names: Sequence[str]) -> str:
-    for pair, words in _HELP.items():
+    for pair, advice in _HELP.items():
         if pair <= set(names):
-            return words
+            return advice
     return _DEFAULT_HELP

@@ -85,10 +85,13 @@ def for_range(
     ModelError
         If an amplitude is not positive.
     """
-    for word, amplitude in (('input', input_amplitude), ('displacement', displacement_amplitude)):
+    for what, amplitude in (
+        ('input', input_amplitude),
+        ('displacement', displacement_amplitude),
+    ):
         if not (np.isfinite(amplitude) and amplitude > 0):
             raise ModelError(
-                f'the {word} amplitude is {amplitude:g}; give a record in which the {word} moves'
+                f'the {what} amplitude is {amplitude:g}; give a record in which the {what} moves'
             )
     ratios = (
         input_amplitude / REFERENCE_INPUT,

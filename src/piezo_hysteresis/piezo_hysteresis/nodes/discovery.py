@@ -125,8 +125,8 @@ class DiscoveryNode(Node):
         from piezo_hysteresis.reporting.discovery_folder import write_discovery
 
         request = goal.request
-        data, word, out = self._paths(request)
-        baseline = named(word) if word in NAMES else ModelFile.load(word)
+        data, name, out = self._paths(request)
+        baseline = named(name) if name in NAMES else ModelFile.load(name)
 
         def progress(fraction: float, words: str) -> None:
             if goal.is_cancel_requested:

@@ -139,8 +139,8 @@ class GapMonitorNode(Node):
             return judge(findings, 'waits for the first window', counts)
         fine = f'the model is {report.floors:.3g} noise floors away'
         if report.beyond_floor:
-            words = f'{fine}; it looks like {report.family}: record a sweep and run discover'
-            findings.append((Level.WARN, words))
+            message = f'{fine}; it looks like {report.family}: record a sweep and run discover'
+            findings.append((Level.WARN, message))
         return judge(findings, fine, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
 
     def _on_load_model(

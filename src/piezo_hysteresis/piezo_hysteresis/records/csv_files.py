@@ -178,9 +178,9 @@ def _meaning(name: str) -> tuple[str, str]:
             if unit == known or unit.lower() == known.lower():
                 return stem, known
         return stem, ''
-    words = [word for word in re.split(r'[^a-zµμ]+', name.lower()) if word]
+    parts = [part for part in re.split(r'[^a-zµμ]+', name.lower()) if part]
     for what, spellings in MEANT.items():
-        if words and (words[0] == what or words[0] in spellings):
+        if parts and (parts[0] == what or parts[0] in spellings):
             return what, ''
     return '', ''
 

@@ -236,13 +236,13 @@ def _resampled(track: Track, place: str, log: DamageLog) -> Track:
     """Return the samples interpolated at a constant rate: only where somebody asked for it."""
     steps = np.diff(track.time)
     low, high = 1e3 * np.quantile(steps, [0.05, 0.95])
-    words = f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms'
+    message = f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms'
     if log.interpolate:
-        log.note(place, f'{words}: interpolated', count=track.time.size)
+        log.note(place, f'{message}: interpolated', count=track.time.size)
     else:
         log.add(
             place,
-            words,
+            message,
             count=track.time.size,
             remedy='sample at a constant rate, `import` it with --resample RATE',
             done='interpolated at its mean rate',

@@ -186,12 +186,12 @@ def _where(found: Discovery) -> PageSection:
         roles=('before', 'after'),
         fundamental=views[worst].frequency,
     )
-    words = ', '.join(
+    moved = ', '.join(
         f'{key.replace("_", " ")} {MICRO * value:.3g} µm'
         for key, value in verdict.baseline_gaps_rms_m.items()
     )
     text = (
-        f'Gap of the baseline on the training records: {words}. The joint fit is to all of '
+        f'Gap of the baseline on the training records: {moved}. The joint fit is to all of '
         'them; a fit to the slowest ones alone shows what comes with frequency.'
     )
     return PageSection('Where model and measurement disagree', text, (spectrum,), (places,))
@@ -264,10 +264,10 @@ def untold_limits(check: Check, experiments: Sequence[str]) -> list[str]:
     """Return what records cannot tell, without what the experiments above have said already."""
     untold = list(check.findings)
     for names, advice in check.confounded:
-        words = ', '.join(names)
-        if not any(words in each and advice in each for each in experiments):
+        listed = ', '.join(names)
+        if not any(listed in each and advice in each for each in experiments):
             known = any(advice in each for each in experiments)
-            untold.append(f'{words} cannot be told apart{"" if known else f": {advice}"}')
+            untold.append(f'{listed} cannot be told apart{"" if known else f": {advice}"}')
     return untold
 
 

@@ -63,19 +63,23 @@ def folded(values: Iterable[Value]) -> list[tuple[str, str, str]]:
 
 
 def _line(group: Sequence[Value]) -> tuple[str, str, str]:
-    words, factor = shown(group[0].unit)
+    shown_unit, factor = shown(group[0].unit)
     if len(group) == 1:
         value = group[0]
         std = None if value.std is None else abs(factor) * value.std
         number, deviation = with_deviation(factor * value.value, std)
-        return value.name, f'{number} ± {deviation}' if _is_number(deviation) else number, words
+        return (
+            value.name,
+            f'{number} ± {deviation}' if _is_number(deviation) else number,
+            shown_unit,
+        )
     sizes = np.array([factor * value.value for value in group])
     largest = int(np.argmax(np.abs(sizes)))
     text = (
         f'{len(group)} values, {sizes.min():.3g} .. {sizes.max():.3g}, sum {sizes.sum():.3g}; '
         f'largest: {group[largest].name}'
     )
-    return f'{group[0].name} .. {_number(group[-1])}', text, words
+    return f'{group[0].name} .. {_number(group[-1])}', text, shown_unit
 
 
 def weights_figures(values: Iterable[Value]) -> tuple[Plot, ...]:
@@ -84,9 +88,9 @@ def weights_figures(values: Iterable[Value]) -> tuple[Plot, ...]:
 
 
 def _weights(group: Sequence[Value]) -> Plot:
-    words, factor = shown(group[0].unit)
+    shown_unit, factor = shown(group[0].unit)
     stem = _stem(group[0]) or group[0].name
-    unit = f' [{words}]' if words else ''
+    unit = f' [{shown_unit}]' if shown_unit else ''
     plot = new_axes(f'Elements of {stem}', 'number of the element', f'value{unit}')
     x = [_number(value) for value in group]
     y = [factor * value.value for value in group]

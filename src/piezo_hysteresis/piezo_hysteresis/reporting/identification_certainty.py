@@ -99,7 +99,7 @@ def _map(found: Identification) -> Plot:
             'x', 'y', 'words', source=source, text_align='center', text_baseline='middle',
             text_font_size='10px', text_color='ink',
         )  # fmt: skip
-    words = [('pair', '@y, @x'), ('correlation', '@value{0.000}')]
-    plot.add_tools(HoverTool(renderers=[cells], tooltips=words))
+    columns = [('pair', '@y, @x'), ('correlation', '@value{0.000}')]
+    plot.add_tools(HoverTool(renderers=[cells], tooltips=columns))
     caption = 'Orange: both are too large together. Violet: one too large, the other too small.'
     return Plot(plot, caption)

@@ -162,7 +162,7 @@ def choice_section(steps: Sequence[TriedModel]) -> PageSection:
 
 def next_section(found: Identification, data: Sequence[str] = ()) -> PageSection:
     """Return what to do with this model, the most urgent thing first."""
-    words = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
+    inputs = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     lines = []
     if not found.converged:
         lines.append('The fit did not come to rest: record more, or take a simpler model.')
@@ -170,7 +170,7 @@ def next_section(found: Identification, data: Sequence[str] = ()) -> PageSection
     lacks = found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
     why = 'names what the model lacks' if lacks else 'says what the model still misses'
     discover = (
-        f'`python -m piezo_hysteresis discover {words} --baseline model.yaml --out found` {why}, '
+        f'`python -m piezo_hysteresis discover {inputs} --baseline model.yaml --out found` {why}, '
         'with probabilities and alternatives.'
     )
     judge = (

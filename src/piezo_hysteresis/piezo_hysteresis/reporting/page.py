@@ -166,9 +166,9 @@ def _prose(text: str) -> str:
 
 
 def _inline(text: str) -> str:
-    words = re.sub(r'`([^`]+)`', r'<code>\1</code>', html.escape(text))
+    marked = re.sub(r'`([^`]+)`', r'<code>\1</code>', html.escape(text))
     # to pages beside this one only: an address with a scheme stays as it is typed
-    return re.sub(r'\[([^\[\]]+)\]\(([^():\s]+)\)', r'<a href="\2">\1</a>', words)
+    return re.sub(r'\[([^\[\]]+)\]\(([^():\s]+)\)', r'<a href="\2">\1</a>', marked)
 
 
 def _table(table: Table) -> str:

@@ -172,9 +172,9 @@ def spectrum_figure(
     for order in orders:
         if 0 < order * fundamental < end:
             draw_mark(plot, order * fundamental, f'{order}×')
-    for words, place in (marks or {}).items():
+    for shown, place in (marks or {}).items():
         if 0 < place < end:
-            draw_mark(plot, place, words, colour=MARK, low=True)
+            draw_mark(plot, place, shown, colour=MARK, low=True)
     return Plot(plot, caption)
 
 
@@ -221,8 +221,8 @@ def bars_before_after(
             hatch_pattern=(None, 'right_diagonal_line')[k], hatch_color='white', hatch_alpha=0.6,
         )  # fmt: skip
         items.append((label, bars))
-        words = [('record', '@x'), (label, '@top{0.0000} µm')]
-        plot.add_tools(HoverTool(renderers=[bars], tooltips=words))
+        columns = [('record', '@x'), (label, '@top{0.0000} µm')]
+        plot.add_tools(HoverTool(renderers=[bars], tooltips=columns))
     readable_decades(plot.yaxis[0], known)
     add_legend(plot, items)
     draw_floor(plot, floor)

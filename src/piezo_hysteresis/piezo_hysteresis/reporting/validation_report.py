@@ -20,7 +20,7 @@ def validation_page(
     simulated: Mapping[str, FloatArray],
     rows: Sequence[RecordErrors],
     noise_floor: float,
-    words: Sequence[str],
+    remarks: Sequence[str],
 ) -> str:
     """Return the whole report as HTML.
 
@@ -36,7 +36,7 @@ def validation_page(
         How far each is off.
     noise_floor : float
         Of the records [m]; 0 where it is not known.
-    words : sequence of str
+    remarks : sequence of str
         What is to be known besides: the comparison with the known discrepancy, warnings.
     """
     worst = max(rows, key=lambda row: largest_if_unknown(row.nrmse_percent))
@@ -48,7 +48,7 @@ def validation_page(
     if noise_floor > 0.0:
         sentence += f', {worst.free_run_rms / noise_floor:.3g} times the noise floor'
     sections = [
-        _table(rows, noise_floor, words),
+        _table(rows, noise_floor, remarks),
         PageSection('Does the model follow the actuator?', '', fit_figures(records, simulated)),
         _rest(records, simulated, worst.record),
         PageSection(
@@ -62,7 +62,9 @@ def validation_page(
     return render(f'{saved.model.name} on records', f'{sentence}.', sections)
 
 
-def _table(rows: Sequence[RecordErrors], noise_floor: float, words: Sequence[str]) -> PageSection:
+def _table(
+    rows: Sequence[RecordErrors], noise_floor: float, remarks: Sequence[str]
+) -> PageSection:
     lines = [
         (
             row.record,
@@ -76,7 +78,7 @@ def _table(rows: Sequence[RecordErrors], noise_floor: float, words: Sequence[str
     caption = 'Rms errors; per cent are of the standard deviation of the displacement.'
     if noise_floor > 0.0:
         caption += f' The noise floor is {micrometres(noise_floor)} µm.'
-    text = '\n'.join(f'- {each}' for each in words)
+    text = '\n'.join(f'- {each}' for each in remarks)
     return PageSection('How far is it off?', text, (), (table(headers, lines, caption),))
 
 

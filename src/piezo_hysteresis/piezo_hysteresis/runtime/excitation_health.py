@@ -67,8 +67,8 @@ class ExcitationHealth:
         if doing.waits:
             findings.append((Level.WARN, f'waits for {doing.waits}'))
         elif doing.what and doing.silent > SILENCE:
-            words = f'no actuator/state for {doing.silent:.0f} s after tick {doing.sample}'
-            findings.append((Level.WARN, words))
+            message = f'no actuator/state for {doing.silent:.0f} s after tick {doing.sample}'
+            findings.append((Level.WARN, message))
         rest = 'idle' if doing.sample >= 0 else 'idle, no actuator is heard yet'
         values = {'sample': doing.sample, 'last_sweep': last, **counts}
         return judge(findings, doing.what or rest, values)

@@ -56,7 +56,7 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
     }
     settings: RlsSettings | UdSettings
     if method == 'rls':
-        start = pairs([word for word in values['start'] if word])
+        start = pairs([assignment for assignment in values['start'] if assignment])
         settings = RlsSettings(**{name: values[name] for name in _RLS}, start=start, **common)
     else:
         settings = UdSettings(kind=KINDS[method], **{name: values[name] for name in _UD}, **common)

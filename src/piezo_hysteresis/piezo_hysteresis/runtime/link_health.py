@@ -66,13 +66,15 @@ class LinkHealth:
         Input that stays away is an error, or, where its sender is `paused`, to be looked at.
         """
         findings = self._watch.findings(counts)
-        findings += [(Level.ERROR, words) for name, words in ALARMS.items() if counts.get(name)]
+        findings += [
+            (Level.ERROR, message) for name, message in ALARMS.items() if counts.get(name)
+        ]
         if watchdog.stale:
-            words = f'no input since tick {watchdog.newest}: the voltage is ramped to safety'
+            message = f'no input since tick {watchdog.newest}: the voltage is ramped to safety'
             if paused:
-                findings.append((Level.WARN, f'{words}; its sender is there and says nothing'))
+                findings.append((Level.WARN, f'{message}; its sender is there and says nothing'))
             else:
-                findings.append((Level.ERROR, f'{words}; its sender has gone'))
+                findings.append((Level.ERROR, f'{message}; its sender has gone'))
         if numbers['sample'] != self._sample:
             self._sample, self._since = numbers['sample'], self._now()
         silent = self._now() - self._since

@@ -258,10 +258,10 @@ class SweepRun:
         self.kept.append(Kept(record.record.name, record.last, tuple(by)))
 
     def _await(self, names: Iterable[str], what: str = '') -> None:
-        words = f'{", ".join(names)} to confirm {what}' if what else ''
-        if bool(words) != bool(self.awaited):
+        awaited = f'{", ".join(names)} to confirm {what}' if what else ''
+        if bool(awaited) != bool(self.awaited):
             self.since = time.monotonic()
-        self.awaited = words
+        self.awaited = awaited
 
 
 def kept_message(kept: Iterable[Kept]) -> str:

@@ -48,8 +48,8 @@ class ActuatorHealth:
         if fault != 'none':
             findings.append((Level.ERROR, f'fault {fault} is injected'))
         if book.timed_out and book.received:
-            words = f'no commands: the voltage goes to {book.safe_voltage:g} V'
-            findings.append((Level.ERROR, words))
+            message = f'no commands: the voltage goes to {book.safe_voltage:g} V'
+            findings.append((Level.ERROR, message))
         if waited > 0.0:
             findings.append((Level.WARN, f'no command for tick {tick} since {waited:.0f} s'))
         values = {'sample': tick, 'voltage_V': book.voltage, 'fault': fault, **book.counts}

@@ -45,7 +45,7 @@ def tell(
     data, floor = found.evaluator.data, found.evaluator.floor
     seen = left.fit.errors
     description = describe(data, left.views, seen, floor) if left.significant else left.note
-    word = rules.verdict_word(len(found.steps), left.significant)
+    kind = rules.verdict_word(len(found.steps), left.significant)
     verdict = Verdict(
         baseline=name,
         seed=seed,
@@ -59,7 +59,7 @@ def tell(
             floor,
             outcome.certainty,
         ),
-        verdict=word,
+        verdict=kind,
         unexplained=Unexplained(left.significant, description),
         where=tuple(
             {
@@ -76,7 +76,7 @@ def tell(
             'held_out': [v.name for v in data.held_out],
         },
         seconds=0.0,
-        suspects=suspects(found.steps, found.last) if word == 'unknown' else (),
+        suspects=suspects(found.steps, found.last) if kind == 'unknown' else (),
         check=tuple(coverage.sentences()),
         proof=tuple(_row(row, floor) for row in proof.rows),
         over_frequency=tuple(

@@ -115,7 +115,7 @@ class Dashboard(Node):
         return server
 
     def _words(self, name: str) -> list[str]:
-        return [str(word) for word in self._params.values[name] if word]  # type: ignore[union-attr]
+        return [str(text) for text in self._params.values[name] if text]  # type: ignore[union-attr]
 
     # --- in the thread of ROS ------------------------------------------------------------------
 
@@ -168,7 +168,7 @@ class Dashboard(Node):
     def _wanted(self) -> list[str]:
         """Return the namespaces that were asked for, none where all are welcome."""
         own = self.get_namespace().strip('/')
-        named = [word.strip('/') for word in self._words('actuators')]
+        named = [name.strip('/') for name in self._words('actuators')]
         return named or ([own] if own else [])
 
     def _find_actuators(self) -> list[str]:
@@ -274,12 +274,12 @@ class Dashboard(Node):
 
 def ros_arguments(arguments: Sequence[str]) -> list[str]:
     """Return what ROS is told for the words of the verb, and what stands behind ``--ros-args``."""
-    words = list(arguments)
-    cut = words.index('--ros-args') if '--ros-args' in words else len(words)
+    options = list(arguments)
+    cut = options.index('--ros-args') if '--ros-args' in options else len(options)
     parser = argparse.ArgumentParser(prog='dashboard')
     configure(parser)
-    given = parser.parse_args(words[:cut])
-    ros = ['--ros-args', *words[cut + 1 :]]
+    given = parser.parse_args(options[:cut])
+    ros = ['--ros-args', *options[cut + 1 :]]
     for name in ('folder', 'port', 'address'):
         value = getattr(given, name)
         if value is not None:

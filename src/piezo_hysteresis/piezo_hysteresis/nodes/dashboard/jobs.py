@@ -89,8 +89,8 @@ class ActionJob:
         """Whether a node offers the action."""
         return bool(self._client.server_is_ready())
 
-    def send(self, goal: Any, words: Callable[[Any], str]) -> None:
-        """Send a goal; `words` tells of a feedback."""
+    def send(self, goal: Any, text_of: Callable[[Any], str]) -> None:
+        """Send a goal; `text_of` tells of a feedback."""
 
         def on_feedback(message: Any) -> None:
             if self.read().phase == 'running':
@@ -98,7 +98,7 @@ class ActionJob:
                     replace(
                         self.read(),
                         fraction=message.feedback.fraction,
-                        text=words(message.feedback),
+                        text=text_of(message.feedback),
                     )
                 )
 

@@ -232,15 +232,15 @@ class LinkNode(LifecycleNode):
 
     def _tell_stale(self) -> None:
         watchdog = self._watchdog
-        words = f'no input since tick {watchdog.newest}: the voltage goes to '
-        words += f'{watchdog.safe_voltage:g} V'
+        message = f'no input since tick {watchdog.newest}: the voltage goes to '
+        message += f'{watchdog.safe_voltage:g} V'
         if self.has_publisher():
             self.get_logger().info(
-                f'{words}; whoever publishes {self._source} pauses', throttle_duration_sec=5.0
+                f'{message}; whoever publishes {self._source} pauses', throttle_duration_sec=5.0
             )
         else:
             self.get_logger().warning(
-                f'{words}; nobody publishes {self._source} any more: start that node again',
+                f'{message}; nobody publishes {self._source} any more: start that node again',
                 throttle_duration_sec=5.0,
             )
 

@@ -134,9 +134,9 @@ class TrackingNode(LinkNode):
     def _install(self, law: Law | None) -> None:
         """Put a law into force, and say what is to be known of it."""
         self.law = self._ready(law)
-        words = getattr(law, 'words', '')
-        if words:
-            self.get_logger().info(words)
+        remark = getattr(law, 'words', '')
+        if remark:
+            self.get_logger().info(remark)
 
     @staticmethod
     def _ready(law: Law | None) -> Law | None:

@@ -208,8 +208,8 @@ class PlayerNode(Node):
         awaited = '' if listeners is None else listeners.awaited
         silent = time.monotonic() - listeners.since if listeners is not None and awaited else 0.0
         if silent > SILENCE:
-            words = f'{awaited} has not confirmed for {silent:.0f} s what was played'
-            findings.append((Level.WARN, words))
+            message = f'{awaited} has not confirmed for {silent:.0f} s what was played'
+            findings.append((Level.WARN, message))
         fine = self._stage or f'plays {self._player.path}: {self._share:.0%}'
         values = {'share': self._share, 'late_s': self._late, **self._counts}
         return judge(findings, fine, values)
@@ -229,15 +229,15 @@ def run(arguments: Sequence[str]) -> int:
     parser.add_argument('--rate', type=float, default=1.0)
     for switch in ('--loop', '--lock-step', '--salvage', '--clock'):
         parser.add_argument(switch, action='store_true')
-    words = parser.parse_args(list(arguments))
+    options = parser.parse_args(list(arguments))
     values = {
-        'bag': words.bag,
-        'topics': f'[{", ".join(words.topics) or chr(39) * 2}]',
-        'rate_factor': words.rate,
-        'loop': str(words.loop).lower(),
-        'lock_step': str(words.lock_step).lower(),
-        'salvage': str(words.salvage).lower(),
-        'publish_clock': str(words.clock).lower(),
+        'bag': options.bag,
+        'topics': f'[{", ".join(options.topics) or chr(39) * 2}]',
+        'rate_factor': options.rate,
+        'loop': str(options.loop).lower(),
+        'lock_step': str(options.lock_step).lower(),
+        'salvage': str(options.salvage).lower(),
+        'publish_clock': str(options.clock).lower(),
     }
     ros = ['--ros-args']
     for name, value in values.items():

@@ -189,11 +189,11 @@ def run(arguments: Sequence[str]) -> int:
     parser.add_argument('topics', nargs='*')
     parser.add_argument('--out', required=True)
     parser.add_argument('--namespace', default='')
-    words = parser.parse_args(list(arguments))
-    names = ', '.join(words.topics)
-    ros = ['--ros-args', '-p', f'out:={words.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
-    if words.namespace:
-        ros += ['-r', f'__ns:=/{words.namespace.strip("/")}']
+    options = parser.parse_args(list(arguments))
+    names = ', '.join(options.topics)
+    ros = ['--ros-args', '-p', f'out:={options.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
+    if options.namespace:
+        ros += ['-r', f'__ns:=/{options.namespace.strip("/")}']
     return run_node(_create, ros)
 
 
