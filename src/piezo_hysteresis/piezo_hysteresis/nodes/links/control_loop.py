@@ -8,8 +8,8 @@ from rclpy.node import Node
 
 from piezo_common import topics
 from piezo_hysteresis.nodes.codecs import measured_of, point_of
-from piezo_hysteresis.nodes.links.attenuation import Attenuation
-from piezo_hysteresis.nodes.links.feedback import FeedbackNode
+from piezo_hysteresis.nodes.links.attenuation import attenuation
+from piezo_hysteresis.nodes.links.feedback import feedback
 from piezo_hysteresis.nodes.links.feedforward import Feedforward
 from piezo_interfaces.msg import ActuatorState, Reference
 from piezo_ros_common.qos import LOOP
@@ -24,8 +24,8 @@ class ControlLoop:
     """
 
     def __init__(self) -> None:
-        self.feedback = FeedbackNode(wired=False)
-        self.attenuation = Attenuation(output=topics.VOLTAGE_ATTENUATED, wired=False)
+        self.feedback = feedback(wired=False)
+        self.attenuation = attenuation(output=topics.VOLTAGE_ATTENUATED, wired=False)
         self.feedforward = Feedforward(wired=False)
         self.attenuation.deliver_to(self.feedback.take_voltage)
         self.feedforward.deliver_to(self.attenuation.take_voltage)

@@ -2,112 +2,19 @@
 
 from __future__ import annotations
 
-import functools
 import sys
-from typing import Any
 
-from piezo_common.table import Value
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
-from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
-from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
-from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.nodes.links.tracking_node import Law, TrackingNode
+from piezo_hysteresis.nodes.links.tracking_node import TrackingNode
 from piezo_hysteresis.parameters.links import FEEDBACK
+from piezo_hysteresis.runtime.feedback_laws import FeedbackLaws
 from piezo_ros_common.running import run_node
 
-# Groups of parameters that shape the law of each method.
-_GROUPS: dict[str, tuple[str, ...]] = {
-    'none': (),
-    'pid': ('pid.', 'limits.'),
-    'fuzzy_pid': ('pid.', 'fuzzy.', 'limits.'),
-    'h_infinity': ('h_infinity.', 'plant.', 'limits.'),
-}
 
-
-class FeedbackNode(TrackingNode):
-    """An optional link: adds what a law on the tracking error asks for."""
-
-    def __init__(self, *, wired: bool = True) -> None:
-        super().__init__('feedback', FEEDBACK, wired=wired)
-
-    def build(self, changes: dict[str, Value]) -> Law | None:
-        """Return the law of the parameters; None for ``none``."""
-        values: dict[str, Any] = {**self.parameters.values, **changes}
-        limits = Limits(values['limits.low'], values['limits.high'], values['limits.slew'])
-        method = values['method']
-        if method == 'none':
-            return None
-        if method == 'h_infinity':
-            return _h_infinity(_group(values, 'h_infinity.'), _plant(values), self.dt, limits)
-        gains = PidGains(**_group(values, 'pid.'))
-        if method == 'pid':
-            return Pid(gains, self.dt, limits=limits)
-        scales = _group(values, 'fuzzy.')
-        path = scales.pop('tables')
-        rules = FuzzyRules(**scales, **read_tables(path)) if path else FuzzyRules(**scales)
-        return FuzzyPid(gains, rules, self.dt, limits=limits)
-
-    def shapes(self, name: str) -> bool:
-        """Return whether `name` matters for the method in force."""
-        return name == 'method' or name.startswith(_GROUPS[self.parameters.text('method')])
-
-    def adjust(self, changes: dict[str, Value]) -> bool:
-        """Change the gains of a PID in place: its integral carries on."""
-        if not isinstance(self.law, Pid) or not all(name.startswith('pid.') for name in changes):
-            return False
-        self.law.set_gains(PidGains(**_group(self.parameters.values, 'pid.')))
-        return True
-
-
-def _group(values: dict[str, Any], prefix: str) -> dict[str, Any]:
-    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
-
-
-Polynomials = tuple[tuple[float, ...], tuple[float, ...]]
-
-
-def _plant(values: dict[str, Any]) -> Polynomials:
-    """Return numerator and denominator of the plant in s."""
-    numerator, denominator = values['plant.numerator'], values['plant.denominator']
-    if any(numerator) and any(denominator):
-        return tuple(numerator), tuple(denominator)
-    if any(numerator) or any(denominator):
-        raise CompensationError(
-            'plant.numerator and plant.denominator belong together; set both in one atomic call'
-        )
-    omega = 6.283185307179586 * values['plant.natural_frequency']
-    if omega == 0.0:
-        raise CompensationError(
-            'h_infinity needs a plant that falls off: give plant.natural_frequency, or a '
-            'numerator and denominator'
-        )
-    damping = 2.0 * values['plant.damping_ratio'] * omega
-    return (values['plant.gain'] * omega**2,), (1.0, damping, omega**2)
-
-
-def _h_infinity(weights: dict[str, Any], plant: Polynomials, dt: float, limits: Limits) -> Law:
-    # SciPy takes long to import, and only this method needs it.
-    from piezo_hysteresis.compensation.feedback.hinf import HInfinity
-
-    found = _designed(tuple(weights.items()), plant, dt)
-    return HInfinity(found.controller, dt, limits=limits, words=found.words())
-
-
-@functools.lru_cache(maxsize=8)
-def _designed(weights: tuple[tuple[str, Any], ...], plant: Polynomials, dt: float) -> Any:
-    from piezo_hysteresis.compensation.feedback import hinf
-
-    try:
-        system = hinf.transfer_function(*plant)
-    except (ValueError, IndexError):
-        raise CompensationError(
-            'plant.numerator / plant.denominator is no proper transfer function'
-        ) from None
-    return hinf.design(system, HInfinityWeights(**dict(weights)), dt).require_usable()
+def feedback(*, wired: bool = True) -> TrackingNode:
+    """Return an optional link: it adds what a law on the tracking error asks for."""
+    return TrackingNode('feedback', FEEDBACK, FeedbackLaws(), wired=wired)
 
 
 def main() -> None:
     """Run the node as a process."""
-    sys.exit(run_node(FeedbackNode))
+    sys.exit(run_node(feedback))

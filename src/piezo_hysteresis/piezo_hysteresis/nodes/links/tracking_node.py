@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Callable
 
 from std_srvs.srv import Trigger
 
@@ -15,30 +15,15 @@ from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
+from piezo_hysteresis.runtime.laws import Law, LawMaker
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common.flat import nanoseconds_of_head
 from piezo_ros_common.qos import LOOP
 
 
-class Law(Protocol):
-    """What such a link asks at every tick."""
-
-    def step(self, point: ReferencePoint, received: float, measured: Measured | None) -> float:
-        """Return the voltage to pass on [V]."""
-
-    def reset(self) -> None:
-        """Forget everything but the settings."""
-
-    def counters(self) -> dict[str, int]:
-        """Return what happened so far, by name."""
-
-
 class TrackingNode(LinkNode):
     """Brings reference, measurement and voltage of each tick together and asks a law.
-
-    Subclasses say with `build` which law their parameters describe, and with `adjust` what they
-    can change in the law that is there.
 
     Parameters
     ----------
@@ -46,6 +31,10 @@ class TrackingNode(LinkNode):
         Of the node.
     table : ParameterTable
         Its parameters.
+    laws : LawMaker
+        Which law they describe, and what they can change in the one that is there.
+    report : callable, optional
+        Makes, of this node, what is called once a tick has been passed on.
     output : str
         Topic of what it passes on.
     wired : bool
@@ -56,13 +45,17 @@ class TrackingNode(LinkNode):
         self,
         name: str,
         table: ParameterTable,
+        laws: LawMaker,
+        report: Callable[[TrackingNode], Callable[[Tick[bytes]], None]] | None = None,
         *,
         output: str = topics.VOLTAGE_COMMAND,
         wired: bool = True,
     ) -> None:
         super().__init__(name, table, output, topics.VOLTAGE_FEEDFORWARD)
+        self._laws = laws
+        self._report = None if report is None else report(self)
         try:
-            self._install(self.build({}))
+            self._install(self._built({}))
         except PiezoError as error:
             self.give_up(str(error))
         self._book: SampleSynchronizer[bytes] = SampleSynchronizer()
@@ -87,23 +80,8 @@ class TrackingNode(LinkNode):
         """Return what carries the share over a change: a new law begins without weight."""
         return CrossFade(self.dt, self.parameters.number('transition'))
 
-    def build(self, changes: dict[str, Value]) -> Law | None:
-        """Return the law that the parameters, with `changes`, describe; None for none.
-
-        Raises
-        ------
-        PiezoError
-            If they describe none that is possible.
-        """
-        raise NotImplementedError
-
-    def adjust(self, changes: dict[str, Value]) -> bool:
-        """Change the law that is there; return False where it takes a new one."""
-        return False
-
-    def shapes(self, name: str) -> bool:
-        """Return whether the parameter `name` shapes the law at all."""
-        raise NotImplementedError
+    def _built(self, changes: dict[str, Value]) -> Law | None:
+        return self._laws.build({**self.parameters.values, **changes}, self.dt)
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the law and of the reference."""
@@ -118,7 +96,7 @@ class TrackingNode(LinkNode):
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return '' or why there is no such law."""
         try:
-            self.build(changes)
+            self._built(changes)
         except PiezoError as error:
             return str(error)
         return ''
@@ -126,9 +104,10 @@ class TrackingNode(LinkNode):
     def apply(self, changes: dict[str, Value]) -> None:
         """Take changed parameters over; a new law begins without a correction."""
         super().apply(changes)
-        own = {name: value for name, value in changes.items() if self.shapes(name)}
-        if own and not self.adjust(own):
-            self._install(self.build({}))
+        values = self.parameters.values
+        own = [name for name in changes if self._laws.shapes(values, name)]
+        if own and not self._laws.adjust(self.law, values, own):
+            self._install(self._built({}))
             self.go_over()
 
     def _install(self, law: Law | None) -> None:
@@ -211,10 +190,11 @@ class TrackingNode(LinkNode):
             if not self._begun:
                 self._begun = True
                 self._join(tick)
-            self.pass_on(tick.tag, tick.point.sample, tick.received, self._wanted(tick))
-            self.passed(tick)
+            self.pass_on(tick.tag, tick.point.sample, tick.received, self._asked(tick))
+            if self._report is not None:
+                self._report(tick)
 
-    def _wanted(self, tick: Tick[bytes]) -> float:
+    def _asked(self, tick: Tick[bytes]) -> float:
         """Ask the law; what is not a number neither reaches it nor comes out of it [V]."""
         if not self.active or self.law is None or not math.isfinite(tick.received):
             return tick.received
@@ -224,9 +204,6 @@ class TrackingNode(LinkNode):
         self._law_resets += 1
         self._forget()
         return tick.received
-
-    def passed(self, tick: Tick[bytes]) -> None:
-        """Do what is to be done once a tick has been passed on."""
 
     def _join(self, tick: Tick[bytes]) -> None:
         """Start from the voltage that is there where the loop is under way already."""
