@@ -9,10 +9,14 @@ that cannot be exact there is identified on six untouched records; effects hide 
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.discovery_hidden import Case, Row, examined, page
 from bench.foreign_worlds import WORLDS, recorded
