@@ -81,16 +81,15 @@ class Expectation:
         """Return minus the log likelihood, up to a constant [nats].
 
         The size of what is expected is itself known from about as many numbers as there are: tails
-        are those of Student's distribution. An octave beside the lines that lies below what is
-        expected is noise, and no evidence of anything. The whole counts besides, so that of two
-        models that both leave no news the nearer one comes first.
+        are those of Student's distribution. The whole counts besides. What lies below what is
+        expected is no evidence of anything: an effect that takes what the model has always missed
+        explains nothing that is new.
         """
         if not np.all(np.isfinite(powers)):
             return float('inf')
-        ratio = powers / self.expected
-        ratio[_ORDERS:] = np.maximum(ratio[_ORDERS:], 1.0)
-        whole = policy.whole * float(np.log1p(powers[1:].sum() / self.total))
-        return float(self.independent @ np.log1p(ratio)) + whole
+        parts = np.maximum(powers / self.expected, 1.0)
+        whole = policy.whole * float(np.log1p(max(powers[1:].sum() / self.total, 1.0)))
+        return float(self.independent @ np.log1p(parts)) + whole
 
     def news(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> bool:
         """Tell whether parts show more than the model is known to miss."""
