@@ -9,12 +9,26 @@ import pytest
 from scipy.signal import lfilter
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.data.annotate import annotated
+from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    Added,
+    CandidateFit,
+    ModelSpec,
+    judged_on,
+    takes_no_time,
+)
 from piezo_hysteresis.discovery.selection.expectation import expectation
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator
+from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.reference import as_on
+from piezo_hysteresis.discovery.selection.start import held_data
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.targets import whole
-from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
+from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.reporting.discovery_folder import model_file
 
@@ -79,6 +93,62 @@ def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
     assert verdict.verdict == ('named' if name else 'none')
     assert verdict.held_out.gap_after_rms_m <= 1.02 * verdict.held_out.gap_before_rms_m
     assert 'um rms beyond the noise' in verdict.unexplained.description
+
+
+@pytest.mark.parametrize('factor', [1.1, 0.8])
+def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: float) -> None:
+    records = [actuator(f, 1.0, 50 + f) for f in (1, 5)]
+    found = discover([replace(r, displacement=factor * r.displacement) for r in records], known)
+    (shift,) = found.verdict.effects
+    assert shift.name == 'parameter_shift'
+    assert 'A1 from' in shift.evidence[1]
+    assert 'has other numbers than these records' in found.verdict.summary
+    assert shift.parameters['A1'].value == pytest.approx(factor * known.values['A1'], rel=0.03)
+    saved = ModelFile.parse(model_file(found).text())
+    assert saved.values['A1'] == shift.parameters['A1'].value
+    assert saved.deviations['A1'] == shift.parameters['A1'].std
+    assert saved.correlation is not None
+    assert 'A1' in saved.correlation.names
+
+
+def test_a_value_costs_what_its_file_says_until_it_is_another_one(known: ModelFile) -> None:
+    data = split(annotated([actuator(f, 1.0, 60 + f) for f in (1, 5)]))
+    base, seen = held_data(data, known, Choices())
+    assert known.discrepancy is not None
+    held = HeldEvaluator(seen, 1, 1, base, known.discrepancy, HELD, deviations=known.deviations)
+    (change,) = (c for c in held.candidates(base) if c.effect is PARAMETER_SHIFT)
+
+    def moved(by: float) -> float:
+        std = known.deviations['A1']
+        values = {**base.values, 'A1': base.values['A1'] + by * std}
+        fit = judged_on(base.with_candidate(change, values), seen.training)
+        alone = judged_on(ModelSpec(base.model, values, (), base.sampling_offset), seen.training)
+        return held.score(fit) - held.score(alone)
+
+    assert moved(0.0) == pytest.approx(0.0)
+    assert moved(1.0) == pytest.approx(0.5)
+    assert moved(100.0) == pytest.approx(HELD.price)
+
+
+def test_what_takes_no_time_is_a_gain() -> None:
+    model = named('classical').with_block(named_block('creep'))
+    names = {'creep_share': 'creep_share', 'creep_time': 'creep_time'}
+    added = (Added('creep', 'creep', names),)
+
+    def fit(seconds: float) -> CandidateFit:
+        return CandidateFit(model, {**model.defaults(), 'creep_time': seconds}, added)
+
+    assert takes_no_time(fit(1e-4), DT)
+    assert takes_no_time(fit(DT), DT)
+    assert not takes_no_time(fit(10 * DT), DT)
+
+
+def test_what_a_model_always_missed_is_no_evidence() -> None:
+    view = replace(whole(actuator(1, 1.0, 0)), noise=1e-8)
+    missed = Discrepancy(False, (Condition(1.0, 1.0, STROKE, 4e-7, 1e-8, {2: 4e-7}),))
+    known = expectation(view, missed, STROKE)
+    assert known.cost(0.1 * known.expected) == known.cost(known.expected)
+    assert known.cost(2.0 * known.expected) > known.cost(known.expected)
 
 
 def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) -> None:

@@ -73,14 +73,15 @@ def test_final_fits_are_for_different_effects_that_came_near() -> None:
 class Made:
     """Scores by the rms, and takes for an effect what it is told to."""
 
-    def __init__(self, effects: set[str]) -> None:
-        self.effects = effects
+    def __init__(self, sure: set[str], explaining: set[str]) -> None:
+        self.sure, self.explaining = sure, explaining
         self.policy = POLICY
 
-    def is_effect(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
-    ) -> bool:
-        return after.effect in self.effects
+    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+        return after.effect in self.sure
+
+    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+        return after.effect in self.explaining
 
     def shares(self, before: CandidateFit, finalists: Any) -> tuple[float, ...]:
         return tuple(0.1 * (1 + k) for k, _ in enumerate(finalists))
@@ -92,11 +93,17 @@ class Made:
 def test_the_first_that_is_an_effect_wins_the_round() -> None:
     before = fit(error=noise(5.0))
     ordered = [fit((n, n), error=noise(s)) for n, s in (('a', 1.0), ('b', 1.2), ('c', 4.0))]
-    won = rounds.round_of(cast(Any, Made({'b', 'c'})), before, ordered, 9, before)
+    every = {'a', 'b', 'c'}
+    won = rounds.round_of(cast(Any, Made(every, {'b', 'c'})), before, ordered, 9, before)
     assert won.accepted
-    assert [f.effect for f in won.finalists] == ['b', 'a', 'c']
+    assert [f.effect for f in won.finalists] == ['b', 'c', 'a']
+    assert won.probabilities() == pytest.approx({'c': 0.2, 'b': 0.1, 'a': 0.0})
     assert won.gain.square == pytest.approx(before.square - ordered[1].square)
-    lost = rounds.round_of(cast(Any, Made(set())), before, ordered, 9, before)
+    # what explains as much without being sure stays an alternative
+    doubted = rounds.round_of(cast(Any, Made({'b'}, every)), before, ordered, 9, before)
+    assert [f.effect for f in doubted.finalists] == ['b', 'a', 'c']
+    assert doubted.shares == pytest.approx((0.1, 0.2, 0.3))
+    lost = rounds.round_of(cast(Any, Made(every, set())), before, ordered, 9, before)
     assert not lost.accepted
     assert lost.best is ordered[0]
     assert lost.probabilities() == pytest.approx({'c': 0.3, 'b': 0.2, 'a': 0.1})

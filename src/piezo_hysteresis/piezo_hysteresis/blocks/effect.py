@@ -103,6 +103,8 @@ class Effect:
     held : bool
         Whether it is for baselines whose values stay: where they are fitted besides, offset and
         gain take up where it has its zero, and another way of the effect does the same with less.
+    refits : bool
+        Whether it has no parameters of its own, but changes those that the model has.
     inexactness : float
         Share of the effect that its law is known not to describe [1]. What is left of an actuator
         after it is that large at least, so nothing smaller is given a name.
@@ -138,6 +140,7 @@ class Effect:
     holds: Mapping[str, float] = field(default_factory=dict)
     zeros: tuple[str, ...] = ()
     held: bool = False
+    refits: bool = False
     inexactness: float = 0.02
     repeatable: bool = False
     start: Mapping[str, float] = field(default_factory=dict)

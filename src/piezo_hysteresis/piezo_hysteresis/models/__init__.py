@@ -5,11 +5,13 @@ from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Condition, Discrepancy, Missed
 from piezo_hysteresis.models.effects import (
     EFFECT_NAMES,
+    PARAMETER_SHIFT,
     Candidate,
     add_effect,
     applicable,
     candidates,
     described,
+    shifted,
 )
 from piezo_hysteresis.models.former import FormerModelWarning
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
@@ -20,6 +22,7 @@ from piezo_hysteresis.models.timing import answers_at_once
 __all__ = [
     'EFFECT_NAMES',
     'NAMES',
+    'PARAMETER_SHIFT',
     'RECIPES',
     'Candidate',
     'Condition',
@@ -38,4 +41,5 @@ __all__ = [
     'described',
     'for_range',
     'named',
+    'shifted',
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from piezo_hysteresis.blocks import EFFECTS, Effect, Slot
@@ -17,6 +17,22 @@ from piezo_hysteresis.models.scaling import (
 )
 
 EFFECT_NAMES: tuple[str, ...] = tuple(sorted({effect.name for effect in EFFECTS}))
+
+#: What is no effect that a model lacks: the actuator has other numbers than its model file says.
+PARAMETER_SHIFT = Effect(
+    name='parameter_shift',
+    variant='parameter_shift',
+    block=None,
+    neutral={},
+    physics=(
+        'The law of the model holds, but its numbers are no longer those of the actuator: '
+        'temperature, preload, load or age have changed since it was identified.'
+    ),
+    experiment='The records from which the model was identified, once more.',
+    mistaken_for=('gain_decay', 'sensor_nonlinearity', 'creep'),
+    held=True,
+    refits=True,
+)
 
 
 @dataclass(frozen=True)
@@ -90,7 +106,7 @@ def described(name: str) -> tuple[Effect, ...]:
     ModelError
         If there is no such effect.
     """
-    found = tuple(effect for effect in EFFECTS if effect.name == name)
+    found = tuple(effect for effect in (*EFFECTS, PARAMETER_SHIFT) if effect.name == name)
     if not found:
         raise ModelError(f'there is no effect {name}; choose one of {", ".join(EFFECT_NAMES)}')
     return found
@@ -185,6 +201,13 @@ def _with_block(
         for k, v in effect.holds.items()
     }
     return larger.hold(**held), renamed
+
+
+def shifted(model: Model, values: Mapping[str, float], names: Sequence[str]) -> Candidate:
+    """Return a model of which parameters are looked for again, from their `values` on."""
+    start = {name: values[name] for name in names}
+    own = {name: name for name in names}
+    return Candidate(PARAMETER_SHIFT, model, tuple(names), {}, (start,), own)
 
 
 def candidates(

@@ -62,13 +62,14 @@ def _uncertainty(
             for k, v in before.deviations.items()
             if own.get(k) == before.values[k] and k not in fitted
         }
-        if before.correlation is not None:
-            known = before.correlation
+        known = before.correlation
+        if known is not None and not set(known.names) & set(fitted):
             return {**kept, **fitted}, Correlation.among(known.names, known.matrix, tuple(kept))
-        return {**kept, **fitted}, None
+        fitted = {**kept, **fitted}
     if final.fitted is None:
         return fitted, None
-    return fitted, Correlation.among(final.fitted.free, final.fitted.correlation, tuple(fitted))
+    renewed = tuple(name for name in fitted if name in final.fitted.free)
+    return fitted, Correlation.among(final.fitted.free, final.fitted.correlation, renewed)
 
 
 def what_is_left(found: Discovery) -> Discrepancy | None:

@@ -111,10 +111,12 @@ class Evaluator(ABC):
         """Return whether there is something left to look for, `start` being the baseline."""
 
     @abstractmethod
-    def is_effect(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
-    ) -> bool:
-        """Return whether what came last in `after` is sure and worth it, of `tried`."""
+    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+        """Return whether `after` is better by more than chance, of `tried`."""
+
+    @abstractmethod
+    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+        """Return whether what came last in `after` explains enough, on held-out records too."""
 
     @abstractmethod
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:

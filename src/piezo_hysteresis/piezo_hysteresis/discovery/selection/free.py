@@ -102,16 +102,15 @@ class FreeEvaluator(Evaluator):
         trace = self.excess(fit) < min(self.negligible, self.discrepancy(fit, start))
         return self.shows_a_gap(fit) and not trace
 
-    def is_effect(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
-    ) -> bool:
-        """Return whether what came last in `after` is sure and worth its name."""
+    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+        """Return whether `after` is better by more than chance."""
         errors = self.improvement(before, after, 1).ratio
-        gain = self.score(before) - self.score(after)
+        return rules.is_sure(errors, self.score(before) - self.score(after), self.policy)
+
+    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+        """Return whether what came last in `after` explains enough, on held-out records too."""
         old, new = self.excess(before), self.excess(after)
         known = self.discrepancy(before, start)
-        if not rules.is_sure(errors, gain, self.policy):
-            return False
         if not rules.is_worth_a_name(old, new, known, self.policy):
             return False
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)

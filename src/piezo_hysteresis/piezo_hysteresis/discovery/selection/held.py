@@ -3,11 +3,15 @@
 A refit hides an effect in wrong parameters. So the values of a ``model.yaml`` stay as they are;
 only what an effect adds, the zeros and starts of the records and their clock are free, and what is
 left is judged against noise and discrepancy together.
+
+That the values themselves have changed is a rival like any other, `PARAMETER_SHIFT`. Each of them
+is either still what the file says, and then its standard deviation holds it, or it is another, and
+then it costs what a parameter costs; the cheaper counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +19,12 @@ from scipy.stats import chi2
 
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    judged_on,
+    takes_no_time,
+)
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.expectation import Expectation, costs, expectation
@@ -24,7 +33,14 @@ from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import Discrepancy, Model, described
+from piezo_hysteresis.models import (
+    PARAMETER_SHIFT,
+    Candidate,
+    Discrepancy,
+    Model,
+    described,
+    shifted,
+)
 from piezo_hysteresis.models.stages import free_states
 
 
@@ -39,6 +55,8 @@ class HeldEvaluator(Evaluator):
         The baseline as its file says.
     known : Discrepancy
         What it misses.
+    deviations : mapping of str to float, optional
+        Standard deviations of its values.
     """
 
     def __init__(
@@ -50,9 +68,10 @@ class HeldEvaluator(Evaluator):
         known: Discrepancy,
         policy: SelectionPolicy = HELD,
         deadline: Deadline | None = None,
+        deviations: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
-        self.base, self.known = base, known
+        self.base, self.known, self.deviations = base, known, dict(deviations or {})
         self._fixed = frozenset(base.model.free_names)
         late, dt = base.sampling_offset, self.views[0].dt
         self.clock = (late - dt, late + dt)
@@ -68,12 +87,21 @@ class HeldEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return the same evaluator on other data."""
-        given = self.base, self.known, self.policy, self.deadline
+        given = self.base, self.known, self.policy, self.deadline, self.deviations
         return HeldEvaluator(data, self.seed, self._workers, *given)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
-        """Return what is fitted of a model: what it has beyond the baseline."""
-        return tuple(name for name in spec.model.free_names if name not in self._fixed)
+        """Return what is fitted of a model: what it has beyond the baseline, or has changed."""
+        held = self._fixed.difference(_shifted(spec))
+        return tuple(name for name in spec.model.free_names if name not in held)
+
+    def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
+        """Return a model with every effect that it can take up, and with other values."""
+        found = super().candidates(spec)
+        own = [name for name in spec.model.free_names if name in self._fixed]
+        if _shifted(spec) or not own:
+            return found
+        return (*found, shifted(spec.model, spec.values, own))
 
     def first_judged(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit on all training samples: expectations are those of whole records."""
@@ -81,10 +109,20 @@ class HeldEvaluator(Evaluator):
 
     def score(self, fit: CandidateFit) -> float:
         """Return minus the log likelihood on the training views, parameters priced [nats]."""
-        return costs(fit.errors, self.expected)[0] + self.policy.price * self.counted(fit)
+        fitted = self.counted(fit) - len(_shifted(fit))
+        return costs(fit.errors, self.expected)[0] + self.policy.price * fitted + self._moved(fit)
+
+    def _moved(self, fit: CandidateFit) -> float:
+        """Return what it costs that values of the baseline are others [nats]."""
+        total = 0.0
+        for name in _shifted(fit):
+            change, std = fit.values[name] - self.base.values[name], self.deviations.get(name, 0.0)
+            drawn = 0.5 * (change / std) ** 2 if std > 0.0 else np.inf
+            total += min(drawn, self.policy.price) if change else 0.0
+        return total
 
     def counted(self, fit: CandidateFit) -> int:
-        """Return how many fitted parameters cost: where something has its zero is a nuisance."""
+        """Return how many parameters are fitted: where something has its zero is a nuisance."""
         zeros = sum(
             len(effect.zeros)
             for added in fit.added
@@ -120,11 +158,14 @@ class HeldEvaluator(Evaluator):
         """Return whether there is news anywhere."""
         return self.shows_news(fit) or self.shows_news_held_out(fit)
 
-    def is_effect(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit, tried: int
-    ) -> bool:
-        """Return whether an effect is sure, worth its name, and no worse on held-out records."""
-        if self.score(before) - self.score(after) < self.policy.sure + float(np.log(tried)):
+    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+        """Return whether `after` is better by more than chance, candidates counted."""
+        gain = self.score(before) - self.score(after)
+        return gain >= self.policy.sure + float(np.log(tried))
+
+    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+        """Return whether an effect takes time and explains enough, on held-out records too."""
+        if takes_no_time(after, self.views[0].dt):
             return False
         if not rules.is_worth_a_name(self.excess(before), self.excess(after), 0.0, self.policy):
             return False
@@ -167,3 +208,9 @@ class HeldEvaluator(Evaluator):
         if self.shows_news_held_out(final):
             return Remainder(True, held_out, judged_on(final, held_out))
         return Remainder(False, self.views, final, discrepancy_words(self.known))
+
+
+def _shifted(spec: ModelSpec) -> tuple[str, ...]:
+    """Return the names of what the baseline had already and what is fitted all the same."""
+    changed = (each for each in spec.added if each.effect == PARAMETER_SHIFT.name)
+    return tuple(name for each in changed for name in each.names.values())

@@ -122,14 +122,20 @@ def round_of(
     tried: int,
     start: CandidateFit,
 ) -> SelectionRound:
-    """Return the round in which finalists, best first, met: the first that is an effect wins."""
-    worthy = (fit for fit in finalists if evaluator.is_effect(before, fit, start, tried))
-    winner = next(worthy, None)
-    first = finalists[0] if winner is None else winner
-    order = (first, *(fit for fit in finalists if fit is not first))
-    shares = evaluator.shares(before, order)
+    """Return the round in which finalists, best first, met: the first that is an effect wins.
+
+    Those that explain enough compete for the name. The others are no outcome of the round: what is
+    there besides, but explains little, or what fails on held-out records.
+    """
+    worthy = [fit for fit in finalists if evaluator.is_worthy(before, fit, start)]
+    winner = next((fit for fit in worthy if evaluator.is_sure(before, fit, tried)), None)
+    rivals = worthy or list(finalists)
+    first = rivals[0] if winner is None else winner
+    order = (first, *(fit for fit in rivals if fit is not first))
+    others = tuple(fit for fit in finalists if all(fit is not rival for rival in rivals))
+    shares = (*evaluator.shares(before, order), *(0.0 for _ in others))
     gain = evaluator.improvement(before, first, tried)
-    return SelectionRound(before, order, shares, gain, tried, winner is not None)
+    return SelectionRound(before, (*order, *others), shares, gain, tried, winner is not None)
 
 
 def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:

@@ -196,9 +196,9 @@ class Screen:
         """Return what small changes of all new parameters about a start would explain.
 
         A step towards a start says little of effects with many parameters, such as a bank of
-        plays, whose start is as good as any.
+        plays, whose start is as good as any, and nothing where the start is the model as it is.
         """
-        if len(candidate.added) < _MANY:
+        if len(candidate.added) < _MANY and not candidate.effect.refits:
             return 0.0
         rows = []
         try:

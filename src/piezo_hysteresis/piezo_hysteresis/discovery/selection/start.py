@@ -103,7 +103,14 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
         ):
             break
         evaluator = HeldEvaluator(
-            seen, how.seed, how.workers, base, given.discrepancy, policy, how.deadline
+            seen,
+            how.seed,
+            how.workers,
+            base,
+            given.discrepancy,
+            policy,
+            how.deadline,
+            given.deviations,
         )
         each = search(evaluator, base, progress)
         levels = _invented(data, each.evaluator.data)

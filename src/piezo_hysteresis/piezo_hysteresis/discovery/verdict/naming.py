@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
+from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect, Number, Verdict
-from piezo_hysteresis.models import described
+from piezo_hysteresis.models import PARAMETER_SHIFT, described
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, harmonics
 from piezo_hysteresis.records import Record
 
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
 # Alternatives with less probability than this are not mentioned.
 WORTH_SAYING = 0.005
+# From this probability on an alternative is said in the same sentence.
+MENTIONED = POLICY.alternative
+# A value has changed by more than this many of its standard deviations.
+CHANGED = POLICY.noise_doubts
 # Drives whose harmonic comes this close to a mode are named with it. Within 4 % a mode of little
 # damping amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and every harmonic of a percent
 # shows as an eighth of the drive; chosen, and nothing but this sentence hangs on it.
@@ -78,6 +83,10 @@ def _named(
     # The round may have been won by another variant of the effect than the model has.
     elements = [added for added in final.added if added.effect == winner]
     variants = tuple(dict.fromkeys(added.variant for added in elements))
+    numbers = _numbers(elements, start, final)
+    evidence = _evidence(step, variants[0], floor)
+    if winner == PARAMETER_SHIFT.name:
+        evidence.insert(1, _changes(numbers, start))
     return NamedEffect(
         name=winner,
         variant=', '.join(variants),
@@ -85,9 +94,9 @@ def _named(
         p_value=found_in.gain.p_value,
         gap_before_rms_m=found_in.before.rms,
         gap_after_rms_m=step.fit.rms,
-        parameters=_numbers(elements, start, final),
+        parameters=numbers,
         alternatives=others,
-        evidence=tuple(_evidence(step, variants[0], floor)),
+        evidence=tuple(evidence),
     )
 
 
@@ -103,8 +112,10 @@ def _with_drives(named: NamedEffect, records: Sequence[Record]) -> NamedEffect:
 def _numbers(
     elements: Sequence[Added], start: CandidateFit, final: CandidateFit
 ) -> dict[str, Number]:
-    """Return what `elements` have that is free in `final` and was not in `start`."""
-    free = set(final.model.free_names) - set(start.model.free_names)
+    """Return what `elements` have that is free in `final` and was not in `start`, or shifted."""
+    shifts = (each for each in final.added if each.effect == PARAMETER_SHIFT.name)
+    moved = {name for each in shifts for name in each.names.values()}
+    free = set(final.model.free_names) - (set(start.model.free_names) - moved)
     units = {q.name: q.unit for q in final.model.parameters}
     std = final.fitted.std if final.fitted is not None else {}
     return {
@@ -113,6 +124,20 @@ def _numbers(
         for name in added.names.values()
         if name in free and _owner(name, final) is added
     }
+
+
+def _changes(numbers: Mapping[str, Number], start: CandidateFit) -> str:
+    """Return which values have changed, the surest first."""
+    sure: dict[str, float] = {}
+    for name, number in numbers.items():
+        change = number.value - start.values[name]
+        if number.std and abs(change) > CHANGED * number.std:
+            sure[name] = abs(change) / number.std
+    told = [
+        f'{name} from {start.values[name]:.4g} to {numbers[name].value:.4g} {numbers[name].unit}'
+        for name in sorted(sure, key=lambda each: -sure[each])
+    ]
+    return f'What has changed: {", ".join(told) or "nothing by itself, all together"}.'
 
 
 def _owner(name: str, final: CandidateFit) -> Added:
@@ -213,18 +238,30 @@ def _summary(verdict: Verdict) -> str:
             left = f'what comes closest only lowers the held-out gap from {gap}.'
         known = 'effects that were tried' if verdict.not_tried else 'known effects'
         return f'The model {verdict.baseline} misses something that is none of the {known}: {left}'
-    names = ' and '.join(_with_chance(effect) for effect in verdict.effects)
     more = ' Something significant is left.' if verdict.unexplained.significant else ''
-    them = 'it' if len(verdict.effects) == 1 else 'them'
+    shifts = [each for each in verdict.effects if each.name == PARAMETER_SHIFT.name]
+    missed = [_with_chance(each) for each in verdict.effects if each not in shifts]
+    them = 'it' if len(missed) == 1 else 'them'
+    news = [f'misses {" and ".join(missed)}'] if missed else []
+    done = [f'adding {them}'] if missed else []
+    for shift in shifts:
+        others = [a.name for a in shift.alternatives if a.probability > MENTIONED]
+        news.append(f'has other numbers than these records{_or(others)}')
+        done.append('correcting them')
     return (
-        f'The model {verdict.baseline} misses {names}; adding {them} lowers the held-out gap from '
-        f'{gap}.{more}'
+        f'The model {verdict.baseline} {" and ".join(news)}; {" and ".join(done)} lowers the '
+        f'held-out gap from {gap}.{more}'
     )
 
 
+def _or(others: Sequence[str]) -> str:
+    return f', or misses {" or ".join(others)} (they do not tell which)' if others else ''
+
+
 def _with_chance(effect: NamedEffect) -> str:
-    if effect.alternatives and effect.alternatives[0].probability > 0.1:
-        names = [effect.name, *(a.name for a in effect.alternatives if a.probability > 0.1)]
+    if effect.alternatives and effect.alternatives[0].probability > MENTIONED:
+        others = (a.name for a in effect.alternatives if a.probability > MENTIONED)
+        names = [effect.name, *others]
         return f'{" or ".join(names)} (these records do not tell which)'
     modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))
     where = f'at {modes}' if modes else _where(effect)
