@@ -1,11 +1,11 @@
 """Named chains of blocks: classical, modified, extended, enhanced, second order, ..."""
 
+from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
 from piezo_hysteresis.models.chain import Model, State
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Condition, Discrepancy, Missed
 from piezo_hysteresis.models.effects import (
     EFFECT_NAMES,
-    PARAMETER_SHIFT,
     Candidate,
     add_effect,
     applicable,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from piezo_hysteresis.blocks import EFFECTS, Effect, Slot
 from piezo_hysteresis.blocks.effect import Residual
+from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.scaling import (
@@ -17,22 +18,6 @@ from piezo_hysteresis.models.scaling import (
 )
 
 EFFECT_NAMES: tuple[str, ...] = tuple(sorted({effect.name for effect in EFFECTS}))
-
-#: What is no effect that a model lacks: the actuator has other numbers than its model file says.
-PARAMETER_SHIFT = Effect(
-    name='parameter_shift',
-    variant='parameter_shift',
-    block=None,
-    neutral={},
-    physics=(
-        'The law of the model holds, but its numbers are no longer those of the actuator: '
-        'temperature, preload, load or age have changed since it was identified.'
-    ),
-    experiment='The records from which the model was identified, once more.',
-    mistaken_for=('gain_decay', 'sensor_nonlinearity', 'creep'),
-    held=True,
-    refits=True,
-)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,218 @@
+"""Effects hidden in an actuator of its own, recorded under conditions that are drawn by lot.
+
+    python bench/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
+
+What hides and how it is recorded is in `bench/lottery_world.py`, which shares no physics with the
+suite. `discover` gets the records and the name of a baseline, nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from bench.lottery_world import (
+    EFFECTS,
+    OUTSIDERS,
+    Conditions,
+    drawn_actuator,
+    drawn_conditions,
+    recorded,
+    with_hidden,
+)
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.verdict.verdict import Verdict
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import named
+
+BASELINE = 'bouc_wen_mode'
+SINGLES, PAIRS, NULLS, OTHERS = 33, 10, 20, 6
+HEAD = (
+    '# Effects under conditions drawn by lot',
+    '',
+    'An actuator with a hysteresis of Bouc and Wen and one mode, with one effect, two, none, or',
+    'one that no block describes. Start (rest, step, mid-period, remanent), noise (white or',
+    'coloured, equal or with the amplitude), zeros, 8 to 16 bits, 0.2 to 20 kHz, kinds of',
+    'records and what they cover are drawn by seed; the world shares no code with the suite',
+    '(`bench/lottery_world.py`). `discover` got the records and the name `bouc_wen_mode`. The',
+    'search was frozen before; this is how it came out.',
+    '',
+    '    python bench/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One set and what was said of it; no verdict where the records were refused."""
+
+    kind: str
+    hidden: tuple[str, ...]
+    conditions: Conditions
+    verdict: Verdict | None
+    refused: str
+    seconds: float
+
+    @property
+    def truth(self) -> set[str]:
+        """Names of what is hidden."""
+        return {EFFECTS[name] for name in self.hidden if name in EFFECTS}
+
+    @property
+    def names(self) -> list[str]:
+        """What was named, in order."""
+        return [effect.name for effect in self.verdict.effects] if self.verdict else []
+
+    @property
+    def said(self) -> set[str]:
+        """Every name and every alternative."""
+        effects = self.verdict.effects if self.verdict else ()
+        return set(self.names) | {a.name for e in effects for a in e.alternatives}
+
+    @property
+    def right(self) -> bool:
+        """Whether what had to be said was said, and first."""
+        word = self.verdict.verdict if self.verdict else 'refused'
+        if self.kind == 'null':
+            return word == 'none'
+        if self.kind == 'outsider':
+            return word == 'unknown' or bool(self.verdict and self.verdict.unexplained.significant)
+        return set(self.names[: len(self.truth)]) == self.truth
+
+    @property
+    def told(self) -> str:
+        """The verdict in a cell: alternatives in brackets."""
+        if self.verdict is None:
+            return f'refused: {self.refused}'
+        cells = []
+        for effect in self.verdict.effects:
+            others = [a.name for a in effect.alternatives if a.probability > 0.05]
+            more = f' (or {", ".join(others)})' if others else ''
+            cells.append(f'{effect.name} {effect.probability:.2f}{more}')
+        return '; '.join(cells) or self.verdict.verdict
+
+
+def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:
+    """Return what hides in each set: as many singles, pairs, nulls and outsiders."""
+    names, singles, pairs, nulls, others = list(EFFECTS), *count
+    return [
+        *(('single', (names[i % len(names)],)) for i in range(singles)),
+        *(
+            ('pair', (names[i % len(names)], names[(3 * i + 4) % len(names)]))
+            for i in range(pairs)
+        ),
+        *(('null', ()) for _ in range(nulls)),
+        *(('outsider', (OUTSIDERS[i % len(OUTSIDERS)],)) for i in range(others)),
+    ]
+
+
+def examined(kind: str, hidden: tuple[str, ...], seed: Sequence[int], workers: int = 1) -> Row:
+    """Draw one set, ask for its verdict and compare."""
+    random: Generator = np.random.default_rng(seed)
+    conditions, plain = drawn_conditions(random), drawn_actuator(random)
+    actuator = with_hidden(plain, conditions, hidden, random)
+    records = recorded(actuator, conditions, random)
+    begun = time.perf_counter()
+    verdict, refused = None, ''
+    try:
+        verdict = discover(records, named(BASELINE), seed=1, workers=workers).verdict
+    except PiezoError as error:
+        refused = str(error)
+    return Row(kind, hidden, conditions, verdict, refused, time.perf_counter() - begun)
+
+
+def calibration(rows: Sequence[Row]) -> list[str]:
+    """Return how often what was said with a probability was hidden, in classes."""
+    said = [
+        (effect.probability, effect.name in row.truth)
+        for row in rows
+        if row.verdict
+        for effect in row.verdict.effects
+    ]
+    lines = ['| said with | names | hidden there |', '|---|---:|---:|']
+    for low, high in ((0.0, 0.5), (0.5, 0.9), (0.9, 0.99), (0.99, 1.01)):
+        hits = [right for probability, right in said if low <= probability < high]
+        if hits:
+            lines.append(f'| {low:g} to {min(high, 1.0):g} | {len(hits)} | {sum(hits)} |')
+    return lines
+
+
+def page(rows: Sequence[Row], seed: int) -> str:
+    """Return the page of docs."""
+
+    def of(kind: str) -> list[Row]:
+        return [row for row in rows if row.kind == kind]
+
+    def counted(kind: str) -> str:
+        return f'{sum(row.right for row in of(kind))} of {len(of(kind))}'
+
+    named_sets = [*of('single'), *of('pair')]
+    among = sum(row.truth <= row.said for row in of('single'))
+    besides = sum(bool(set(row.names) - row.truth) for row in named_sets)
+    worse = sum(
+        row.verdict.held_out.gap_after_rms_m > 1.02 * row.verdict.held_out.gap_before_rms_m
+        for row in rows
+        if row.verdict
+    )
+    lines = [
+        *(line.format(seed=seed) for line in HEAD),
+        '',
+        f'- singles, the right name first: {counted("single")}; among what was said: {among}',
+        f'- pairs, both first: {counted("pair")}',
+        f'- a name of nothing that is there, alone or besides: {besides} of {len(named_sets)}',
+        f'- nothing hidden and `none`: {counted("null")}',
+        f'- outsiders `unknown`, or said to leave something: {counted("outsider")}',
+        f'- worse on held-out records by more than 2 %: {worse} of {len(rows)}',
+        f'- longest run: {max(row.seconds for row in rows):.0f} s on a busy machine',
+        '',
+        'Probabilities, on sets that decided nothing:',
+        '',
+        *calibration(rows),
+        '',
+        '| hidden | start | noise | bits | rate Hz | told | held-out, in noise |',
+        '|---|---|---|---:|---:|---|---:|',
+    ]
+    for row in rows:
+        c = row.conditions
+        noise = f'{"coloured" if c.coloured else "white"}{", grows" if c.grows else ""}'
+        gap = row.verdict.held_out if row.verdict else None
+        held = f'{gap.before_in_floors:.2f} to {gap.after_in_floors:.2f}' if gap else ''
+        lines.append(
+            f'| {" and ".join(row.hidden) or "nothing"} | {c.start} | {noise} | {c.bits} | '
+            f'{c.rate:.0f} | {"" if row.right else "**wrong** "}{row.told} | {held} |'
+        )
+    return '\n'.join(lines) + '\n'
+
+
+def main() -> None:
+    """Examine, print and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--workers', type=int, default=1)
+    parser.add_argument('--count', type=json.loads, default=[SINGLES, PAIRS, NULLS, OTHERS])
+    parser.add_argument('--page', type=Path)
+    arguments = parser.parse_args()
+    rows: list[Row] = []
+    for place, (kind, hidden) in enumerate(sets(arguments.count)):
+        rows.append(examined(kind, hidden, (arguments.seed, place), arguments.workers))
+        row = rows[-1]
+        sign = '' if row.right else ' WRONG'
+        print(f'{kind} {hidden}{sign}: {row.told} ({row.seconds:.0f} s)', flush=True)
+    text = page(rows, arguments.seed)
+    print(text)
+    if arguments.page:
+        arguments.page.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()
