@@ -100,3 +100,22 @@ def test_records_that_show_no_noise_are_refused():
     short = [record(100, seconds=0.03)]
     with pytest.raises(IdentificationError, match='no record shows the noise'):
         split(short)
+
+
+@pytest.mark.parametrize('frequency', [0, 5])
+def test_the_steps_of_a_converter_are_noise(frequency):
+    step = 1e-6
+    seen = record(frequency, noise=0.05 * step)
+    read = step * np.round(seen.displacement / step)
+    noise = noise_of(replace(seen, displacement=read))
+    if frequency:
+        assert noise.rms == pytest.approx(step / np.sqrt(12.0), rel=0.01)
+    else:  # it never leaves its step, so it does not tell
+        assert noise.lines == 0
+
+
+def test_a_converter_adds_nothing_to_noise_that_fills_its_steps():
+    seen = record(5)
+    read = 0.1 * NOISE * np.round(seen.displacement / (0.1 * NOISE))
+    plain, stepped = (noise_of(each).rms for each in (seen, replace(seen, displacement=read)))
+    assert stepped == pytest.approx(plain, rel=0.01)

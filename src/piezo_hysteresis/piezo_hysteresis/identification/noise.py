@@ -9,7 +9,7 @@ repeat shows its noise in differences of high order, which hardly see anything t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb, sqrt
 
 import numpy as np
@@ -33,6 +33,9 @@ _ORDERS = (4, 6, 8)
 _WINDOWS = 40
 _SHORTEST_WINDOW = 64
 _LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
+# Levels from which the smallest distance between two is the step of a converter, and none of a
+# drive that knows few levels.
+_LEVELS = 8
 _MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
 
 
@@ -67,7 +70,25 @@ NOT_TOLD = Noise(float('nan'), 0)
 
 @remembered
 def noise_of(record: Record) -> Noise:
-    """Return the noise of one record after its warm-up, blind to spikes and drop-outs."""
+    """Return the noise of one record after its warm-up, blind to spikes and drop-outs.
+
+    It is at least that of the steps of its converter, which a record that repeats exactly, or
+    moves by less than a step, does not show.
+    """
+    seen = _seen_noise(record)
+    least = converter_step(record.displacement) / sqrt(12.0)
+    if seen.lines and not max(seen.rms, least) > 0.0:
+        return NOT_TOLD
+    return replace(seen, rms=max(seen.rms, least)) if seen.lines else seen
+
+
+def converter_step(measured: FloatArray) -> float:
+    """Return the smallest distance between two values [m]; 0 where there are too few of them."""
+    levels = np.unique(measured)
+    return float(np.diff(levels).min()) if levels.size >= _LEVELS else 0.0
+
+
+def _seen_noise(record: Record) -> Noise:
     period = period_of(record)
     first = periodic_from(record.voltage, period) if period else 0
     bad = outliers(record.displacement, period, first)

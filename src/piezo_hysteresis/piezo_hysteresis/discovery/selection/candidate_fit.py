@@ -121,7 +121,7 @@ class CandidateFit(ModelSpec):
     def floors(self) -> float:
         """Rms of the errors, each in multiples of the noise of its record."""
         pairs = zip(self.errors, self.noises, strict=True)
-        total = sum(float(e @ e) / max(noise, 1e-300) ** 2 for e, noise in pairs)
+        total = sum(float(e @ e) / max(noise, 1e-150) ** 2 for e, noise in pairs)
         return float(np.sqrt(total / max(self.samples, 1)))
 
     @property
