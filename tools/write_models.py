@@ -47,14 +47,14 @@ def _replaced(page: str, head: str, rows: Iterable[str]) -> str:
 
 def _block_rows() -> Iterator[str]:
     for name in sorted(BLOCKS):
-        for q in _shown(BLOCKS[name]):
+        for q in shown_parameters(BLOCKS[name]):
             yield (
                 f'| `{name}` | `{q.name}` | {q.unit} | {q.default:g} | {q.low:g} .. {q.high:g} | '
                 f'{q.description} |'
             )
 
 
-def _shown(block: Block) -> Iterator[Parameter]:
+def shown_parameters(block: Block) -> Iterator[Parameter]:
     """Return the parameters of a block, of a long numbered series only the first one."""
     kinds = [_kind(q) for q in block.parameters]
     for place, (q, kind) in enumerate(zip(block.parameters, kinds, strict=True)):
@@ -90,7 +90,7 @@ def _new_page(name: str) -> str:
     lines += [
         f'| `{q.name}` | {q.unit} | {q.low:g} .. {q.high:g} | {q.description} |'
         for block in blocks
-        for q in _shown(block)
+        for q in shown_parameters(block)
     ]
     return '\n'.join(lines) + '\n'
 

@@ -10,7 +10,7 @@ from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.harmonics.repetitive import (
     OddRepetitive,
     RepetitiveSettings,
-    _mode_cancelling,
+    mode_cancelling,
 )
 from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
@@ -96,7 +96,7 @@ def repeated_by_hand(s, points):
     """Return odd repetitive control written out over dictionaries of Python's own numbers."""
     size = int(0.5 / (s.lowest_frequency * DT)) + 16
     learned, errors, past = [0.0] * size, [0.0] * size, (0.0, 0.0, 0.0, 0.0)
-    b0, b1, b2, a1, a2 = _mode_cancelling(s, DT)
+    b0, b1, b2, a1, a2 = mode_cancelling(s, DT)
     watch = SensorWatch(DT)
     for point, measured in points:
         pair = watch.pair(point, measured)

@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pytest
 from bokeh.document import Document
+from bokeh.events import ButtonClick
 from dashboard_fakes import Backend, filled, live_at
 
+from piezo_hysteresis.dashboard import page as page_module
 from piezo_hysteresis.dashboard.axes import Follower
 from piezo_hysteresis.dashboard.live import BackgroundJob, Gap, LogLine, NodeState, ShownEstimate
 from piezo_hysteresis.dashboard.page import Page
@@ -133,22 +135,24 @@ def test_a_sweep_is_ordered_and_mistakes_are_said():
     filled(backend)
     document = Document()
     page = Page(document, backend, 'stage')
-    form = page._controls._sweep
-    form._frequencies.value = 'fast'
-    form.box._press()
-    assert 'no list of numbers' in form.box.words.text
-    form._frequencies.value, form._name.value = '1, 2', '../outside'
-    form.box._press()
-    assert 'no name of a bag' in form.box.words.text
+    by_name = document.get_model_by_name
+
+    def start(**values):
+        for name, value in values.items():
+            by_name(f'sweep.{name}').value = value
+        document.callbacks.trigger_event(ButtonClick(by_name('sweep.start')))
+        return by_name('sweep.words').text
+
+    assert 'no list of numbers' in start(frequencies='fast')
+    assert 'no name of a bag' in start(frequencies='1, 2', name='../outside')
     assert backend.orders == []
-    form._name.value = 'mine'
-    form.box._press()
+    start(name='mine')
     assert backend.orders[0].frequencies == (1.0, 2.0)
     backend.live('stage').sweep = BackgroundJob('running', 0.42, '1 Hz at 1 V')
     page.refresh()
-    assert form.box.bar.value == 42
-    assert form.box.start.disabled
-    assert not form.box.cancel.disabled
+    assert by_name('sweep.bar').value == 42
+    assert by_name('sweep.start').disabled
+    assert not by_name('sweep.cancel').disabled
 
 
 def test_several_readers_have_pages_of_their_own():
@@ -184,14 +188,14 @@ def test_a_browser_gets_no_more_pictures_than_it_draws():
     assert newest(9.0) == 9.0
 
 
-def test_a_page_goes_over_to_an_actuator_that_appears():
+def test_a_page_goes_over_to_an_actuator_that_appears(monkeypatch):
+    monkeypatch.setattr(page_module, 'SLOWLY', 0.0)
     backend = Backend(names=())
     document, chosen = Document(), Document()
     page = Page(document, backend, '')
     other = Page(chosen, backend, 'stage_y', chosen=True)
     backend.names = ['stage_x']
     for each in (page, other):
-        each._slow = 0.0
         each.refresh()
     assert document.get_model_by_name('actuator').value == 'stage_x'
     assert chosen.get_model_by_name('actuator').value == 'stage_y'

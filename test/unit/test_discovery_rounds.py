@@ -51,23 +51,23 @@ def names(scores: list[ScreeningScore]) -> list[str]:
 def test_an_effect_of_many_variants_leaves_room_for_others() -> None:
     many = [scored('creep', str(k), 0.9 - 0.01 * k) for k in range(5)]
     scores = [*many, scored('drift', 'a', 0.5), scored('offset', 'a', 1e-6)]
-    chosen = rounds._chosen(scores, 1e-4, POLICY.but(trials=6, variants_first=2))
+    chosen = rounds.choose_trials(scores, 1e-4, POLICY.but(trials=6, variants_first=2))
     assert names(chosen) == ['creep/0', 'creep/1', 'drift/a', 'creep/2', 'creep/3', 'creep/4']
     few = POLICY.but(trials=3, variants_first=2)
-    assert names(rounds._chosen(scores, 1e-4, few)) == ['creep/0', 'creep/1', 'drift/a']
-    assert names(rounds._chosen(scores, 0.87, few)) == ['creep/0', 'creep/1', 'creep/2']
+    assert names(rounds.choose_trials(scores, 1e-4, few)) == ['creep/0', 'creep/1', 'drift/a']
+    assert names(rounds.choose_trials(scores, 0.87, few)) == ['creep/0', 'creep/1', 'creep/2']
 
 
 def test_trials_that_went_best_go_on() -> None:
     tried = [fit(('a', 'x'), error=noise(k)) for k in (3.0, 1.0, 2.0)]
-    assert rounds._hopeful(tried, POLICY.but(first_fits=2)) == [tried[1], tried[2]]
+    assert rounds.choose_first_fits(tried, POLICY.but(first_fits=2)) == [tried[1], tried[2]]
 
 
 def test_final_fits_are_for_different_effects_that_came_near() -> None:
     creep = [fit(('creep', v), error=noise(s)) for v, s in (('creep', 1.0), ('creep_pair', 1.1))]
     drift = fit(('drift', 'drift'), error=noise(1.9))
     hum = fit(('mains_hum', 'mains_hum'), error=noise(2.1))
-    assert rounds._of_different_places([*creep, drift, hum], POLICY) == [creep[0], drift]
+    assert rounds.of_different_places([*creep, drift, hum], POLICY) == [creep[0], drift]
 
 
 class Made:
@@ -174,13 +174,13 @@ def stepped(*added: tuple[str, str]) -> Step:
 def test_steps_are_those_whose_effects_the_model_has() -> None:
     delay, lag = ('transport_delay', 'a'), ('amplifier_lag', 'b')
     first, last = stepped(delay), stepped(delay, lag).round
-    both = search._steps_of(fit(delay, lag), [first], last)
+    both = search.steps_of(fit(delay, lag), [first], last)
     assert [step.fit.effect for step in both] == ['transport_delay', 'amplifier_lag']
     assert [step.round.best.effect for step in both] == ['transport_delay', 'amplifier_lag']
-    newest = search._steps_of(fit(lag), [first], last)
+    newest = search.steps_of(fit(lag), [first], last)
     assert [step.round.best.effect for step in newest] == ['amplifier_lag']
     # the new one brought the old one to its place and was needless then
     ended = fit(delay, error=noise(0.1))
-    (oldest,) = search._steps_of(ended, [first], last)
+    (oldest,) = search.steps_of(ended, [first], last)
     assert oldest.round is first.round
     assert oldest.fit is ended

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from piezo_hysteresis.discovery.verdict.describe import _growth
+from piezo_hysteresis.discovery.verdict.describe import growth
 
 
 @pytest.mark.parametrize(
@@ -16,4 +16,4 @@ from piezo_hysteresis.discovery.verdict.describe import _growth
     ],
 )
 def test_growth_and_fall_are_told_apart(power, words):
-    assert words in _growth('frequency', power)
+    assert words in growth('frequency', power)

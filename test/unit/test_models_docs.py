@@ -29,9 +29,12 @@ def test_tables_and_pages_are_those_that_the_blocks_say():
 
 
 def test_of_a_long_series_of_parameters_the_first_is_shown():
-    shown = [q.name for q in write_models._shown(BLOCKS['prandtl_ishlinskii'])]
+    shown = [q.name for q in write_models.shown_parameters(BLOCKS['prandtl_ishlinskii'])]
     assert shown == ['pi_range', 'w0', 'w1']
-    assert [q.name for q in write_models._shown(BLOCKS['autoregressive'])] == ['c1', 'c2']
+    assert [q.name for q in write_models.shown_parameters(BLOCKS['autoregressive'])] == [
+        'c1',
+        'c2',
+    ]
 
 
 def test_no_page_is_of_an_effect_that_is_not_there():

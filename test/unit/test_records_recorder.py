@@ -78,7 +78,9 @@ def test_memory_does_not_grow_with_what_was_written(tmp_path):
         for k in range(chunks):
             for topic in topics:
                 recorder.write(topic, bytes(40), k)
-            recorder._drain()
+            recorder.flush()
+            while recorder.status.written < recorder.status.received:
+                time.sleep(1e-4)
         return tracemalloc.get_traced_memory()[0]
 
     with Recorder(tmp_path / 'bag', flush_interval=3600.0) as recorder:

@@ -63,6 +63,11 @@ class SampleSynchronizer(Generic[Tag]):
         """Number of the newest tick that was taken."""
         return self._done
 
+    @property
+    def waiting(self) -> int:
+        """How many messages wait for the rest of their tick."""
+        return len(self._points) + len(self._voltages) + len(self._measured)
+
     def add_reference(self, point: ReferencePoint) -> None:
         """Note the reference of a tick."""
         if point.sample > self._done:

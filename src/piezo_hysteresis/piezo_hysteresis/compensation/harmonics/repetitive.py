@@ -160,7 +160,7 @@ class OddRepetitive:
         s, self.dt = settings, float(dt)
         own = (self.dt, frozen_ticks(dt), s.learning, s.lead_ticks, s.lowest_frequency)
         #: Settings and learning filter, as the kernel reads them.
-        self.numbers = np.array([*own, *_mode_cancelling(s, dt)], dtype=np.float64)
+        self.numbers = np.array([*own, *mode_cancelling(s, dt)], dtype=np.float64)
         self.memory = np.zeros(_RINGS + 2 * (int(0.5 / (s.lowest_frequency * dt)) + 16))
         self._sensor = SensorWatch(dt, memory=self.memory)
         self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
@@ -183,7 +183,7 @@ class OddRepetitive:
         forget_repetitive(self.memory)
 
 
-def _mode_cancelling(
+def mode_cancelling(
     settings: RepetitiveSettings, dt: float
 ) -> tuple[float, float, float, float, float]:
     """Return the biquad that divides by gain and mode and damps what is left, bilinear rule."""

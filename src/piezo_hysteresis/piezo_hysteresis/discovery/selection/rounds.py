@@ -80,10 +80,10 @@ def select(
     scores = evaluator.map(screen.score, every)
     progress(0.2, f'{len(every)} candidates screened')
     least = rules.least_promise(evaluator.excess(before), evaluator.policy)
-    chosen = _chosen(scores, least, evaluator.policy)
+    chosen = choose_trials(scores, least, evaluator.policy)
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
     progress(0.4, f'{len(chosen)} candidates tried')
-    hopeful = _hopeful([fit for fit in tried if fit is not None], evaluator.policy)
+    hopeful = choose_first_fits([fit for fit in tried if fit is not None], evaluator.policy)
     first = evaluator.map(lambda each: _first_fit(evaluator, each), hopeful)
     fitted = ranked(evaluator, [fit for fit in first if fit is not None])
     progress(0.6, f'{len(fitted)} first fits')
@@ -106,9 +106,9 @@ def _finalists(
     """
     hopeful = evaluator.promising(before, fitted, start)
     if not hopeful:
-        nearest = _of_different_places(fitted, evaluator.policy)
+        nearest = of_different_places(fitted, evaluator.policy)
         return ranked(evaluator, _finite(evaluator, evaluator.map(evaluator.judged, nearest)))
-    leaders = _final_fits(evaluator, _of_different_places(hopeful, evaluator.policy))
+    leaders = _final_fits(evaluator, of_different_places(hopeful, evaluator.policy))
     if not leaders:
         return []
     others = _final_fits(evaluator, _other_variants(leaders, fitted))
@@ -143,7 +143,7 @@ def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[Candidate
     return sorted(fits, key=lambda fit: (evaluator.score(fit), fit.effect, fit.variant))
 
 
-def _chosen(
+def choose_trials(
     scores: Sequence[ScreeningScore], least: float, policy: SelectionPolicy
 ) -> list[ScreeningScore]:
     """Return what is tried: the most promising, of each effect its best variants first."""
@@ -180,7 +180,9 @@ def _trial(
     return min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
 
 
-def _hopeful(tried: Sequence[CandidateFit], policy: SelectionPolicy) -> list[CandidateFit]:
+def choose_first_fits(
+    tried: Sequence[CandidateFit], policy: SelectionPolicy
+) -> list[CandidateFit]:
     """Return the trials that went best; they were all on the same samples."""
     return sorted(tried, key=lambda fit: (fit.square, fit.effect, fit.variant))[
         : policy.first_fits
@@ -212,7 +214,7 @@ def _finite(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[Candidat
     return [fit for fit in fits if evaluator.stays_finite(fit)]
 
 
-def _of_different_places(
+def of_different_places(
     fitted: Sequence[CandidateFit], policy: SelectionPolicy
 ) -> list[CandidateFit]:
     """Return the best fits of different effects.

@@ -127,12 +127,12 @@ def _forward(
         found = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             found = pruned(evaluator, found, start)
-        steps = _steps_of(found, steps, last)
+        steps = steps_of(found, steps, last)
         current = found
     return Found(evaluator, start, current, tuple(steps), last)
 
 
-def _steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> list[Step]:
+def steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> list[Step]:
     """Return the steps whose effects `current` still has, the last of them fitted as it is.
 
     A new effect may have brought those before it to where they had to be, and be needless then.

@@ -114,11 +114,11 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
     if not solved.sound:
         return []
     for name, power in zip(names, solved.values[1:], strict=True):
-        sentences.append(_growth(name, float(power)))
+        sentences.append(growth(name, float(power)))
     return sentences
 
 
-def _growth(name: str, power: float) -> str:
+def growth(name: str, power: float) -> str:
     """Return how what is left changes with the frequency or the amplitude."""
     if abs(power) < _LEVEL:
         return f'It hardly changes with the {name}.'

@@ -133,11 +133,11 @@ def _changes(numbers: Mapping[str, Number], start: CandidateFit) -> str:
         change = number.value - start.values[name]
         if number.std and abs(change) > CHANGED * number.std:
             sure[name] = abs(change) / number.std
-    told = [
+    changed = [
         f'{name} from {start.values[name]:.4g} to {numbers[name].value:.4g} {numbers[name].unit}'
         for name in sorted(sure, key=lambda each: -sure[each])
     ]
-    return f'What has changed: {", ".join(told) or "nothing by itself, all together"}.'
+    return f'What has changed: {", ".join(changed) or "nothing by itself, all together"}.'
 
 
 def _owner(name: str, final: CandidateFit) -> Added:

@@ -159,7 +159,7 @@ class Feedforward(LinkNode):
         chain = ', '.join(loaded.model.block_names)
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
 
-    def _load(self, loaded: ModelFile) -> None:
+    def load(self, loaded: ModelFile) -> None:
         """Make `loaded` the model; on any error the one before stays, in the parameters too.
 
         Raises
@@ -182,7 +182,7 @@ class Feedforward(LinkNode):
     ) -> LoadModel.Response:
         try:
             loaded = requested_model(request, self.parameters.text('model_folder'))
-            self._load(loaded)
+            self.load(loaded)
             response.success, response.message = True, f'inverts {loaded.model.name} now'
         except PiezoError as error:
             response.success, response.message = False, str(error)
@@ -206,7 +206,7 @@ class Feedforward(LinkNode):
 
     def _use(self, message: ModelEstimate) -> str:
         try:
-            self._load(model_from(message))
+            self.load(model_from(message))
         except PiezoError as error:
             return f'model/estimate cannot be used: {error}'
         return ''
