@@ -61,7 +61,8 @@ from the wall clock.
 Every link keeps to `limits.low`, `limits.high`, `limits.slew` and, where it is set, to
 `energy_limit`: the running mean over `energy_window` of P = C U |dV/dt| / 2, with `capacitance` C
 and U = `limits.high` - `limits.low`, which for a periodic voltage is the C f U Vpp of data sheets.
-A voltage that would take more is slowed down; bursts up to eleven times the sustained slew pass.
+A voltage that would take more is slowed down, in the mean to 2 P / (C U) volts per second, the
+`EnergyLimits.sustained_slew` of the Python interface; bursts up to eleven times as fast pass.
 After `watchdog` seconds of the actuator's time without input a link ramps to `safe_voltage` at
 `safe_ramp` and falls silent there. In lock-step the actuator waits, and so does the watchdog.
 
