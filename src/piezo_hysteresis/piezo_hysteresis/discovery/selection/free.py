@@ -137,7 +137,7 @@ class FreeEvaluator(Evaluator):
 
     def certainty(self, before: float, after: float) -> float:
         """Return the share of the held-out excess that was taken: the rest is none of these."""
-        return rules.explained(before, after)
+        return self.policy.trust * rules.explained(before, after)
 
     def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
         """Return what is left; what held-out records alone show is not passed over either."""

@@ -197,8 +197,8 @@ class HeldEvaluator(Evaluator):
         return self.score(simpler) - self.score(richer) < self.policy.sure
 
     def certainty(self, before: float, after: float) -> float:
-        """Return 1: that none of the effects is right is among the outcomes of each round."""
-        return 1.0
+        """Return how far shares are to be trusted; that nothing helps is an outcome of rounds."""
+        return self.policy.trust
 
     def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
         """Return what is left beyond what the baseline is known to miss."""

@@ -204,11 +204,19 @@ class SelectionPolicy:
         'Blocks below which parts of periods count.',
         'derived: a standard error is then known to 11 %',
     )
+    trust: float = number(
+        0.94,
+        '1',
+        'Probability of a name that no other contests: laws are never quite those of an actuator, '
+        'and an effect that nobody thought of looks like one that is known.',
+        'measured: 46 of 49 names on simulated actuators (seed 105), held 28 of 41 on measured '
+        'and foreign ones (seeds 14 and 21)',
+    )
     alternative: float = number(
         0.1,
         '1',
         'Probability from which another effect is said in the same breath.',
-        'chosen: what is said with 0.9 shall stand alone',
+        'chosen: one in ten is worth a word',
     )
 
     # --- against what a model is known to miss (the held view) ----------------------------
@@ -309,6 +317,7 @@ class SelectionPolicy:
 POLICY = SelectionPolicy()
 #: For a baseline whose file says what it misses: fits are small, and each effect has its turn.
 HELD = POLICY.but(
+    trust=0.68,
     trials=24,
     first_fits=24,
     final_fits=6,

@@ -1,0 +1,145 @@
+"""How often what discovery said with a probability was right, over all examinations.
+
+    python bench/reliability.py [--picture docs/pictures/reliability.png]
+
+Read from the pages of the examinations on data that nobody simulated with the suite, whose sets
+decided nothing. A name beside an effect that is hidden counts as wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from bench.discovery_hidden import HIDDEN
+from bench.lottery_world import EFFECTS
+
+DOCS = Path(__file__).resolve().parents[1] / 'docs'
+PAGES = ('discovery_hidden.md', 'discovery_foreign.md', 'discovery_lottery.md')
+TRUTHS = {**{name: truth for name, (_, truth) in HIDDEN.items()}, **EFFECTS}
+EDGES = (0.0, 0.5, 0.7, 0.8, 1.0001)
+_NAME = re.compile(r'([a-z_]+) ([01]\.\d+)')
+
+
+@dataclass(frozen=True)
+class Class:
+    """What was said with about the same probability.
+
+    Attributes
+    ----------
+    low, high : float
+        Between what [1].
+    said, right : int
+        How often, and how often rightly.
+    """
+
+    low: float
+    high: float
+    said: int
+    right: int
+
+    @property
+    def share(self) -> float:
+        """Of what was said, what was right [1]."""
+        return self.right / self.said
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % of Clopper and Pearson 1934."""
+        found = binomtest(self.right, self.said).proportion_ci(method='exact')
+        return float(found.low), float(found.high)
+
+
+def said_in(page: str) -> list[tuple[float, bool]]:
+    """Return probability and truth of every name in the table of a page."""
+    found: list[tuple[float, bool]] = []
+    columns: list[str] = []
+    for line in page.splitlines():
+        cells = [cell.strip() for cell in line.strip('|').split('|')]
+        if 'told' in cells:
+            columns = cells
+        elif columns and len(cells) == len(columns) and not cells[0].startswith('---'):
+            row = dict(zip(columns, cells, strict=True))
+            truths = {TRUTHS.get(part, '') for part in row['hidden'].split(' and ')}
+            told = re.sub(r'\([^)]*\)', '', row['told'])
+            found += [(float(p), name in truths) for name, p in _NAME.findall(told)]
+    return found
+
+
+def classes(said: Sequence[tuple[float, bool]]) -> list[Class]:
+    """Return names by probability, and how many of each class were right."""
+    found = []
+    for low, high in pairwise(EDGES):
+        hits = [right for probability, right in said if low <= probability < high]
+        if hits:
+            found.append(Class(low, min(high, 1.0), len(hits), sum(hits)))
+    return found
+
+
+def drawn(found: Sequence[Class]) -> Figure:
+    """Return the reliability diagram."""
+    figure = Figure(figsize=(5.0, 4.2), layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [0, 1], color='0.6', lw=1.0, label='as often as said')
+    for each in found:
+        middle, (low, high) = 0.5 * (each.low + each.high), each.interval
+        axes.errorbar(
+            middle,
+            each.share,
+            yerr=[[each.share - low], [high - each.share]],
+            xerr=0.5 * (each.high - each.low),
+            fmt='o',
+            color='tab:blue',
+            capsize=3,
+        )
+        axes.annotate(
+            f'{each.right}/{each.said}',
+            (middle, each.share),
+            textcoords='offset points',
+            xytext=(-6, 6),
+            ha='right',
+        )
+    axes.set(
+        xlabel='probability that was said',
+        ylabel='share that was right, 95 %',
+        xlim=(0, 1.03),
+        ylim=(0, 1.05),
+    )
+    axes.legend(loc='lower right', frameon=False)
+    return figure
+
+
+def main() -> None:
+    """Print the classes, and draw them."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--picture', type=Path)
+    arguments = parser.parse_args()
+    pages = [DOCS / name for name in PAGES if (DOCS / name).exists()]
+    said = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
+    found = classes(said)
+    print('| said with | names | right | 95 % |\n|---|---:|---:|---|')
+    for each in found:
+        low, high = each.interval
+        print(
+            f'| {each.low:g} to {each.high:g} | {each.said} | {each.right} | '
+            f'{100 * low:.0f} to {100 * high:.0f} % |'
+        )
+    if arguments.picture:
+        drawn(found).savefig(arguments.picture, dpi=100, metadata={'Software': None})
+
+
+if __name__ == '__main__':
+    main()
