@@ -55,8 +55,22 @@ COMMON_PUBLISHED = ('/diagnostics', '/parameter_events', '/rosout')
 # The page says of these only that they deal with the topics of others.
 EXTRA_PUBLISHED = {'player': (topics.STATE, topics.REFERENCE, topics.MARKER, '/clock')}
 # Whoever takes samples in says how far it is.
-TAKERS = ('dashboard_recorder/status', 'identification/status', 'recorder/status')
+TAKERS = (
+    'dashboard_recorder/status',
+    'discovery/status',
+    'identification/status',
+    'recorder/status',
+)
 EXTRA_HEARD = {'player': TAKERS, 'excitation': TAKERS, 'simulator': ()}
+# What an investigation asks of others: sweeps, a mode, and to use what was found.
+CALLED = {'discovery': ('run_sweep',)}
+REQUESTED = {
+    'discovery': (
+        *(each.replace('~', 'excitation') for each in PARAMETER_SERVICES),
+        'feedforward/load_model',
+        'gap_monitor/load_model',
+    )
+}
 CLOCK = {'simulator': ('/clock',)}
 LOOKED_AT = tuple(name for name in TYPES if not name.startswith(('~', '/')))
 
@@ -94,7 +108,9 @@ def _node(parent: Xml.Element, namespace: str, page: NodeSheet) -> None:
     _list(profile, 'topic', expanded(published, name), publish='ALLOW')
     _list(profile, 'topic', expanded(heard, name), subscribe='ALLOW')
     _list(profile, 'service', expanded(services, name), reply='ALLOW')
+    _list(profile, 'service', sorted(REQUESTED.get(name, ())), request='ALLOW')
     _list(profile, 'action', expanded(page.actions, name), execute='ALLOW')
+    _list(profile, 'action', sorted(CALLED.get(name, ())), call='ALLOW')
 
 
 def _person(parent: Xml.Element, namespace: str, name: str, acts: bool) -> None:

@@ -28,6 +28,7 @@ verbs = [
     'identify',
     'import',
     'info',
+    'investigate',
     'linear',
     'loop',
     'play',

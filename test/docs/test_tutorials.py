@@ -105,6 +105,23 @@ def test_driver(tmp_path: Path, domain: dict[str, str]) -> None:
     assert found['parameters']['A1']['value'] == pytest.approx(1.2e-4, rel=0.05)
 
 
+@pytest.mark.slow
+@pytest.mark.ros
+def test_investigate(tmp_path: Path, domain: dict[str, str]) -> None:
+    env = environment(tmp_path, **domain)
+    open_ones: list[Terminal] = []
+    for block in blocks_of(TUTORIALS / 'investigate.md'):
+        if block.note == 'terminal':
+            open_ones.append(Terminal(block, tmp_path, env))
+        elif block.language == 'bash':
+            run(block, tmp_path, env)
+    while open_ones:
+        open_ones.pop().ctrl_c()
+    found = json.loads((tmp_path / 'lab' / 'changed' / 'investigation.json').read_text())
+    assert list(found['effects']) == ['creep']
+    assert found['after_in_floors'] < 0.5 * found['before_in_floors']
+
+
 def recorded(bag: Path, load, error) -> int:
     try:
         return sum(len(record) for record in load([bag], salvage=True))

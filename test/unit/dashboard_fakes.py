@@ -37,12 +37,12 @@ class Backend:
     def start_sweep(self, actuator, order):
         self.orders.append(order)
 
-    start_discovery = start_sweep
+    start_discovery = start_investigation = start_sweep
 
     def cancel_sweep(self, actuator):
         self.orders.append('cancel')
 
-    cancel_discovery = cancel_sweep
+    cancel_discovery = cancel_investigation = cancel_sweep
 
     def bags(self, actuator):
         return ['first']

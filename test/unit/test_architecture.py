@@ -19,7 +19,7 @@ ALLOWED = {
     'identification': NEUTRAL | {'models'},
     'compensation': NEUTRAL | {'models', 'identification'},
     'discovery': NEUTRAL | {'models', 'identification', 'compensation'},
-    'investigation': NEUTRAL | {'models', 'identification', 'discovery'},
+    'investigation': NEUTRAL | {'models', 'identification', 'discovery', 'reporting'},
     'reporting': NEUTRAL | {'models', 'identification', 'compensation', 'discovery'},
     'dashboard': NEUTRAL | {'models', 'reporting'},
     'batch': NEUTRAL | {'models', 'identification', 'discovery', 'reporting'},

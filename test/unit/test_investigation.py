@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.limits import InvestigationError, Limits, known_range
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record
@@ -84,6 +84,14 @@ def test_a_model_that_does_not_say_what_it_misses_is_refused(model):
     bare = ModelFile(model.model, model.values)
     with pytest.raises(InvestigationError, match='identify it once more'):
         Investigation(bare, LIMITS, RATE)
+
+
+def test_the_usual_range_is_what_the_model_was_judged_on(model):
+    known = max(each.amplitude for each in model.discrepancy.conditions)
+    assert known == pytest.approx(1.0, rel=1e-3)
+    assert known_range(-5.0, 5.0, model) == (-known, known)
+    assert known_range(-0.5, 5.0, model) == (-0.5, known)
+    assert known_range(0.0, 150.0, model) == (0.0, 2.0 * known)
 
 
 @pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (float('nan'), 1.0)])

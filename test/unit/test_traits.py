@@ -4,6 +4,8 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
+import numpy as np
+
 from piezo_hysteresis.blocks import BLOCKS, EFFECTS
 
 CORE = Path(__file__).parents[2] / 'src' / 'piezo_hysteresis' / 'piezo_hysteresis'
@@ -65,3 +67,12 @@ def test_a_name_that_is_written_elsewhere_is_noticed(tmp_path):
     file = tmp_path / 'other.py'
     file.write_text('"""creep"""\nLIST = ("creep", "mode")\n')
     assert [text for _, text in literals(file) if text in names()] == ['creep', 'mode']
+
+
+def test_a_record_at_rest_says_nothing_of_a_curved_sensor():
+    from piezo_hysteresis.blocks.effect import Residual
+    from piezo_hysteresis.blocks.sensor_curve import guess
+
+    still = np.zeros(100)
+    seen = Residual(still, still, np.linspace(-1e-9, 1e-9, 100), 1e-3, 0.0, 0.0, {})
+    assert guess(seen) == []

@@ -21,18 +21,24 @@ def kernel(
         y[k] = x[k] + (p[0] + p[1] * d) * d * d - zero
 
 
-def guess(seen: Residual) -> dict[str, float]:
-    """Return the curve about the middle of the stroke that is nearest to the residual."""
+def guess(seen: Residual) -> list[dict[str, float]]:
+    """Return the curve about the middle of the stroke that is nearest to the residual.
+
+    A record at rest says nothing of it.
+    """
     middle = 0.5 * float(np.max(seen.simulated) + np.min(seen.simulated))
     d = seen.simulated - middle
-    size = max(float(np.max(np.abs(d))), 1e-300)
+    size = float(np.max(np.abs(d)))
+    if size**3 <= 0.0:
+        return []
     columns = np.column_stack([(d / size) ** 2, (d / size) ** 3, np.ones(d.size)])
     square, cube, _ = solve_least_squares(columns, seen.residual).values
-    return {
+    curve = {
         'curve_quadratic': float(square) / size**2,
         'curve_cubic': float(cube) / size**3,
         'curve_centre': middle,
     }
+    return [curve]
 
 
 BLOCK = Block(

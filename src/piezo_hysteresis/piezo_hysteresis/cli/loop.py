@@ -77,7 +77,7 @@ def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dic
         (own, 'feedforward', dict(inverse)),
         (own, 'attenuation', {'enabled': bool(model)}),
         (own, 'identification', {'only_records': False}),
-        (own, 'discovery', {'folder': arguments.folder}),
+        (own, 'discovery', {'folder': arguments.folder, 'model_file': model}),
         (own, 'dashboard', {'folder': arguments.folder, 'port': arguments.port}),
         (own, 'excitation',
          {'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,

@@ -25,6 +25,7 @@ VERBS = {
     'compensate': 'compensate',
     'linear': 'linear',
     'discover': 'discover',
+    'investigate': 'investigate',
     'batch': 'batch',
     'record': 'record',
     'play': 'play',

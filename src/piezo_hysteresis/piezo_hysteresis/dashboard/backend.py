@@ -69,6 +69,29 @@ class DiscoveryOrder:
     baseline: str
 
 
+@dataclass(frozen=True)
+class InvestigationOrder:
+    """An investigation that the page asks for.
+
+    Attributes
+    ----------
+    low, high : float
+        Range of the voltage [V]; twice 0 for what the actuator takes and the model knows.
+    slew : float
+        Fastest change of the voltage [V/s], 0 for no limit.
+    budget : float
+        Actuator time [s], 0 for the usual one.
+    name : str
+        Folder of journal and bags, below ``investigations`` in the folder.
+    """
+
+    low: float
+    high: float
+    slew: float
+    budget: float
+    name: str
+
+
 class Backend(Protocol):
     """Speaks to the nodes of any actuator; every call returns at once."""
 
@@ -95,6 +118,12 @@ class Backend(Protocol):
 
     def cancel_discovery(self, actuator: str) -> None:
         """Give a discovery up."""
+
+    def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
+        """Find what the model in use misses by experiments; `Live.investigation` tells."""
+
+    def cancel_investigation(self, actuator: str) -> None:
+        """Give an investigation up; the actuator returns to rest."""
 
     def bags(self, actuator: str) -> list[str]:
         """Return the bags that were recorded, the newest first."""

@@ -166,6 +166,33 @@ class BackgroundJob:
 
 
 @dataclass(frozen=True)
+class ShownBelief:
+    """What an investigation says at one time.
+
+    Attributes
+    ----------
+    stage : str
+        ``run``, ``judge`` or ``apply``.
+    number : int
+        Of the experiment.
+    experiment, why, answer : str
+        Which, why it was chosen, and what the one before answered.
+    chances : tuple of (str, float)
+        How likely each explanation is.
+    seconds : float
+        Actuator time so far [s].
+    """
+
+    stage: str
+    number: int
+    experiment: str
+    why: str
+    answer: str
+    chances: tuple[tuple[str, float], ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
 class NodeState:
     """A node of the namespace.
 
@@ -216,7 +243,9 @@ class Live:
         self.nodes: dict[str, NodeState] = {}
         self.sweep = BackgroundJob()
         self.discovery = BackgroundJob()
-        self.sweeps_offered = self.discoveries_offered = False
+        self.investigation = BackgroundJob()
+        self.beliefs: list[ShownBelief] = []  # of the newest investigation
+        self.sweeps_offered = self.discoveries_offered = self.investigations_offered = False
 
     def note(self, topic: str) -> None:
         """Note that something was received."""

@@ -19,6 +19,7 @@ from piezo_hysteresis.dashboard.controls import (
     groups_of,
 )
 from piezo_hysteresis.dashboard.forms import DiscoveryForm, SweepForm
+from piezo_hysteresis.dashboard.investigation_form import InvestigationForm
 from piezo_hysteresis.dashboard.rows import RowList
 from piezo_hysteresis.dashboard.words import say, status_words, words_div
 
@@ -47,10 +48,16 @@ class Controls:
             partial(backend.bags, actuator),
             actuator,
         )
+        self._investigation = InvestigationForm(
+            partial(backend.start_investigation, actuator),
+            partial(backend.cancel_investigation, actuator),
+            partial(_new_name, 'investigation'), actuator,
+        )  # fmt: skip
         self._status = words_div('status')
         choice = Row(self._node, self._group, sizing_mode='stretch_width')
         self.roots: list[Any] = [
             self._drive.root, self._effects.root, self._sweep.root, self._discovery.root,
+            self._investigation.root,
             Column(choice, self._all.root, name='all', sizing_mode='stretch_width'), self._status,
         ]  # fmt: skip
 
@@ -63,6 +70,8 @@ class Controls:
         self._choose(parameters)
         self._sweep.refresh(live.sweep, live.sweeps_offered, live.clock())
         self._discovery.refresh(live.discovery, live.discoveries_offered, live.clock())
+        offered = live.investigations_offered
+        self._investigation.refresh(live.investigation, tuple(live.beliefs), offered, live.clock())
 
     def tell(self) -> None:
         """Say how the nodes are, and offer what was recorded."""
@@ -90,5 +99,5 @@ def _send(backend: Backend, actuator: str, node: str, name: str, value: Value) -
     return backend.set_parameters(actuator, node, {name: value})
 
 
-def _new_name() -> str:
-    return datetime.now().strftime('sweep_%Y-%m-%d_%H-%M-%S')
+def _new_name(kind: str = 'sweep') -> str:
+    return datetime.now().strftime(f'{kind}_%Y-%m-%d_%H-%M-%S')

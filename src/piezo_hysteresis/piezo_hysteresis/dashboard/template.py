@@ -78,6 +78,7 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <details open class="first"><summary>Drive</summary>{{ embed(roots.drive) }}</details>
 <details open><summary>Sweep</summary>{{ embed(roots.sweep) }}</details>
 <details open><summary>Discovery</summary>{{ embed(roots.discovery) }}</details>
+<details open><summary>Investigation</summary>{{ embed(roots.investigation) }}</details>
 <details><summary>All parameters</summary>{{ embed(roots.all) }}</details>
 </aside>
 </div>

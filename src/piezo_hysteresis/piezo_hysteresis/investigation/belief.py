@@ -15,8 +15,8 @@ from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.investigation.hidden import Hidden
 
-# A finalist that lost is kept in mind with so much: a fit to few records may be wrong.
-IN_MIND = 0.02
+# Scores of a few records know less than they say: rivals count by their shares to this power.
+TEMPER = 0.25
 # Deviations of fitted values are counted so many times: they know of noise alone.
 WIDER = 3.0
 # A value of which no deviation is known may be off by such a share of itself.
@@ -126,8 +126,8 @@ def _chances(contest: SelectionRound) -> dict[str, float]:
 
 
 def _rivals(contest: SelectionRound) -> tuple[Rival, ...]:
-    shares: FloatArray = np.array([max(share, IN_MIND) for share in contest.shares])
-    shares = shares / shares.sum()
+    shares: FloatArray = np.array(contest.shares) ** TEMPER
+    shares = shares / max(float(shares.sum()), 1e-300)
     return tuple(
         Rival(fit.effect, float(share), fit, _deviations(fit))
         for fit, share in zip(contest.finalists, shares, strict=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
 
 # Rounding of commands that is no breach of a limit.
 _ROUNDING = 1e-9
@@ -96,6 +97,19 @@ class Limits:
     def parse(cls, content: dict[str, float | None]) -> Limits:
         """Return limits from what `to_dict` made."""
         return cls(**{k: inf if v is None else float(v) for k, v in content.items()})
+
+
+def known_range(low: float, high: float, model: ModelFile) -> tuple[float, float]:
+    """Return the part of a range of voltages [V] in which a model was judged.
+
+    Beyond it nobody knows what the model misses. A range that reaches below 0 V is used on both
+    sides of it.
+    """
+    conditions = model.discrepancy.conditions if model.discrepancy is not None else ()
+    known = max((each.amplitude for each in conditions), default=inf)
+    if low < 0.0 < high:
+        return max(low, -known), min(high, known)
+    return max(low, -2.0 * known), min(high, 2.0 * known)
 
 
 def fastest(voltage: FloatArray, dt: float) -> float:

@@ -1,4 +1,4 @@
-"""The ``discover`` action: what a model misses in recorded data, with feedback on the way."""
+"""The actions ``discover`` and ``investigate``: what a model misses."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rclpy.task import Future
 from piezo_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
+from piezo_hysteresis.nodes.investigation.server import InvestigationServer
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.tables import DISCOVERY
 from piezo_hysteresis.reporting.folder import check_folder
@@ -32,7 +33,7 @@ class Cancelled(PiezoError):
 
 
 class DiscoveryNode(Node):
-    """Runs one discovery at a time in a thread of its own."""
+    """Runs one discovery or investigation at a time in a thread of its own."""
 
     def __init__(self) -> None:
         super().__init__('discovery')
@@ -52,6 +53,30 @@ class DiscoveryNode(Node):
             goal_callback=self._judge,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
+        self._investigations = InvestigationServer(
+            self, self._params, self._begin, self._tell, self._end
+        )
+
+    # --- for an investigation ------------------------------------------------------------------
+
+    def _begin(self) -> str:
+        if self._busy:
+            self._counts['refused'] += 1
+            return 'a discovery is running; wait for it'
+        self._busy, self._at, self._problem = True, 'begins an investigation', ''
+        self._counts['runs'] += 1
+        return ''
+
+    def _tell(self, words: str) -> None:
+        self._at = words
+
+    def _end(self, words: str, failed: bool) -> None:
+        self._busy = False
+        self._counts['failed'] += failed
+        self._verdict = '' if failed else words
+        self._problem = f'the last investigation failed: {words}' if failed else ''
+
+    # --- discoveries ---------------------------------------------------------------------------
 
     def _judge(self, goal: Discover.Goal) -> GoalResponse:
         try:

@@ -108,10 +108,13 @@ _ALL = (
     NodeSheet(
         'piezo_hysteresis',
         'discovery',
-        'Finds what a model misses in recorded data, as the verb `discover` does, with feedback.',
+        'Finds what a model misses: in recorded data, as the verb `discover` does, or on the '
+        'running actuator, as `investigate` does, by experiments that it chooses, has the '
+        'excitation run and records itself. While it records, its status tells what it has taken.',
         tables.DISCOVERY,
-        publishes=('/diagnostics',),
-        actions=('discover',),
+        subscribes=(topics.STATE, topics.MARKER, topics.LOOP_STATUS),
+        publishes=('~/status', '/diagnostics'),
+        actions=('discover', 'investigate'),
     ),
     NodeSheet(
         'piezo_hysteresis',

@@ -222,5 +222,8 @@ DISCOVERY = ParameterTable(
         ParameterSpec(
             'folder', RESULTS, 'Folder in which data, baselines and results lie.', read_only=True
         ),
+        ParameterSpec(
+            'model_file', '', 'Model in use, where an investigation is given none.', read_only=True
+        ),
     )
 )

@@ -14,11 +14,17 @@ from rclpy.node import Node
 
 from piezo_common import topics
 from piezo_common.health import CounterWatch, Health, Level, judge
-from piezo_hysteresis.dashboard.backend import Answer, DiscoveryOrder, SweepOrder
+from piezo_hysteresis.dashboard.backend import (
+    Answer,
+    DiscoveryOrder,
+    InvestigationOrder,
+    SweepOrder,
+)
 from piezo_hysteresis.dashboard.controls import Value
 from piezo_hysteresis.dashboard.live import BackgroundJob, Live
 from piezo_hysteresis.dashboard.server import DashboardServer
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.dashboard.investigation_job import InvestigationJob
 from piezo_hysteresis.nodes.dashboard.jobs import Jobs
 from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
 from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
@@ -45,6 +51,13 @@ class ActuatorSession:
         self.ear = TopicCollector(self._node, live)
         self.directory = NodeRegistry(node, live)
         self.jobs = Jobs(node, live, self.ear, RecorderReport(self._node), folder, later)
+        self.investigation = InvestigationJob(node, live, folder)
+
+    def watch(self) -> None:
+        """Look who offers what; called about once a second."""
+        self.jobs.watch()
+        self.live.investigations_offered = self.investigation.offered
+        self.investigation.watch()
 
     def close(self) -> None:
         """Finish what is being recorded."""
@@ -163,7 +176,7 @@ class Dashboard(Node):
             if publishers:
                 desk.ear.counting = publishers[0].node_name
             desk.directory.look(spaces.get(actuator, set()))
-            desk.jobs.watch()
+            desk.watch()
 
     def _wanted(self) -> list[str]:
         """Return the namespaces that were asked for, none where all are welcome."""
@@ -254,6 +267,16 @@ class Dashboard(Node):
     def cancel_discovery(self, actuator: str) -> None:
         """Give a discovery up."""
         self._wish(actuator, lambda desk: desk.jobs.discovery.cancel())
+
+    def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
+        """Find what the model in use misses by experiments."""
+        asking = BackgroundJob('asked', 0.0, 'asking the discovery node')
+        self.live(actuator).investigation = asking
+        self._wish(actuator, lambda desk: desk.investigation.run(order))
+
+    def cancel_investigation(self, actuator: str) -> None:
+        """Give an investigation up."""
+        self._wish(actuator, lambda desk: desk.investigation.cancel())
 
     def bags(self, actuator: str) -> list[str]:
         """Return the bags that were recorded, the newest first."""

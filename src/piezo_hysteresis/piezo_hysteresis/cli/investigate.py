@@ -1,0 +1,133 @@
+"""Find what a model misses by experiments on the running actuator.
+
+The discovery node chooses each experiment by what it is expected to tell per second, within the
+limits given here, has the excitation run it, and stops when a name is sure, nothing is missing,
+or the budget is spent. The same words go on with an investigation that was broken off; Ctrl-C
+brings the actuator to rest. --replay repeats one from its bags, without an actuator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.errors import PiezoError
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.investigation.conduct import Progress
+
+HELP = 'find what a model misses by experiments on the running actuator'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('--model', metavar='YAML', help='model in use; without it that of the discovery node')
+    add('--out', metavar='DIR', default='investigation', help="below the node's folder")
+    add('--low', type=float, default=0.0, metavar='V', help='lowest voltage')
+    add(
+        '--high', type=float, default=0.0, metavar='V',
+        help='highest voltage; without both what the actuator takes and the model was judged on',
+    )  # fmt: skip
+    add('--slew', type=float, default=0.0, metavar='V/S', help='fastest change of the voltage')
+    add('--max-frequency', type=float, default=0.0, metavar='HZ', help='of any drive, 100')
+    add('--stroke', type=float, default=0.0, metavar='UM', help='largest range of displacement')
+    add(
+        '--heat', type=float, default=0.0, metavar='V2HZ',
+        help='largest mean of frequency times amplitude squared over an experiment',
+    )  # fmt: skip
+    add('--budget', type=float, default=0.0, metavar='S', help='actuator time, 200')
+    add('--sure', type=float, default=0.0, metavar='P', help='a name is sure from here on, 0.9')
+    add('--seed', type=int, default=0, help='of every random choice')
+    add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
+    add('--no-apply', action='store_true', help='leave feedforward and gap monitor as they are')
+    add('--namespace', default='', help='of the nodes')
+    add('--replay', metavar='FOLDER', help='repeat an investigation from its bags')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Investigate, or repeat an investigation."""
+    if arguments.replay:
+        return _replay(Path(arguments.replay), arguments.workers)
+    text = ''
+    if arguments.model:
+        from piezo_hysteresis.models import ModelFile
+
+        text = ModelFile.load(arguments.model).text()
+    with ros_needed():
+        from piezo_hysteresis.nodes.investigation.client import Asking, goal_of
+    goal = goal_of(
+        model_yaml=text,
+        out=arguments.out,
+        low=arguments.low,
+        high=arguments.high,
+        slew=arguments.slew,
+        frequency=arguments.max_frequency,
+        stroke=1e-6 * arguments.stroke,
+        heat=arguments.heat,
+        budget=arguments.budget,
+        sure=arguments.sure,
+        seed=arguments.seed,
+        workers=arguments.workers,
+        apply=not arguments.no_apply,
+    )
+    # Whoever ends this verb wants the actuator at rest, by whatever signal.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    teller = _Teller()
+    with Asking(arguments.namespace) as running:
+        result = running.investigate(goal, teller.feedback)
+    if not result.success:
+        raise PiezoError(result.message)
+    teller.answer()
+    print(result.message)
+    print(f'open {result.report}')
+    return 0
+
+
+class _Teller:
+    """Prints each experiment once, with what it answered."""
+
+    def __init__(self) -> None:
+        self._asked, self._answer = ('', 0), ''
+        self._printed = ''
+
+    def feedback(self, told: Any) -> None:
+        """Tell how it stands."""
+        self._answer = told.answer
+        if told.stage not in ('run', 'apply') or (told.stage, told.number) == self._asked:
+            return
+        self.answer()
+        self._asked = told.stage, told.number
+        shown = zip(told.names, told.chances, strict=True)
+        chances = ', '.join(f'{name} {chance:.2g}' for name, chance in list(shown)[:3])
+        word = f'{told.number}.' if told.stage == 'run' else 'afterwards'
+        print(f'{word} {told.experiment}: {told.why} (so far: {chances})', flush=True)
+
+    def answer(self) -> None:
+        """Tell what the last experiment answered, once."""
+        if self._answer and self._answer != self._printed:
+            self._printed = self._answer
+            print(f'   {self._answer}', flush=True)
+
+
+def _replay(folder: Path, workers: int) -> int:
+    from piezo_hysteresis.investigation.conduct import repeated
+
+    def told(progress: Progress) -> None:
+        if progress.stage == 'judge':
+            print(f'{progress.number}. {progress.experiment}: {progress.why}', flush=True)
+
+    found = repeated(folder, workers or os.cpu_count() or 1, told)
+    if found.differences:
+        raise PiezoError(f'{folder}: {"; ".join(found.differences)}')
+    last = found.lines[-1] if found.lines else None
+    if last is None:
+        raise PiezoError(f'{folder} holds no experiment yet')
+    print(f'   {last["answer"]}')
+    print(found.stop.words if found.stop else 'it was broken off here: investigate goes on')
+    print(f'the same choices and the same names as in {folder}')
+    return 0

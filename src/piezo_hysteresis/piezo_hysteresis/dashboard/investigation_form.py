@@ -1,0 +1,135 @@
+"""Start of an investigation; what it asks next and why; beliefs over actuator time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from html import escape
+from typing import Any
+
+from bokeh.models import Column, ColumnDataSource, Legend, LegendItem, NumericInput, Range1d, Row
+
+from piezo_hysteresis.dashboard.axes import live_axes
+from piezo_hysteresis.dashboard.backend import InvestigationOrder
+from piezo_hysteresis.dashboard.forms import JobBox
+from piezo_hysteresis.dashboard.live import BackgroundJob, ShownBelief
+from piezo_hysteresis.dashboard.words import say, start_words, words_div
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.reporting.plot_parts import PALETTE
+
+# Explanations that are drawn: those that were ever the likeliest.
+SHOWN = 5
+
+
+class InvestigationForm:
+    """Limits and budget of an investigation, its steps, and what is believed."""
+
+    def __init__(
+        self,
+        start: Callable[[InvestigationOrder], None],
+        cancel: Callable[[], None],
+        next_name: Callable[[], str],
+        actuator: str = '',
+    ) -> None:
+        self._hint = start_words(
+            'No discovery node is running.', 'discovery', actuator, 'model_file:=model.yaml'
+        )
+        self._order, self._next_name = start, next_name
+        self._low = _number('lowest [V]', 'investigation.low')
+        self._high = _number('highest [V]', 'investigation.high')
+        self._slew = _number('fastest [V/s]', 'investigation.slew')
+        self._budget = _number('budget [s]', 'investigation.budget', 200.0)
+        self.box = JobBox('investigation', self._start, cancel)
+        self._drawn: tuple[ShownBelief, ...] | None = None
+        self._steps = words_div('investigation.steps')
+        self._chances = ChancesPlot()
+        wide = {'sizing_mode': 'stretch_width'}
+        self.root: Any = Column(
+            Row(self._low, self._high, self._slew, self._budget, **wide),
+            *self.box.parts, self._steps, self._chances.figure,
+            name='investigation', **wide,
+        )  # fmt: skip
+
+    def _start(self) -> None:
+        low, high = float(self._low.value or 0.0), float(self._high.value or 0.0)
+        if high < low:
+            raise PiezoError('the highest voltage is below the lowest: change one of them')
+        slew, budget = float(self._slew.value or 0.0), float(self._budget.value or 0.0)
+        if slew < 0.0 or budget < 0.0:
+            raise PiezoError('neither the speed nor the budget can be below 0')
+        self._order(InvestigationOrder(low, high, slew, budget, self._next_name()))
+
+    def refresh(
+        self, job: BackgroundJob, beliefs: Sequence[ShownBelief], offered: bool, now: float
+    ) -> None:
+        """Show how the investigation stands."""
+        self.box.refresh(job, offered, self._hint, now)
+        every = tuple(beliefs)
+        if every != self._drawn:
+            self._drawn = every
+            say(self._steps, steps_words(every))
+            self._chances.show(every)
+
+
+def _number(title: str, name: str, value: float = 0.0) -> NumericInput:
+    return NumericInput(
+        title=title, value=value, mode='float', name=name, sizing_mode='stretch_width',
+        min_width=60,
+    )  # fmt: skip
+
+
+def steps_words(beliefs: Sequence[ShownBelief]) -> str:
+    """Return what was asked and why, and what it answered, the newest first."""
+    rows = []
+    for place, belief in enumerate(beliefs):
+        if belief.stage not in ('run', 'apply'):
+            continue
+        later = [each for each in beliefs[place + 1 :] if each.number != belief.number]
+        answer = later[0].answer if later else ''
+        rows.append(
+            f'<tr><td>{belief.number}</td><td><b>{escape(belief.experiment)}</b>: '
+            f'{escape(belief.why)}'
+            + (f'<br><span class="good">{escape(answer)}</span>' if answer else '')
+            + '</td></tr>'
+        )
+    return f'<table>{"".join(reversed(rows))}</table>' if rows else ''
+
+
+class ChancesPlot:
+    """How likely each explanation is, over the time for which the actuator was driven."""
+
+    def __init__(self) -> None:
+        self._x = Range1d(0.0, 10.0)
+        self.figure = live_axes(
+            'What is believed', 'actuator time [s]', 'probability', self._x, Range1d(-0.03, 1.05)
+        )
+        self.figure.name, self.figure.visible = 'investigation.chances', False
+        self._sources = [ColumnDataSource({'x': [], 'y': []}) for _ in range(SHOWN)]
+        self._lines = []
+        for place, source in enumerate(self._sources):
+            colour = PALETTE[place % len(PALETTE)]
+            line = self.figure.line('x', 'y', source=source, color=colour, line_width=2)
+            dots = self.figure.scatter('x', 'y', source=source, color=colour, size=6)
+            self._lines.append([line, dots])
+        self._legend = Legend(items=[], orientation='horizontal', label_text_font_size='11px')
+        self.figure.add_layout(self._legend, 'below')
+
+    def show(self, beliefs: Sequence[ShownBelief]) -> None:
+        """Draw what was believed before each experiment and after the last."""
+        self.figure.visible = bool(beliefs)
+        best: dict[str, float] = {}
+        for belief in beliefs:
+            for name, chance in belief.chances:
+                best[name] = max(chance, best.get(name, 0.0))
+        names = sorted(best, key=lambda name: -best[name])[:SHOWN]
+        seconds = [belief.seconds for belief in beliefs]
+        self._x.update(start=0.0, end=max([10.0, *seconds]) * 1.05)
+        for place, source in enumerate(self._sources):
+            shown = names[place : place + 1]
+            source.data = {
+                'x': [x for _ in shown for x in seconds],
+                'y': [dict(belief.chances).get(n, 0.0) for n in shown for belief in beliefs],
+            }
+        self._legend.items = [
+            LegendItem(label=name, renderers=self._lines[place])
+            for place, name in enumerate(names)
+        ]

@@ -1,0 +1,296 @@
+"""The whole course: go on where it stood, choose, run, judge, write down, apply, look again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from piezo_common.files import write_atomically
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.opening import misfit
+from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.journal import Journal, Setup, line_of, record_of
+from piezo_hysteresis.investigation.session import Investigation, Stop
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.discovery_folder import model_file, write_discovery
+
+FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
+
+
+class Actuator(Protocol):
+    """Whoever can run an experiment and use a model."""
+
+    def run(self, experiment: Experiment, bag: Path) -> None:
+        """Run an experiment and record it in a new bag; at rest at 0 V afterwards."""
+
+    def apply(self, model: ModelFile) -> str:
+        """Use a model from now on; return in words who does."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How an investigation stands.
+
+    Attributes
+    ----------
+    stage : str
+        ``prepare``, ``run``, ``judge`` or ``apply``.
+    number : int
+        Of the experiment, from 1.
+    experiment, why, answer : str
+        Which, why it was chosen, and what the last one answered.
+    chances : dict of str to float
+        What is believed.
+    spent, fraction : float
+        Actuator time so far [s], and as a share of the budget.
+    """
+
+    stage: str
+    number: int = 0
+    experiment: str = ''
+    why: str = ''
+    answer: str = ''
+    chances: dict[str, float] = field(default_factory=dict)
+    spent: float = 0.0
+    fraction: float = 0.0
+
+
+Told = Callable[[Progress], None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an investigation ended with.
+
+    Attributes
+    ----------
+    stop : Stop
+        Why it ended.
+    verdict : str
+        ``none``, ``named`` or ``unknown``.
+    effects : dict of str to float
+        What was named, with its probability.
+    experiments : int
+        How many were run.
+    seconds : float
+        Actuator time of them [s].
+    before_in_floors, after_in_floors : float
+        Gap without and with what was found on a record taken at the end, in multiples of the
+        noise; NaN where none was taken.
+    applied : str
+        Who uses the model now; empty for nobody.
+    words : str
+        All that in a sentence.
+    """
+
+    stop: Stop
+    verdict: str
+    effects: dict[str, float]
+    experiments: int
+    seconds: float
+    before_in_floors: float
+    after_in_floors: float
+    applied: str
+    words: str
+
+
+def conduct(
+    folder: Path,
+    setup: Setup,
+    actuator: Actuator,
+    told: Told = lambda progress: None,
+    *,
+    workers: int = 1,
+    apply: bool = True,
+) -> Result:
+    """Investigate an actuator, or go on where a folder says that it stood.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the investigation: journal, bags, and in the end the verdict.
+    setup : Setup
+        Its conditions.
+    actuator : Actuator
+        That runs experiments.
+    told : callable
+        Told how it stands.
+    workers : int
+        Threads of a discovery.
+    apply : bool
+        Let the actuator use what was found.
+
+    Raises
+    ------
+    PiezoError
+        If an experiment cannot be run, or nothing can be said from the records.
+    """
+    journal = Journal.begun(folder, setup)
+    told(Progress('prepare'))
+    course = _Course(journal, journal.setup.investigation(workers), actuator, told)
+    course.go_on()
+    stop = course.to_the_end()
+    return course.concluded(stop, apply)
+
+
+class _Course:
+    """An investigation on its way."""
+
+    def __init__(
+        self, journal: Journal, investigation: Investigation, actuator: Actuator, told: Told
+    ) -> None:
+        self._journal, self._now = journal, investigation
+        self._actuator, self._told = actuator, told
+
+    def go_on(self) -> None:
+        """Take in what has been done already."""
+        for line in self._journal.lines:
+            experiment = self._now.experiment(line['experiment'])
+            self._tell('judge', line['number'], line['experiment'], line['why'])
+            self._now.take(experiment, record_of(self._journal.bag(line['number'])))
+
+    def to_the_end(self) -> Stop:
+        """Run experiments until it is settled."""
+        while True:
+            choice = self._now.next()
+            if isinstance(choice, Stop):
+                return choice
+            number = len(self._now.answers) + 1
+            name = choice.experiment.name
+            self._tell('run', number, name, choice.why)
+            record = self._run(choice.experiment, self._journal.cleared(number))
+            self._tell('judge', number, name, choice.why)
+            answer = self._now.take(choice.experiment, record)
+            self._journal.add(choice, answer)
+
+    def _run(self, experiment: Experiment, bag: Path) -> Record:
+        self._actuator.run(experiment, bag)
+        record = record_of(bag)
+        if abs(record.rate / self._now.rate - 1.0) > 1e-6:
+            raise RecordError(
+                f'{bag}: it was recorded at {record.rate:g} Hz, not at {self._now.rate:g} Hz: '
+                'give the excitation the rate of the actuator'
+            )
+        return record
+
+    def concluded(self, stop: Stop, apply: bool) -> Result:
+        """Write the verdict, use the model, and look how far it is away now."""
+        now, folder = self._now, self._journal.folder
+        found = now.found
+        if found is None:
+            raise RecordError('the budget is too small for any experiment: allow more seconds')
+        data = [str(self._journal.bag(k + 1)) for k in range(len(now.answers))]
+        write_discovery(folder / FOUND, found, data)
+        applied, gaps = '', (float('nan'), float('nan'))
+        if now.belief.names:
+            better = model_file(found, data)
+            last = len(now.answers)
+            experiment = self._widest()
+            self._tell('apply', last, experiment.name, 'shows the gap shrink')
+            applied = self._actuator.apply(better) if apply else ''
+            bag = self._journal.cleared(last + 1)
+            record = experiment.record(AFTERWARDS, self._run(experiment, bag))
+            gaps = (
+                gap_in_floors(now.model, record, found.floor),
+                gap_in_floors(better, record, found.floor),
+            )
+        result = self._result(stop, gaps, applied)
+        self._write(result)
+        return result
+
+    def _widest(self) -> Experiment:
+        """Return the experiment in which the model in use was furthest from the actuator."""
+        records = zip(self._now.answers, self._now.records, strict=True)
+        gaps = [(gap_in_floors(self._now.model, r, 1.0), a.experiment) for a, r in records]
+        return max(gaps, key=lambda pair: pair[0])[1]
+
+    def _result(self, stop: Stop, gaps: tuple[float, float], applied: str) -> Result:
+        now = self._now
+        assert now.found is not None
+        effects = {e.name: e.probability for e in now.found.verdict.effects}
+        words = f'{now.found.verdict.summary} {stop.words}, after {len(now.answers)} experiments'
+        words += f' of {now.spent:.3g} s together.'
+        if gaps[0] == gaps[0]:
+            words += (
+                f' On a record taken afterwards the gap is {gaps[1]:.3g} noise floors in place'
+            )
+            words += f' of {gaps[0]:.3g}.'
+        return Result(
+            stop, now.belief.verdict, effects, len(now.answers), now.spent, *gaps, applied, words
+        )
+
+    def _write(self, result: Result) -> None:
+        content = {k: v if v == v else None for k, v in asdict(result).items()}
+        with write_atomically(self._journal.folder / SUMMARY) as path:
+            path.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
+
+    def _tell(self, stage: str, number: int, experiment: str, why: str) -> None:
+        now = self._now
+        answer = now.answers[-1].words if now.answers else ''
+        share = min(1.0, now.spent / now.rules.budget)
+        chances = dict(now.belief.chances)
+        self._told(Progress(stage, number, experiment, why, answer, chances, now.spent, share))
+
+
+def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
+    """Return the rms of what a model leaves of a record, in multiples of a noise floor [1]."""
+    late = model.sampling_offset
+    (view,) = views_of(
+        model.model, model.values, [record], late, Choices(start='step', zero='record')
+    )
+    error = misfit(model.model, model.model.pack(model.values), view, late)
+    return float(np.sqrt(np.mean(error**2))) / max(floor, 1e-300)
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """An investigation repeated from its bags.
+
+    Attributes
+    ----------
+    lines : tuple of dict
+        What each experiment led to, as in the journal.
+    stop : Stop or None
+        Why it ended; None where it was broken off.
+    differences : tuple of str
+        Where it went otherwise than the journal says.
+    """
+
+    lines: tuple[dict[str, Any], ...]
+    stop: Stop | None
+    differences: tuple[str, ...]
+
+
+def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None) -> Repeated:
+    """Repeat an investigation from its bags; nothing is run and nothing written.
+
+    Raises
+    ------
+    PiezoError
+        If the folder holds none, or a bag is damaged.
+    """
+    journal = Journal.read(folder)
+    told(Progress('prepare'))
+    now = journal.setup.investigation(workers)
+    lines: list[dict[str, Any]] = []
+    differences: list[str] = []
+    for line in journal.lines:
+        choice = now.next()
+        if isinstance(choice, Stop) or choice.experiment.name != line['experiment']:
+            differences.append(f'experiment {line["number"]} would not be chosen now')
+            break
+        told(Progress('judge', line['number'], line['experiment'], line['why']))
+        answer = now.take(choice.experiment, record_of(journal.bag(line['number'])))
+        lines.append(line_of(line['number'], choice, answer))
+        if lines[-1]['after']['names'] != line['after']['names']:
+            differences.append(f'experiment {line["number"]} leads to other names')
+    end = now.next()
+    return Repeated(tuple(lines), end if isinstance(end, Stop) else None, tuple(differences))

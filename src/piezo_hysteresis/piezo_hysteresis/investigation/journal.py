@@ -1,0 +1,198 @@
+"""The folder of an investigation: what was asked and why, what it answered, and every bag.
+
+``baseline.yaml`` is the model at the beginning, ``journal.jsonl`` holds the conditions in its
+first line and then a line for each experiment, ``bags/NN`` its record. From these it goes on after
+an interruption, and can be repeated.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from piezo_common.files import write_atomically
+from piezo_hysteresis.investigation.belief import Belief
+from piezo_hysteresis.investigation.choose import Choice
+from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.session import Answer, Investigation, Rules
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record, load
+
+BASELINE, JOURNAL, BAGS = 'baseline.yaml', 'journal.jsonl', 'bags'
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Under which conditions an investigation goes.
+
+    Attributes
+    ----------
+    model : ModelFile
+        The model in use.
+    limits : Limits
+        What no experiment may exceed.
+    rules : Rules
+        When it ends.
+    rate : float
+        Ticks per second [Hz].
+    """
+
+    model: ModelFile
+    limits: Limits
+    rules: Rules
+    rate: float
+
+    def investigation(self, workers: int = 1) -> Investigation:
+        """Return the investigation at its beginning."""
+        return Investigation(self.model, self.limits, self.rate, self.rules, workers)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the conditions, without the model."""
+        return {
+            'investigation': 1,
+            'limits': self.limits.to_dict(),
+            'rules': asdict(self.rules),
+            'rate': self.rate,
+        }
+
+
+class Journal:
+    """What has been done in a folder, line by line.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the investigation.
+    setup : Setup
+        Its conditions.
+    lines : sequence of dict
+        What has been done.
+    """
+
+    def __init__(self, folder: Path, setup: Setup, lines: Sequence[dict[str, Any]] = ()) -> None:
+        self.folder, self.setup, self.lines = folder, setup, list(lines)
+
+    @classmethod
+    def begun(cls, folder: Path, setup: Setup) -> Journal:
+        """Begin a journal, or go on with one of the same conditions.
+
+        Raises
+        ------
+        InvestigationError
+            If the folder holds something else.
+        """
+        # as the file holds it, which rounds: a repetition shall begin with the same numbers
+        setup = replace(setup, model=ModelFile.parse(setup.model.text()))
+        if (folder / JOURNAL).is_file():
+            found = cls.read(folder)
+            same = found.setup.model.text() == setup.model.text()
+            if not same or found.setup.to_dict() != setup.to_dict():
+                raise InvestigationError(
+                    f'{folder} holds an investigation of another model or with other limits: give '
+                    'another folder, or the same words as before to go on'
+                )
+            return found
+        if folder.exists() and any(folder.iterdir()):
+            raise InvestigationError(f'{folder} is not empty: give another folder')
+        journal = cls(folder, setup)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with write_atomically(folder / BASELINE) as path:
+                path.write_text(setup.model.text(), encoding='utf-8')
+            journal._write()
+        except OSError as error:
+            raise InvestigationError(f'{folder} cannot be written ({error.strerror})') from error
+        return journal
+
+    @classmethod
+    def read(cls, folder: Path) -> Journal:
+        """Read the journal of a folder.
+
+        Raises
+        ------
+        InvestigationError
+            If there is none, or it is damaged.
+        """
+        try:
+            text = (folder / JOURNAL).read_text(encoding='utf-8')
+            head, *lines = [json.loads(line) for line in text.splitlines()]
+            setup = Setup(
+                ModelFile.load(folder / BASELINE),
+                Limits.parse(head['limits']),
+                Rules(**head['rules']),
+                float(head['rate']),
+            )
+        except OSError:
+            raise InvestigationError(
+                f'{folder} holds no {JOURNAL}: give the folder that investigate wrote'
+            ) from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise InvestigationError(f'{folder / JOURNAL} is damaged ({error})') from None
+        return cls(folder, setup, lines)
+
+    def bag(self, number: int) -> Path:
+        """Return the bag of an experiment, counted from 1."""
+        return self.folder / BAGS / f'{number:02}'
+
+    def cleared(self, number: int) -> Path:
+        """Return the bag of an experiment that is about to run; what was broken off is gone."""
+        path = self.bag(number)
+        shutil.rmtree(path, ignore_errors=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def add(self, choice: Choice, answer: Answer) -> None:
+        """Write down an experiment and what it led to."""
+        self.lines.append(line_of(len(self.lines) + 1, choice, answer))
+        self._write()
+
+    def _write(self) -> None:
+        every = [self.setup.to_dict(), *self.lines]
+        text = ''.join(json.dumps(line, allow_nan=False) + '\n' for line in every)
+        with write_atomically(self.folder / JOURNAL) as path, path.open('w') as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def line_of(number: int, choice: Choice, answer: Answer) -> dict[str, Any]:
+    """Return an experiment and what it led to, as it stands in the journal."""
+    return {
+        'number': number,
+        'experiment': choice.experiment.name,
+        'seconds': choice.experiment.seconds,
+        'why': choice.why,
+        'told_apart_nats': choice.told_apart,
+        'news': choice.news,
+        'bag': f'{BAGS}/{number:02}',
+        'answer': answer.words,
+        'before': believed(answer.before),
+        'after': believed(answer.after),
+        'spent': answer.spent,
+    }
+
+
+def believed(belief: Belief) -> dict[str, Any]:
+    """Return a belief as it stands in the journal."""
+    return {
+        'verdict': belief.verdict,
+        'names': list(belief.names),
+        'chances': belief.chances,
+        'left': belief.left,
+    }
+
+
+def record_of(bag: Path) -> Record:
+    """Return the record of a bag, at the beginning of time.
+
+    Raises
+    ------
+    PiezoError
+        If it holds none that counts.
+    """
+    return replace(load([bag])[-1], start=0.0)

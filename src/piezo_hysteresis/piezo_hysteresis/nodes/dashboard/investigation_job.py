@@ -1,0 +1,80 @@
+"""The investigation that the page starts: its goal, what it says on the way, what came out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from piezo_hysteresis.dashboard.backend import InvestigationOrder
+from piezo_hysteresis.dashboard.live import BackgroundJob, Live, ShownBelief
+from piezo_hysteresis.nodes.dashboard.jobs import ActionJob
+from piezo_interfaces.action import Investigate
+
+INVESTIGATIONS = 'investigations'
+
+
+class InvestigationJob(ActionJob):
+    """An investigation of one actuator at a time.
+
+    Parameters
+    ----------
+    node, live : Node, Live
+        Asks; of which actuator.
+    folder : Path
+        That is served; the discovery node has the same.
+    """
+
+    def __init__(self, node: Node, live: Live, folder: Path) -> None:
+        super().__init__(
+            node, live, Investigate, 'investigate', 'discovery',
+            lambda: live.investigation, lambda job: setattr(live, 'investigation', job),
+        )  # fmt: skip
+        self._page, self._folder = live, folder
+        self.on_result = self._found
+
+    def run(self, order: InvestigationOrder) -> None:
+        """Find what the model in use misses by experiments on the actuator."""
+        self._page.beliefs = []
+        goal = Investigate.Goal(
+            low=order.low,
+            high=order.high,
+            slew=order.slew,
+            budget=order.budget,
+            out=str(self._folder.resolve() / INVESTIGATIONS / order.name),
+            apply=True,
+        )
+        self.send(goal, self._heard)
+
+    def _heard(self, feedback: Any) -> str:
+        if feedback.names:
+            self._page.beliefs = [*self._page.beliefs, belief_of(feedback)]
+        doing = {'judge': 'judges', 'run': 'runs', 'apply': 'uses what was found, runs'}
+        word = doing.get(feedback.stage, 'looks what can be asked')
+        return f'{word} {feedback.experiment}'.strip()
+
+    def _found(self, result: Any) -> BackgroundJob:
+        report, base = Path(result.report).resolve(), self._folder.resolve()
+        return BackgroundJob(
+            'done',
+            1.0,
+            result.message,
+            tuple(zip(result.effects, result.probabilities, strict=False)),
+            result.before_in_floors,
+            result.after_in_floors,
+            report.relative_to(base).as_posix() if base in report.parents else '',
+        )
+
+
+def belief_of(feedback: Any) -> ShownBelief:
+    """Return what a feedback says, for the page."""
+    return ShownBelief(
+        feedback.stage,
+        feedback.number,
+        feedback.experiment,
+        feedback.why,
+        feedback.answer,
+        tuple(zip(feedback.names, feedback.chances, strict=True)),
+        feedback.seconds,
+    )

@@ -1,0 +1,1 @@
+"""The action ``investigate`` of the discovery node: experiments that it has the excitation run."""

@@ -1,0 +1,114 @@
+"""Asks a running discovery node to investigate, and tells how it stands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_interfaces.action import Investigate
+from piezo_ros_common.middleware import prepare
+
+# For a discovery node to be found, and to come back after a restart [s].
+FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0
+# Without the node a goal is lost [s].
+GONE = 5.0
+
+
+class _Gone(Exception):
+    """The discovery node has gone."""
+
+
+class Asking:
+    """Asks for the life of a `with` block.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the discovery node.
+    """
+
+    def __init__(self, namespace: str = '') -> None:
+        prepare()
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context)
+        self._node = Node(
+            '_investigate',
+            namespace=namespace,
+            context=self._context,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._client = ActionClient(self._node, Investigate, 'investigate')
+
+    def __enter__(self) -> Asking:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def investigate(self, goal: Any, told: Callable[[Any], None]) -> Any:
+        """Return the result of a goal; it goes on where the discovery node is started anew.
+
+        An interruption cancels it, and waits until the actuator is at rest.
+
+        Raises
+        ------
+        PiezoError
+            If nobody offers it, or it is refused.
+        """
+        patience = FOUND_WITHIN
+        while True:
+            if not self._until(self._client.server_is_ready, patience):
+                raise PiezoError(
+                    'no discovery node is running: start it, and say the same words again'
+                )
+            try:
+                return self._once(goal, told)
+            except _Gone:
+                patience = BACK_WITHIN
+
+    def _once(self, goal: Any, told: Callable[[Any], None]) -> Any:
+        sent = self._client.send_goal_async(goal, feedback_callback=lambda m: told(m.feedback))
+        self._follow(sent)
+        handle: Any = sent.result()
+        if not handle.accepted:
+            raise PiezoError('the discovery node refused; its log says why')
+        ended = handle.get_result_async()
+        try:
+            self._follow(ended)
+        except KeyboardInterrupt:
+            handle.cancel_goal_async()
+            self._follow(ended)
+        answer: Any = ended.result()
+        return answer.result
+
+    def _follow(self, future: Any) -> None:
+        missed = float('inf')
+        while not future.done():
+            self._executor.spin_once(timeout_sec=0.05)
+            now = time.monotonic()
+            missed = float('inf') if self._client.server_is_ready() else min(missed, now)
+            if now - missed > GONE:
+                raise _Gone
+
+    def _until(self, condition: Callable[[], bool], patience: float) -> bool:
+        end = time.monotonic() + patience
+        while not condition() and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+        return condition()
+
+
+def goal_of(**fields: Any) -> Any:
+    """Return a goal with these fields."""
+    return Investigate.Goal(**fields)

@@ -1,0 +1,116 @@
+"""What an investigation asks of other nodes, from a thread of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
+from piezo_interfaces.srv import LoadModel
+
+LOOK = 0.02
+# For an answer, and for a node that is there at all [s].
+PATIENCE = 10.0
+# For a model to be in use: what has never run before is compiled [s].
+COMPILED_WITHIN = 120.0
+EXCITATION = 'excitation'
+# Who uses a model, in the order in which they are asked.
+USERS = ('feedforward', 'gap_monitor')
+
+
+class Cancelled(PiezoError):
+    """Whoever asked for the work has given it up."""
+
+
+def waited(
+    condition: Callable[[], bool], stopped: Callable[[], bool], patience: float = PATIENCE
+) -> bool:
+    """Wait until a condition holds; return whether it does.
+
+    Raises
+    ------
+    Cancelled
+        If it was `stopped` meanwhile.
+    """
+    end = time.monotonic() + patience
+    while not condition():
+        if stopped():
+            raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
+        if time.monotonic() > end:
+            return False
+        time.sleep(LOOK)
+    return True
+
+
+class Neighbourhood:
+    """The excitation and whoever uses a model.
+
+    Parameters
+    ----------
+    node : Node
+        That asks; it spins in another thread.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._excitation = AsyncParameterClient(node, EXCITATION)
+        self._users = {name: node.create_client(LoadModel, f'{name}/load_model') for name in USERS}
+
+    def excitation(self, name: str, stopped: Callable[[], bool]) -> Any:
+        """Return a parameter of the excitation.
+
+        Raises
+        ------
+        PiezoError
+            If it does not answer.
+        """
+        self._there(stopped)
+        answer = self._answer(self._excitation.get_parameters([name]), stopped)
+        return parameter_value_to_python(answer.values[0])
+
+    def set_mode(self, mode: str, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Let the excitation do something else.
+
+        Raises
+        ------
+        PiezoError
+            If it does not answer, or refuses.
+        """
+        self._there(stopped)
+        wanted = [Parameter('mode', value=mode)]
+        (result,) = self._answer(self._excitation.set_parameters(wanted), stopped).results
+        if not result.successful:
+            raise PiezoError(f'the excitation refuses mode {mode}: {result.reason}')
+
+    def use(self, model: ModelFile, stopped: Callable[[], bool]) -> str:
+        """Let every node that is there use a model; return which do.
+
+        Raises
+        ------
+        PiezoError
+            If one refuses it.
+        """
+        used = []
+        for name, client in self._users.items():
+            if not client.service_is_ready():
+                continue
+            asked = client.call_async(LoadModel.Request(yaml=model.text()))
+            answer = self._answer(asked, stopped, COMPILED_WITHIN)
+            if not answer.success:
+                raise PiezoError(f'{name} does not take the model: {answer.message}')
+            used.append(name)
+        return ', '.join(used)
+
+    def _there(self, stopped: Callable[[], bool]) -> None:
+        if not waited(self._excitation.services_are_ready, stopped):
+            raise PiezoError('no excitation is running: start it, and investigate again')
+
+    def _answer(self, future: Any, stopped: Callable[[], bool], patience: float = PATIENCE) -> Any:
+        if not waited(future.done, stopped, patience) or future.result() is None:
+            raise PiezoError('a node did not answer: see that it runs, and investigate again')
+        return future.result()

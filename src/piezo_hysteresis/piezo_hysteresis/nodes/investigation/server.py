@@ -1,0 +1,238 @@
+"""The action ``investigate``: one goal at a time, in a thread, with feedback and cancel."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+from rclpy.task import Future
+
+from piezo_common import topics
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled, Neighbourhood
+from piezo_hysteresis.nodes.investigation.sweeper import Sweeper
+from piezo_hysteresis.nodes.paths import inside
+from piezo_interfaces.action import Investigate
+from piezo_interfaces.msg import LoopStatus
+from piezo_ros_common.parameters import NodeParameters
+from piezo_ros_common.qos import LATCHED
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.investigation.conduct import Progress, Result
+    from piezo_hysteresis.investigation.experiments import Experiment
+    from piezo_hysteresis.investigation.journal import Setup
+
+
+class InvestigationServer:
+    """Runs investigations for the discovery node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose action it is.
+    parameters : NodeParameters
+        Of the node: ``folder``, ``model_file``.
+    begin : callable
+        Returns why nothing can begin now, empty where the node is free, which is busy then.
+    tell : callable
+        Told what is being done.
+    end : callable
+        Told what came out, and whether it failed.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        begin: Callable[[], str],
+        tell: Callable[[str], None],
+        end: Callable[[str, bool], None],
+    ) -> None:
+        self._node, self._parameters = node, parameters
+        self._begin, self._tell, self._end = begin, tell, end
+        self._range = (0.0, 0.0)
+        self._sweeper, self._neighbours = Sweeper(node), Neighbourhood(node)
+        node.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
+        self._server = ActionServer(
+            node,
+            Investigate,
+            'investigate',
+            execute_callback=self._execute,
+            goal_callback=self._judge,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def _on_status(self, message: LoopStatus) -> None:
+        self._range = (message.low, message.high)
+
+    def _judge(self, goal: Investigate.Goal) -> GoalResponse:
+        try:
+            self._folder(goal)
+            self._model(goal)
+            if reason := self._begin():
+                raise PiezoError(reason)
+        except PiezoError as error:
+            self._node.get_logger().error(f'investigation refused: {error}')
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _folder(self, goal: Investigate.Goal) -> Path:
+        return inside(self._parameters.text('folder'), goal.out)
+
+    def _model(self, goal: Investigate.Goal) -> ModelFile:
+        if goal.model_yaml:
+            return ModelFile.parse(goal.model_yaml)
+        if goal.model:
+            return ModelFile.load(inside(self._parameters.text('folder'), goal.model))
+        own = self._parameters.text('model_file')
+        if not own:
+            raise PiezoError('give the model in use: model, or -p model_file:=FILE of the node')
+        return ModelFile.load(own)
+
+    async def _execute(self, goal: Any) -> Investigate.Result:
+        done, result = Future(), Investigate.Result()
+        thread = threading.Thread(
+            target=self._work, args=(goal, result, done), name='investigation', daemon=True
+        )
+        thread.start()
+        await done
+        if result.success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        self._end(result.message, not result.success and not goal.is_cancel_requested)
+        return result
+
+    def _work(self, goal: Any, result: Investigate.Result, done: Future) -> None:
+        try:
+            self._investigate(goal, result)
+        except Cancelled as cancelled:
+            result.message = str(cancelled)
+        except PiezoError as error:
+            result.message = str(error)
+            self._node.get_logger().error(str(error))
+        except Exception as error:
+            result.message = f'{type(error).__name__}: {error}; report it with the log of the node'
+            raise
+        finally:
+            self._node.executor.create_task(done.set_result, True)
+
+    def _investigate(self, goal: Any, result: Investigate.Result) -> None:
+        # Heavy imports stay out of the start of the node.
+        from piezo_hysteresis.investigation.conduct import conduct
+
+        def stopped() -> bool:
+            return bool(goal.is_cancel_requested)
+
+        def told(progress: Progress) -> None:
+            if stopped():
+                raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
+            self._tell(f'{progress.stage} {progress.experiment}'.strip())
+            goal.publish_feedback(_feedback(progress))
+
+        request = goal.request
+        setup = self._setup(request, stopped)
+        before = str(self._neighbours.excitation('mode', stopped))
+        self._neighbours.set_mode('idle', stopped)
+        try:
+            found = conduct(
+                self._folder(request),
+                setup,
+                _Actuator(self._sweeper, self._neighbours, stopped),
+                told,
+                workers=int(request.workers) or os.cpu_count() or 1,
+                apply=request.apply,
+            )
+        finally:
+            if before != 'idle':
+                self._neighbours.set_mode(before)
+        _fill(result, found, self._folder(request))
+
+    def _setup(self, request: Any, stopped: Callable[[], bool]) -> Setup:
+        from piezo_hysteresis.investigation.journal import Setup
+        from piezo_hysteresis.investigation.limits import Limits, known_range
+        from piezo_hysteresis.investigation.session import Rules
+
+        model = self._model(request)
+        low, high = request.low, request.high
+        if not high > low:
+            low, high = known_range(*self._range, model)
+        if not high > low:
+            raise PiezoError(
+                'the actuator does not say which voltages it takes: give low and high'
+            )
+        limits = Limits(
+            low,
+            high,
+            request.slew or inf,
+            request.frequency or Limits.frequency,
+            request.stroke or inf,
+            request.heat or inf,
+        )
+        rules = Rules(
+            budget=request.budget or Rules.budget,
+            sure=request.sure or Rules.sure,
+            seed=int(request.seed),
+        )
+        rate = float(self._neighbours.excitation('rate', stopped))
+        return Setup(model, limits, rules, rate)
+
+    def close(self) -> None:
+        """Finish a recording that is under way."""
+        self._sweeper.close()
+
+
+class _Actuator:
+    """The live one, as an investigation asks for it."""
+
+    def __init__(
+        self, sweeper: Sweeper, neighbours: Neighbourhood, stopped: Callable[[], bool]
+    ) -> None:
+        self._sweeper, self._neighbours, self._stopped = sweeper, neighbours, stopped
+
+    def run(self, experiment: Experiment, bag: Path) -> None:
+        """Run an experiment and record it in a new bag."""
+        self._sweeper.run(experiment, bag, self._stopped)
+
+    def apply(self, model: ModelFile) -> str:
+        """Let the nodes that are there use a model."""
+        return self._neighbours.use(model, self._stopped)
+
+
+def _feedback(progress: Progress) -> Investigate.Feedback:
+    return Investigate.Feedback(
+        stage=progress.stage,
+        experiment=progress.experiment,
+        why=progress.why,
+        answer=progress.answer,
+        number=progress.number,
+        names=list(progress.chances),
+        chances=list(progress.chances.values()),
+        seconds=progress.spent,
+        fraction=progress.fraction,
+    )
+
+
+def _fill(result: Investigate.Result, found: Result, folder: Path) -> None:
+    from piezo_hysteresis.investigation.conduct import FOUND
+
+    result.success = True
+    result.verdict = found.verdict
+    result.effects = list(found.effects)
+    result.probabilities = list(found.effects.values())
+    result.stop = found.stop.reason
+    result.experiments = found.experiments
+    result.seconds = found.seconds
+    result.before_in_floors = found.before_in_floors
+    result.after_in_floors = found.after_in_floors
+    result.report = str(folder / FOUND / 'report.html')
+    result.message = found.words

@@ -1,0 +1,92 @@
+"""The folder of an investigation: journal and bags, going on, and repeating it from them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.identify import identify
+from piezo_hysteresis.investigation.conduct import conduct, repeated
+from piezo_hysteresis.investigation.journal import Journal, Setup
+from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.session import Rules
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import Record, write_bag
+from piezo_sim.plant import Plant
+from piezo_sim.sweep import grid, simulate
+
+PRESET, RATE = 'generic_bouc_wen', 1000.0
+QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
+
+
+class Actuator:
+    """A simulated one that records bags, and breaks down after some experiments."""
+
+    def __init__(self, lasts=100, **effects):
+        self.plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
+        self.lasts, self.used = lasts, []
+
+    def run(self, experiment, bag):
+        if self.lasts == 0:
+            raise PiezoError('the actuator has gone')
+        self.lasts -= 1
+        self.plant.run(np.zeros(300))
+        voltage = experiment.voltage(RATE)
+        write_bag(bag, [Record('r', 1.0 / RATE, voltage, self.plant.run(voltage))])
+
+    def apply(self, model):
+        self.used.append(model)
+        return 'the test'
+
+
+@pytest.fixture(scope='module')
+def setup():
+    specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
+    model = identify(simulate(PRESET, specs, QUIET, 1, RATE), named('classical')).model_file()
+    return Setup(model, Limits(-1.0, 1.0, slew=700.0), Rules(budget=60.0), RATE)
+
+
+def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(setup, tmp_path):
+    folder = tmp_path / 'out'
+    with pytest.raises(PiezoError, match='gone'):
+        conduct(folder, setup, Actuator(1, **{'effects.creep': True}))
+    assert len(Journal.read(folder).lines) == 1
+    told, actuator = [], Actuator(**{'effects.creep': True})
+    result = conduct(folder, setup, actuator, told.append)
+    assert result.stop.reason == 'sure'
+    assert list(result.effects) == ['creep']
+    assert result.after_in_floors < 0.5 * result.before_in_floors
+    assert actuator.used[0].model.name.endswith('creep')
+    assert [each.stage for each in told][:2] == ['prepare', 'judge']
+    assert {each.stage for each in told} == {'prepare', 'run', 'judge', 'apply'}
+    lines = Journal.read(folder).lines
+    assert [line['number'] for line in lines] == list(range(1, len(lines) + 1))
+    assert lines[-1]['after']['names'] == ['creep']
+    assert all(line['why'] and line['answer'] for line in lines)
+    summary = json.loads((folder / 'investigation.json').read_text())
+    assert summary['applied'] == 'the test'
+    assert (folder / 'found' / 'report.html').is_file()
+    again = repeated(folder)
+    assert again.differences == ()
+    assert list(again.lines) == lines
+    assert again.stop == result.stop
+
+
+def test_a_folder_of_something_else_is_refused(setup, tmp_path):
+    (tmp_path / 'mine').write_text('x')
+    with pytest.raises(InvestigationError, match='not empty'):
+        Journal.begun(tmp_path, setup)
+    with pytest.raises(InvestigationError, match='give the folder that investigate wrote'):
+        Journal.read(tmp_path)
+    Journal.begun(tmp_path / 'new', setup)
+    other = Setup(setup.model, Limits(-0.5, 0.5), setup.rules, RATE)
+    with pytest.raises(InvestigationError, match='other limits'):
+        Journal.begun(tmp_path / 'new', other)
+
+
+def test_a_damaged_journal_is_told(setup, tmp_path):
+    Journal.begun(tmp_path / 'new', setup)
+    (tmp_path / 'new' / 'journal.jsonl').write_text('{')
+    with pytest.raises(InvestigationError, match='damaged'):
+        Journal.read(tmp_path / 'new')
