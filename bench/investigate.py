@@ -30,8 +30,8 @@ if not __package__:
 from bench.investigate_table import page, table
 from bench.investigate_worlds import Bench, Changed, changed
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.investigation.choose import Choice
-from piezo_hysteresis.investigation.limits import Limits
+from piezo_hysteresis.investigation.choose import ExperimentChoice
+from piezo_hysteresis.investigation.limits import ExperimentLimits
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import RecordInfo
 from piezo_hysteresis.waveforms import from_spec
@@ -39,7 +39,7 @@ from piezo_hysteresis.waveforms import from_spec
 WAYS = ('designed', 'random', 'battery')
 BUDGET = 200.0
 # What every experiment keeps: range [V], slew [V/s], frequency [Hz].
-LIMITS = Limits(-1.0, 1.0, slew=700.0, frequency=100.0)
+LIMITS = ExperimentLimits(-1.0, 1.0, slew=700.0, frequency=100.0)
 
 BATTERY: tuple[dict[str, Any], ...] = (
     *(
@@ -54,11 +54,13 @@ BATTERY: tuple[dict[str, Any], ...] = (
 )
 
 
-def stroke_limit(world: Changed) -> Limits:
+def stroke_limit(world: Changed) -> ExperimentLimits:
     """Return the limits with a stroke of twice what the model does slowly."""
     slow = np.sin(2.0 * np.pi * np.arange(world.rate) / world.rate)
     answer = world.model.model.respond(slow, world.model.packed, 1.0 / world.rate)
-    return Limits(LIMITS.low, LIMITS.high, LIMITS.slew, LIMITS.frequency, 2.0 * np.ptp(answer))
+    return ExperimentLimits(
+        LIMITS.low, LIMITS.high, LIMITS.slew, LIMITS.frequency, 2.0 * np.ptp(answer)
+    )
 
 
 def by_choice(world: Changed, way: str, seed: int) -> dict[str, Any]:
@@ -67,7 +69,7 @@ def by_choice(world: Changed, way: str, seed: int) -> dict[str, Any]:
     investigation = Investigation(world.model, limits, world.rate, Rules(budget=BUDGET))
     bench, rng = Bench(world), np.random.default_rng([seed, 7])
 
-    def at_random(now: Investigation) -> Choice | Stop:
+    def at_random(now: Investigation) -> ExperimentChoice | Stop:
         choice = now.next()
         ranked = now.ranked()
         return choice if isinstance(choice, Stop) else ranked[int(rng.integers(len(ranked)))]

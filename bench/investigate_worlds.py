@@ -10,7 +10,7 @@ import numpy as np
 from bench.discovery_effects import KNOBS
 from bench.discovery_worlds import PRESET, Hidden, draw
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import Waveform
@@ -82,7 +82,7 @@ class Bench:
         self.seconds = 0.0
         self.extremes = [0.0, 0.0, 0.0]
 
-    def run(self, experiment: Experiment) -> Record:
+    def run(self, experiment: PlannedExperiment) -> Record:
         """Return the record of an experiment."""
         return self._measured(experiment.name, experiment.voltage(self._plant.rate))
 

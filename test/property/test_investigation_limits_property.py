@@ -5,7 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from piezo_hysteresis.investigation.catalogue import catalogue
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 
 RANGES = st.sampled_from([(-1.0, 1.0), (0.0, 150.0), (-30.0, 150.0), (-0.2, 7.5), (-10.0, 0.0)])
@@ -22,7 +22,7 @@ RANGES = st.sampled_from([(-1.0, 1.0), (0.0, 150.0), (-30.0, 150.0), (-0.2, 7.5)
 def test_no_voltage_slew_frequency_or_heat_beyond_the_limits(ends, slews, highest, heat, rate):
     low, high = ends
     amplitude = 0.5 * (high - low)
-    limits = Limits(low, high, slews * amplitude, highest, heat=heat * amplitude**2)
+    limits = ExperimentLimits(low, high, slews * amplitude, highest, heat=heat * amplitude**2)
     try:
         experiments = catalogue(limits, rate)
     except InvestigationError:

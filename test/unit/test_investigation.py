@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits, known_range
+from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError, known_range
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record
 from piezo_sim.plant import Plant
 from piezo_sim.sweep import grid, simulate
 
-PRESET, RATE, LIMITS = 'generic_bouc_wen', 1000.0, Limits(-1.0, 1.0, slew=700.0)
+PRESET, RATE, LIMITS = 'generic_bouc_wen', 1000.0, ExperimentLimits(-1.0, 1.0, slew=700.0)
 QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
 
 
@@ -74,10 +74,10 @@ def test_experiments_keep_the_stroke_that_the_model_predicts(model):
     every = Investigation(model, LIMITS, RATE).outlooks
     most = 0.6 * max(each.stroke for each in every)
     with pytest.raises(InvestigationError, match='stroke'):
-        Investigation(model, Limits(-1.0, 1.0, stroke=1e-9), RATE)
+        Investigation(model, ExperimentLimits(-1.0, 1.0, stroke=1e-9), RATE)
     with pytest.raises(InvestigationError, match='stroke'):
         # the conditioning alone takes the whole range of voltages
-        Investigation(model, Limits(-1.0, 1.0, stroke=most), RATE)
+        Investigation(model, ExperimentLimits(-1.0, 1.0, stroke=most), RATE)
 
 
 def test_a_model_that_does_not_say_what_it_misses_is_refused(model):
@@ -97,4 +97,4 @@ def test_the_usual_range_is_what_the_model_was_judged_on(model):
 @pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (float('nan'), 1.0)])
 def test_a_range_without_rest_is_refused(low, high):
     with pytest.raises(InvestigationError):
-        Limits(low, high)
+        ExperimentLimits(low, high)

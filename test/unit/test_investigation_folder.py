@@ -9,7 +9,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.investigation.conduct import conduct, repeated
 from piezo_hysteresis.investigation.journal import Journal, Setup
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, write_bag
@@ -44,7 +44,7 @@ class Actuator:
 def setup():
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
     model = identify(simulate(PRESET, specs, QUIET, 1, RATE), named('classical')).model_file()
-    return Setup(model, Limits(-1.0, 1.0, slew=700.0), Rules(budget=60.0), RATE)
+    return Setup(model, ExperimentLimits(-1.0, 1.0, slew=700.0), Rules(budget=60.0), RATE)
 
 
 def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(setup, tmp_path):
@@ -80,7 +80,7 @@ def test_a_folder_of_something_else_is_refused(setup, tmp_path):
     with pytest.raises(InvestigationError, match='give the folder that investigate wrote'):
         Journal.read(tmp_path)
     Journal.begun(tmp_path / 'new', setup)
-    other = Setup(setup.model, Limits(-0.5, 0.5), setup.rules, RATE)
+    other = Setup(setup.model, ExperimentLimits(-0.5, 0.5), setup.rules, RATE)
     with pytest.raises(InvestigationError, match='other limits'):
         Journal.begun(tmp_path / 'new', other)
 

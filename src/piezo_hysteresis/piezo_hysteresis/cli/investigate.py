@@ -18,7 +18,7 @@ from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.investigation.conduct import Progress
+    from piezo_hysteresis.investigation.conduct import InvestigationProgress
 
 HELP = 'find what a model misses by experiments on the running actuator'
 
@@ -117,7 +117,7 @@ class _Teller:
 def _replay(folder: Path, workers: int) -> int:
     from piezo_hysteresis.investigation.conduct import repeated
 
-    def told(progress: Progress) -> None:
+    def told(progress: InvestigationProgress) -> None:
         if progress.stage == 'judge':
             print(f'{progress.number}. {progress.experiment}: {progress.why}', flush=True)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import ceil
 
-from piezo_hysteresis.investigation.experiments import Experiment, Spec, composed
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.experiments import PlannedExperiment, Spec, composed
+from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.waveforms import reversal_curves
 
 # Drives of the sines [Hz], and their amplitudes as shares of the largest.
@@ -21,12 +21,12 @@ HOLDS, RISE = (4.0, 12.0, 30.0), 0.005
 RESTS = (5.0, 20.0)
 
 
-def catalogue(limits: Limits, rate: float) -> tuple[Experiment, ...]:
+def catalogue(limits: ExperimentLimits, rate: float) -> tuple[PlannedExperiment, ...]:
     """Return every experiment within the limits, in an order that never changes.
 
     Parameters
     ----------
-    limits : Limits
+    limits : ExperimentLimits
         What the user allows.
     rate : float
         Ticks per second [Hz].
@@ -50,7 +50,7 @@ def catalogue(limits: Limits, rate: float) -> tuple[Experiment, ...]:
     return found
 
 
-def _wanted(limits: Limits, highest: float) -> Iterator[tuple[str, Spec, float, float]]:
+def _wanted(limits: ExperimentLimits, highest: float) -> Iterator[tuple[str, Spec, float, float]]:
     """Yield name, main part, its length [s] and the frequency [Hz] of every experiment."""
     full = SHARES[0] * limits.amplitude
     for share in SHARES:

@@ -12,7 +12,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.investigation.belief import Belief, Rival
 from piezo_hysteresis.investigation.criterion import binary_entropy, told_apart
-from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.hidden import Hidden
 from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
 
@@ -21,12 +21,12 @@ MOST_RUNS = 2
 
 
 @dataclass(frozen=True)
-class Choice:
+class ExperimentChoice:
     """The next experiment, and why.
 
     Attributes
     ----------
-    experiment : Experiment
+    experiment : PlannedExperiment
         Which.
     told_apart : float
         By how much it is expected to lower the entropy of the rivals' names [nats].
@@ -36,7 +36,7 @@ class Choice:
         In one sentence.
     """
 
-    experiment: Experiment
+    experiment: PlannedExperiment
     told_apart: float
     news: float
     why: str
@@ -58,7 +58,7 @@ def choices(
     hidden: Hidden,
     done: Sequence[str],
     seconds: float,
-) -> list[Choice]:
+) -> list[ExperimentChoice]:
     """Return what may be done next, the most telling per second first.
 
     Parameters
@@ -84,7 +84,9 @@ def choices(
     return sorted(found, key=lambda each: (-each.rate, each.experiment.name))
 
 
-def _judged(seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]) -> Choice:
+def _judged(
+    seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]
+) -> ExperimentChoice:
     names = [rival.name for rival in belief.rivals]
     apart, pair = 0.0, ('', '')
     if len(set(names)) > 1:
@@ -93,7 +95,7 @@ def _judged(seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]) 
         apart = told_apart(chances, names, nats)
         pair = _best_pair(chances, names, nats)
     news = hidden.news(done, seen.experiment.name, belief.names)
-    return Choice(seen.experiment, apart, news, _why(apart, pair, news))
+    return ExperimentChoice(seen.experiment, apart, news, _why(apart, pair, news))
 
 
 def nats_between(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:

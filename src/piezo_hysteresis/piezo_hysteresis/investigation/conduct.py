@@ -15,7 +15,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.opening import misfit
-from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.journal import Journal, Setup, line_of, record_of
 from piezo_hysteresis.investigation.session import Investigation, Stop
 from piezo_hysteresis.models import ModelFile
@@ -28,7 +28,7 @@ FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 class Actuator(Protocol):
     """Whoever can run an experiment and use a model."""
 
-    def run(self, experiment: Experiment, bag: Path) -> None:
+    def run(self, experiment: PlannedExperiment, bag: Path) -> None:
         """Run an experiment and record it in a new bag; at rest at 0 V afterwards."""
 
     def apply(self, model: ModelFile) -> str:
@@ -36,7 +36,7 @@ class Actuator(Protocol):
 
 
 @dataclass(frozen=True)
-class Progress:
+class InvestigationProgress:
     """How an investigation stands.
 
     Attributes
@@ -63,7 +63,7 @@ class Progress:
     fraction: float = 0.0
 
 
-Told = Callable[[Progress], None]
+Told = Callable[[InvestigationProgress], None]
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def conduct(
         If an experiment cannot be run, or nothing can be said from the records.
     """
     journal = Journal.begun(folder, setup)
-    told(Progress('prepare'))
+    told(InvestigationProgress('prepare'))
     course = _Course(journal, journal.setup.investigation(workers), actuator, told)
     course.go_on()
     stop = course.to_the_end()
@@ -171,7 +171,7 @@ class _Course:
             answer = self._now.take(choice.experiment, record)
             self._journal.add(choice, answer)
 
-    def _run(self, experiment: Experiment, bag: Path) -> Record:
+    def _run(self, experiment: PlannedExperiment, bag: Path) -> Record:
         self._actuator.run(experiment, bag)
         record = record_of(bag)
         if abs(record.rate / self._now.rate - 1.0) > 1e-6:
@@ -206,7 +206,7 @@ class _Course:
         self._write(result)
         return result
 
-    def _widest(self) -> Experiment:
+    def _widest(self) -> PlannedExperiment:
         """Return the experiment in which the model in use was furthest from the actuator."""
         records = zip(self._now.answers, self._now.records, strict=True)
         gaps = [(gap_in_floors(self._now.model, r, 1.0), a.experiment) for a, r in records]
@@ -237,7 +237,11 @@ class _Course:
         answer = now.answers[-1].words if now.answers else ''
         share = min(1.0, now.spent / now.rules.budget)
         chances = dict(now.belief.chances)
-        self._told(Progress(stage, number, experiment, why, answer, chances, now.spent, share))
+        self._told(
+            InvestigationProgress(
+                stage, number, experiment, why, answer, chances, now.spent, share
+            )
+        )
 
 
 def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
@@ -278,7 +282,7 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
         If the folder holds none, or a bag is damaged.
     """
     journal = Journal.read(folder)
-    told(Progress('prepare'))
+    told(InvestigationProgress('prepare'))
     now = journal.setup.investigation(workers)
     lines: list[dict[str, Any]] = []
     differences: list[str] = []
@@ -287,7 +291,7 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
         if isinstance(choice, Stop) or choice.experiment.name != line['experiment']:
             differences.append(f'experiment {line["number"]} would not be chosen now')
             break
-        told(Progress('judge', line['number'], line['experiment'], line['why']))
+        told(InvestigationProgress('judge', line['number'], line['experiment'], line['why']))
         answer = now.take(choice.experiment, record_of(journal.bag(line['number'])))
         lines.append(line_of(line['number'], choice, answer))
         if lines[-1]['after']['names'] != line['after']['names']:

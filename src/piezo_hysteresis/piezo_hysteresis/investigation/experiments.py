@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.investigation.limits import Limits, fastest
+from piezo_hysteresis.investigation.limits import ExperimentLimits, fastest
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
 
@@ -34,7 +34,7 @@ SLOWEST = 0.5
 
 
 @dataclass(frozen=True)
-class Experiment:
+class PlannedExperiment:
     """An experiment of the catalogue.
 
     Attributes
@@ -90,8 +90,13 @@ class Experiment:
 
 
 def composed(
-    name: str, main: Spec, seconds: float, limits: Limits, rate: float, frequency: float = 0.0
-) -> Experiment | None:
+    name: str,
+    main: Spec,
+    seconds: float,
+    limits: ExperimentLimits,
+    rate: float,
+    frequency: float = 0.0,
+) -> PlannedExperiment | None:
     """Return an experiment within the limits; None where they leave too little of it.
 
     Parameters
@@ -103,7 +108,7 @@ def composed(
         must all be named ``amplitude`` or, of lines, ``values``.
     seconds : float
         Length of the main part [s].
-    limits : Limits
+    limits : ExperimentLimits
         What must be kept; amplitudes are made smaller for the slew.
     rate : float
         Ticks per second [Hz].
@@ -120,7 +125,7 @@ def composed(
     middle = [] if limits.middle == 0.0 else [_line(limits.middle, 0.0, limits)]
     parts = (*before, _about(fitted, limits.middle), *middle)
     prelude = sum(_length(part) for part in before)
-    found = Experiment(
+    found = PlannedExperiment(
         name,
         str(main['kind']),
         parts,
@@ -142,7 +147,7 @@ def _length(part: Spec) -> float:
     return float(part['times'][-1] if part['kind'] == 'lines' else part['duration'])
 
 
-def _prelude(limits: Limits) -> tuple[Spec, ...] | None:
+def _prelude(limits: ExperimentLimits) -> tuple[Spec, ...] | None:
     """Return the way to the middle of the range and the conditioning about it."""
     amplitude = limits.amplitude
     frequency = min(
@@ -160,7 +165,7 @@ def _prelude(limits: Limits) -> tuple[Spec, ...] | None:
     return (dying,) if limits.middle == 0.0 else (_line(0.0, limits.middle, limits), dying)
 
 
-def _line(first: float, last: float, limits: Limits) -> Spec:
+def _line(first: float, last: float, limits: ExperimentLimits) -> Spec:
     length = max(APPROACH, abs(last - first) / (BELOW * limits.slew))
     return {'kind': 'lines', 'times': [0.0, length], 'values': [first, last]}
 

@@ -17,9 +17,9 @@ from typing import Any
 
 from piezo_common.files import write_atomically
 from piezo_hysteresis.investigation.belief import Belief
-from piezo_hysteresis.investigation.choose import Choice
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits
-from piezo_hysteresis.investigation.session import Answer, Investigation, Rules
+from piezo_hysteresis.investigation.choose import ExperimentChoice
+from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.investigation.session import ExperimentAnswer, Investigation, Rules
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
 
@@ -34,7 +34,7 @@ class Setup:
     ----------
     model : ModelFile
         The model in use.
-    limits : Limits
+    limits : ExperimentLimits
         What no experiment may exceed.
     rules : Rules
         When it ends.
@@ -43,7 +43,7 @@ class Setup:
     """
 
     model: ModelFile
-    limits: Limits
+    limits: ExperimentLimits
     rules: Rules
     rate: float
 
@@ -123,7 +123,7 @@ class Journal:
             head, *lines = [json.loads(line) for line in text.splitlines()]
             setup = Setup(
                 ModelFile.load(folder / BASELINE),
-                Limits.parse(head['limits']),
+                ExperimentLimits.parse(head['limits']),
                 Rules(**head['rules']),
                 float(head['rate']),
             )
@@ -146,7 +146,7 @@ class Journal:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
-    def add(self, choice: Choice, answer: Answer) -> None:
+    def add(self, choice: ExperimentChoice, answer: ExperimentAnswer) -> None:
         """Write down an experiment and what it led to."""
         self.lines.append(line_of(len(self.lines) + 1, choice, answer))
         self._write()
@@ -160,7 +160,7 @@ class Journal:
             os.fsync(file.fileno())
 
 
-def line_of(number: int, choice: Choice, answer: Answer) -> dict[str, Any]:
+def line_of(number: int, choice: ExperimentChoice, answer: ExperimentAnswer) -> dict[str, Any]:
     """Return an experiment and what it led to, as it stands in the journal."""
     return {
         'number': number,

@@ -20,7 +20,7 @@ class InvestigationError(PiezoError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class ExperimentLimits:
     """What no experiment may exceed.
 
     Attributes
@@ -94,7 +94,7 @@ class Limits:
         return {k: v if isfinite(v) else None for k, v in asdict(self).items()}
 
     @classmethod
-    def parse(cls, content: dict[str, float | None]) -> Limits:
+    def parse(cls, content: dict[str, float | None]) -> ExperimentLimits:
         """Return limits from what `to_dict` made."""
         return cls(**{k: inf if v is None else float(v) for k, v in content.items()})
 

@@ -16,7 +16,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.reading import simulated
 from piezo_hysteresis.identification.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.numerics.linalg import solve_square
 
@@ -24,7 +24,7 @@ from piezo_hysteresis.numerics.linalg import solve_square
 _EDGE = 4
 
 
-def view_of(experiment: Experiment, rate: float, noise: float) -> Target:
+def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
     """Return an experiment as a fit would see it, with nothing measured."""
     voltage = np.concatenate([np.zeros(_EDGE), experiment.voltage(rate)])
     first = _EDGE + round(experiment.prelude * rate)
@@ -51,7 +51,7 @@ class Outlook:
 
     Attributes
     ----------
-    experiment : Experiment
+    experiment : PlannedExperiment
         Which.
     view : Target
         As a fit would see it.
@@ -63,7 +63,7 @@ class Outlook:
         What may be left there without its being news.
     """
 
-    experiment: Experiment
+    experiment: PlannedExperiment
     view: Target
     answer: FloatArray
     stroke: float
@@ -126,7 +126,7 @@ def answer_of(spec: ModelSpec, view: Target) -> FloatArray:
 
 
 def outlook(
-    experiment: Experiment, base: ModelSpec, known: Discrepancy, rate: float, noise: float
+    experiment: PlannedExperiment, base: ModelSpec, known: Discrepancy, rate: float, noise: float
 ) -> Outlook:
     """Return what the model in use says of an experiment."""
     view = view_of(experiment, rate, noise)

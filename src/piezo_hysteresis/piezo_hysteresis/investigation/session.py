@@ -14,10 +14,10 @@ from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
 from piezo_hysteresis.investigation.belief import Belief, belief_of, nothing_known
 from piezo_hysteresis.investigation.catalogue import catalogue
-from piezo_hysteresis.investigation.choose import Choice, choices
-from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.choose import ExperimentChoice, choices
+from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.hidden import hidden_effects
-from piezo_hysteresis.investigation.limits import InvestigationError, Limits
+from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.predict import Outlook, outlook, within
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
@@ -75,12 +75,12 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Answer:
+class ExperimentAnswer:
     """What one experiment led to.
 
     Attributes
     ----------
-    experiment : Experiment
+    experiment : PlannedExperiment
         That was run.
     before, after : Belief
         What was believed before it and after it.
@@ -88,7 +88,7 @@ class Answer:
         Actuator time so far, this one included [s].
     """
 
-    experiment: Experiment
+    experiment: PlannedExperiment
     before: Belief
     after: Belief
     spent: float
@@ -118,7 +118,7 @@ class Investigation:
     ----------
     model : ModelFile
         The model in use, with what it is known to miss.
-    limits : Limits
+    limits : ExperimentLimits
         What no experiment may exceed.
     rate : float
         Ticks per second [Hz].
@@ -138,14 +138,14 @@ class Investigation:
         What is believed now.
     records : list of Record
         What was measured.
-    answers : list of Answer
+    answers : list of ExperimentAnswer
         What each experiment led to.
     found : Discovery or None
         The newest one.
     """
 
     model: ModelFile
-    limits: Limits
+    limits: ExperimentLimits
     rate: float
     rules: Rules = field(default_factory=Rules)
     workers: int = 1
@@ -164,7 +164,7 @@ class Investigation:
         )
         noise = known.noise
 
-        def seen(experiment: Experiment) -> Outlook:
+        def seen(experiment: PlannedExperiment) -> Outlook:
             return outlook(experiment, base, known, self.rate, noise)
 
         every = [seen(each) for each in catalogue(self.limits, self.rate)]
@@ -177,7 +177,7 @@ class Investigation:
         self.hidden = hidden_effects(base, self.outlooks, self.limits.amplitude)
         self.belief = nothing_known(self.hidden)
         self.records: list[Record] = []
-        self.answers: list[Answer] = []
+        self.answers: list[ExperimentAnswer] = []
         self.found: Discovery | None = None
 
     @property
@@ -190,7 +190,7 @@ class Investigation:
         """Actuator time so far [s]."""
         return self.answers[-1].spent if self.answers else 0.0
 
-    def experiment(self, name: str) -> Experiment:
+    def experiment(self, name: str) -> PlannedExperiment:
         """Return the experiment of that name.
 
         Raises
@@ -203,12 +203,12 @@ class Investigation:
                 return each.experiment
         raise InvestigationError(f'these limits allow no experiment {name!r}')
 
-    def ranked(self) -> list[Choice]:
+    def ranked(self) -> list[ExperimentChoice]:
         """Return what may be done next, the most telling per second first."""
         left = self.rules.budget - self.spent
         return choices(self.outlooks, self.belief, self.hidden, self.done, left)
 
-    def next(self) -> Choice | Stop:
+    def next(self) -> ExperimentChoice | Stop:
         """Return the next experiment, or why there is none."""
         settled = self._settled()
         if settled and not self.belief.left:
@@ -225,7 +225,7 @@ class Investigation:
             return Stop('nothing', 'nothing is missing that an allowed experiment could show')
         return Stop('exhausted', 'no allowed experiment is expected to tell more')
 
-    def _tells(self, choice: Choice) -> bool:
+    def _tells(self, choice: ExperimentChoice) -> bool:
         """Return whether an experiment is expected to tell enough to be worth running."""
         return choice.news >= self.rules.quiet or choice.told_apart >= self.rules.least
 
@@ -249,10 +249,10 @@ class Investigation:
 
     def take(
         self,
-        experiment: Experiment,
+        experiment: PlannedExperiment,
         measured: Record,
         progress: Callable[[float, str], None] = lambda fraction, words: None,
-    ) -> Answer:
+    ) -> ExperimentAnswer:
         """Take in the record of an experiment, and believe accordingly.
 
         Raises
@@ -263,16 +263,16 @@ class Investigation:
         self.keep(experiment, measured)
         return self.judge(progress)
 
-    def keep(self, experiment: Experiment, measured: Record) -> None:
+    def keep(self, experiment: PlannedExperiment, measured: Record) -> None:
         """Take in a record; what is believed changes with `judge`."""
         name = f'{len(self.records) + 1:02} {experiment.name}'
         self.records.append(experiment.record(name, measured))
         spent = self.spent + experiment.seconds
-        self.answers.append(Answer(experiment, self.belief, self.belief, spent))
+        self.answers.append(ExperimentAnswer(experiment, self.belief, self.belief, spent))
 
     def judge(
         self, progress: Callable[[float, str], None] = lambda fraction, words: None
-    ) -> Answer:
+    ) -> ExperimentAnswer:
         """Believe what all records together say."""
         self.found = discover(
             self.records,
@@ -284,17 +284,17 @@ class Investigation:
         )
         last = self.answers[-1]
         self.belief = belief_of(self.found, self.hidden, self.done)
-        self.answers[-1] = Answer(last.experiment, last.before, self.belief, last.spent)
+        self.answers[-1] = ExperimentAnswer(last.experiment, last.before, self.belief, last.spent)
         return self.answers[-1]
 
 
-Chooser = Callable[[Investigation], Choice | Stop]
+Chooser = Callable[[Investigation], ExperimentChoice | Stop]
 
 
 def investigate(
     investigation: Investigation,
-    run: Callable[[Experiment], Record],
-    told: Callable[[Choice, Answer], None] = lambda choice, answer: None,
+    run: Callable[[PlannedExperiment], Record],
+    told: Callable[[ExperimentChoice, ExperimentAnswer], None] = lambda choice, answer: None,
     chooser: Chooser = Investigation.next,
 ) -> Stop:
     """Run an investigation to its end.

@@ -14,6 +14,7 @@ from rclpy.task import Future
 from piezo_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
+from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled
 from piezo_hysteresis.nodes.investigation.server import InvestigationServer
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.tables import DISCOVERY
@@ -26,10 +27,6 @@ from piezo_ros_common.running import run_node
 SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'a discovery was refused: its log says why')
 }
-
-
-class Cancelled(PiezoError):
-    """Whoever asked for the discovery has given it up."""
 
 
 class DiscoveryNode(Node):

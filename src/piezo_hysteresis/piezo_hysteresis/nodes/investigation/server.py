@@ -25,8 +25,8 @@ from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.investigation.conduct import Progress, Result
-    from piezo_hysteresis.investigation.experiments import Experiment
+    from piezo_hysteresis.investigation.conduct import InvestigationProgress, Result
+    from piezo_hysteresis.investigation.experiments import PlannedExperiment
     from piezo_hysteresis.investigation.journal import Setup
 
 
@@ -133,7 +133,7 @@ class InvestigationServer:
         def stopped() -> bool:
             return bool(goal.is_cancel_requested)
 
-        def told(progress: Progress) -> None:
+        def told(progress: InvestigationProgress) -> None:
             if stopped():
                 raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
             self._tell(f'{progress.stage} {progress.experiment}'.strip())
@@ -159,7 +159,7 @@ class InvestigationServer:
 
     def _setup(self, request: Any, stopped: Callable[[], bool]) -> Setup:
         from piezo_hysteresis.investigation.journal import Setup
-        from piezo_hysteresis.investigation.limits import Limits, known_range
+        from piezo_hysteresis.investigation.limits import ExperimentLimits, known_range
         from piezo_hysteresis.investigation.session import Rules
 
         model = self._model(request)
@@ -170,11 +170,11 @@ class InvestigationServer:
             raise PiezoError(
                 'the actuator does not say which voltages it takes: give low and high'
             )
-        limits = Limits(
+        limits = ExperimentLimits(
             low,
             high,
             request.slew or inf,
-            request.frequency or Limits.frequency,
+            request.frequency or ExperimentLimits.frequency,
             request.stroke or inf,
             request.heat or inf,
         )
@@ -199,7 +199,7 @@ class _Actuator:
     ) -> None:
         self._sweeper, self._neighbours, self._stopped = sweeper, neighbours, stopped
 
-    def run(self, experiment: Experiment, bag: Path) -> None:
+    def run(self, experiment: PlannedExperiment, bag: Path) -> None:
         """Run an experiment and record it in a new bag."""
         self._sweeper.run(experiment, bag, self._stopped)
 
@@ -208,7 +208,7 @@ class _Actuator:
         return self._neighbours.use(model, self._stopped)
 
 
-def _feedback(progress: Progress) -> Investigate.Feedback:
+def _feedback(progress: InvestigationProgress) -> Investigate.Feedback:
     return Investigate.Feedback(
         stage=progress.stage,
         experiment=progress.experiment,

@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 
 from piezo_common import topics
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.investigation.experiments import Experiment
+from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.nodes.investigation.neighbours_asked import PATIENCE, Cancelled, waited
 from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
 from piezo_hysteresis.nodes.recording.recorder_report import CONFIRM_AFTER, RecorderReport
@@ -57,7 +57,7 @@ class Sweeper:
         self._inlets: list[Subscription] = []
         wall_timer(node, CONFIRM_AFTER, self._report.tell_news)
 
-    def run(self, experiment: Experiment, bag: Path, stopped: Callable[[], bool]) -> None:
+    def run(self, experiment: PlannedExperiment, bag: Path, stopped: Callable[[], bool]) -> None:
         """Run an experiment into a new bag; begin again where the excitation was started anew.
 
         Raises
@@ -76,7 +76,7 @@ class Sweeper:
                 if attempt == TRIES - 1 or not waited(self._client.server_is_ready, stopped, AWAY):
                     raise
 
-    def _once(self, experiment: Experiment, bag: Path, stopped: Callable[[], bool]) -> None:
+    def _once(self, experiment: PlannedExperiment, bag: Path, stopped: Callable[[], bool]) -> None:
         if not waited(self._client.server_is_ready, stopped):
             raise PiezoError('no excitation is running: start it, and investigate again')
         shutil.rmtree(bag, ignore_errors=True)
@@ -87,7 +87,7 @@ class Sweeper:
         finally:
             self._on_node(self._close)
 
-    def _sweep(self, experiment: Experiment, stopped: Callable[[], bool]) -> None:
+    def _sweep(self, experiment: PlannedExperiment, stopped: Callable[[], bool]) -> None:
         goal = RunSweep.Goal(
             frequencies=[experiment.frequency],
             amplitudes=[experiment.amplitude],
@@ -116,7 +116,9 @@ class Sweeper:
         if not result.records:
             raise _Lost('the record was lost')
 
-    def _await(self, ended: Any, experiment: Experiment, stopped: Callable[[], bool]) -> None:
+    def _await(
+        self, ended: Any, experiment: PlannedExperiment, stopped: Callable[[], bool]
+    ) -> None:
         gone: list[float] = []
 
         def over() -> bool:
