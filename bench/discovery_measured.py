@@ -178,7 +178,7 @@ def ours(found: Discovery, tests: Sequence[tuple[Record, bool]]) -> list[Row]:
         closest = ', '.join(doubt.name for doubt in verdict.suspects)
         names = f'{verdict.verdict} (closest: {closest})' if closest else verdict.verdict
     rows = []
-    for tool, said, trial, held in (
+    for tool, text, trial, held in (
         (f'{verdict.baseline} alone', '', found.baselines.joint, found.proof.before),
         ('discovery', names, found.final, found.proof.after),
     ):
@@ -186,7 +186,7 @@ def ours(found: Discovery, tests: Sequence[tuple[Record, bool]]) -> list[Row]:
         for record, _ in tests:
             views = views_of(trial.model, trial.values, [record], trial.sampling_offset)
             errors[record.name] = judged_on(trial, views).rms
-        rows.append(Row(tool, said, trial.parameters, errors))
+        rows.append(Row(tool, text, trial.parameters, errors))
     return rows
 
 
@@ -233,10 +233,10 @@ def main(words: Sequence[str] | None = None) -> int:
             seed=arguments.seed,
             workers=arguments.workers,
         )
-        said = [f'### {path.stem}', '', found.verdict.summary, '']
+        lines = [f'### {path.stem}', '', found.verdict.summary, '']
         if found.verdict.unexplained.significant:
-            said += [found.verdict.unexplained.description, '']
-        page += [*said, *table([*ours(found, tests), *rows]), '']
+            lines += [found.verdict.unexplained.description, '']
+        page += [*lines, *table([*ours(found, tests), *rows]), '']
         print('\n'.join(['', *page]), flush=True)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     arguments.out.write_text('\n'.join(page) + '\n', encoding='utf-8')

@@ -80,11 +80,11 @@ def summary(rows: Sequence[Row]) -> list[str]:
 
 
 def _lines(kind: str, rows: Sequence[Row]) -> list[str]:
-    told = {'unknown': lambda row: row['verdict'] == 'unknown',
+    rules = {'unknown': lambda row: row['verdict'] == 'unknown',
             'null': lambda row: row['verdict'] == 'none'}  # fmt: skip
     lines = []
-    if kind in told:
-        lines.append(f'  verdict right             {_share(rows, told[kind])}')
+    if kind in rules:
+        lines.append(f'  verdict right             {_share(rows, rules[kind])}')
     else:
         lines.append(f'  named first               {_share(rows, first_right)}')
         lines.append(f'  all of them named         {_share(rows, all_right)}')
@@ -141,8 +141,8 @@ def confusion(rows: Sequence[Row]) -> list[str]:
         width = max((len(hidden) for hidden in table), default=0)
         lines += [title] if table else []
         for hidden in sorted(table):
-            said = ', '.join(f'{word} {count}' for word, count in table[hidden].most_common())
-            lines.append(f'  {hidden:{width}} {said}')
+            text = ', '.join(f'{word} {count}' for word, count in table[hidden].most_common())
+            lines.append(f'  {hidden:{width}} {text}')
     return lines
 
 

@@ -106,8 +106,8 @@ def demo(clone: Path, env: Mapping[str, str]) -> Outcome:
     summary = clone / 'out' / 'demo' / 'summary.json'
     errors: tuple[float, ...] = ()
     if summary.exists():
-        told = json.loads(summary.read_text())
-        errors = tuple(run['rmse_m'] for run in told['tracking']['runs'])
+        content = json.loads(summary.read_text())
+        errors = tuple(run['rmse_m'] for run in content['tracking']['runs'])
     tail = ' | '.join((done.stdout + done.stderr).splitlines()[-3:]) if done.returncode else ''
     return Outcome(done.returncode, seconds, processor, size, errors, tail)
 

@@ -60,11 +60,11 @@ def figure_6() -> Entry:
             axis.set(xlim=(0, 120), ylim=(1e-3, 300))
             finish(axis, 'frequency [Hz]', 'amplitude [µm]', f'{f:.0f} Hz')
 
-    said = '70 Hz in the response to 14 Hz, 69 Hz in that to 23 Hz; not conspicuous at 1, 15 Hz'
+    text = '70 Hz in the response to 14 Hz, 69 Hz in that to 23 Hz; not conspicuous at 1, 15 Hz'
     ours = '; '.join(
         f'{f:.0f} Hz: 3rd {100 * s[3]:.1f} %, 5th {100 * s[5]:.1f} %' for f, s in shares.items()
     )
-    return Entry('Fujii 2018', 'Figure 6', 'spectra', said, ours, draw,
+    return Entry('Fujii 2018', 'Figure 6', 'spectra', text, ours, draw,
                  numbers={f'{f:.0f}': max(s[3], s[5]) for f, s in shares.items()})  # fmt: skip
 
 

@@ -100,7 +100,7 @@ def compare(
               'means removed: neither model has an offset; both by RLS in mm from P0 = I',
               {'better': better / len(frequencies)}, deviating),
     ]  # fmt: skip
-    for (name, shows, said), kind in zip((first, second), rms, strict=True):
+    for (name, shows, text), kind in zip((first, second), rms, strict=True):
         row = phase[kind]
         near = row[frequencies.index(23.0)]
         others = [abs(p) for f, p in zip(frequencies, row, strict=True) if not 21 < f < 25]
@@ -111,19 +111,19 @@ def compare(
             finish(axis, 'frequency [Hz]', 'phase [degrees]')
 
         ours = f'up to {max(others):.1f} degrees away from 23 Hz, {near:+.1f} at 23 Hz'
-        found.append(Entry('Tatebatake 2017', name, shows, said, ours, draw_phase,
+        found.append(Entry('Tatebatake 2017', name, shows, text, ours, draw_phase,
                            numbers={'others': max(others), '23': near}))  # fmt: skip
     return found
 
 
 def figures_17_22(length: Length) -> list[Entry]:
     """Show the controlled displacement over the reference at 10, 23 and 30 Hz."""
-    said = {10.0: 'a straight line', 23.0: 'a unique shape, dominated by the third harmonic',
+    shown = {10.0: 'a straight line', 23.0: 'a unique shape, dominated by the third harmonic',
             30.0: 'a straight line'}  # fmt: skip
     cases = [(number, f, 'basic') for number, f in ((17, 10.0), (18, 23.0), (19, 30.0))]
     cases += [(number, f, 'printed') for number, f in ((20, 10.0), (21, 23.0), (22, 30.0))]
     return [
-        controlled(number, f, kind, 'hysteresis is left' if kind == 'basic' else said[f], length)
+        controlled(number, f, kind, 'hysteresis is left' if kind == 'basic' else shown[f], length)
         for number, f, kind in cases
         if f in length.frequencies
     ]

@@ -102,7 +102,7 @@ def step_figure() -> Entry:
     found = plants.stack_plant()
     record = loops.stack_steps()
     poles = sorted(np.roots(found.denominator), key=lambda p: -p.real)
-    told = ', '.join(f'{p.real:.1f}{p.imag:+.0f}j' if p.imag else f'{p.real:.1f}' for p in poles)
+    text = ', '.join(f'{p.real:.1f}{p.imag:+.0f}j' if p.imag else f'{p.real:.1f}' for p in poles)
     design = plants.stack_design()
     time = np.arange(600) * loops.STACK_DT
     step = loops.plant(loops.STACK).run(np.concatenate([np.zeros(50), np.full(550, 2.0)]))
@@ -119,7 +119,7 @@ def step_figure() -> Entry:
     return Entry(
         'Xiao 2014', 'Figure 12', 'step response and identified linear model',
         'matches well; (4) has the poles -29.4 and -1965 +- 1033j rad/s and the zero -31.5',
-        f'poles {told} rad/s, zero {np.roots(found.numerator)[0].real:.1f}; free run misses '
+        f'poles {text} rad/s, zero {np.roots(found.numerator)[0].real:.1f}; free run misses '
         f'{found.nrmse_percent:.1f} % of {record.voltage.size} samples of steps up to 2 V. The '
         f'controller from it has gamma {design.gamma:.2f} and its largest pole at '
         f'{abs(design.poles[0]):.4f}', draw,
@@ -130,14 +130,14 @@ def step_figure() -> Entry:
 
 def stack_table(frequencies: Sequence[float]) -> list[Entry]:
     """Return table 1 and figure 14."""
-    rows, lines, said, other = {}, [], [], []
+    rows, lines, text, other = {}, [], [], []
     for f, none, none_max, paper, paper_max in plants.TABLE_1:
         if f not in frequencies:
             continue
         free, selector, inverse = (errors(kind, f) for kind in ('none', 'selector', 'inverse'))
         rows[f] = (none, 1e6 * free.rms_without_mean, paper, 1e6 * selector.rms,
                    1e6 * inverse.rms, paper_max, 1e6 * selector.largest)  # fmt: skip
-        said.append(f'{f:.0f} Hz {none:.2f} ({none_max:.2f}) -> {paper:.2f} ({paper_max:.2f})')
+        text.append(f'{f:.0f} Hz {none:.2f} ({none_max:.2f}) -> {paper:.2f} ({paper_max:.2f})')
         lines.append(
             f'{f:.0f} Hz {1e6 * free.rms:.2f} ({1e6 * free.largest:.2f}), mean removed '
             f'{1e6 * free.rms_without_mean:.2f} -> {1e6 * selector.rms:.2f} '
@@ -173,7 +173,7 @@ def stack_table(frequencies: Sequence[float]) -> list[Entry]:
     shows = 'triangles of 30 um, rms (largest) error without and with the selector [um]'
     chain = 'inverse of hysteresis, mode and creep: ' + '; '.join(other)
     return [
-        Entry('Xiao 2014', 'Table 1', shows, '; '.join(said), '; '.join(lines), draw, why, numbers,
+        Entry('Xiao 2014', 'Table 1', shows, '; '.join(text), '; '.join(lines), draw, why, numbers,
               chain),
         Entry('Xiao 2014', 'Figure 14', 'the same over the frequency',
               'both grow with the frequency, with the selector below 2 um rms up to 40 Hz',
@@ -226,7 +226,7 @@ def signals(seconds: float) -> list[Entry]:
          'within 0.05 um'),
     )  # fmt: skip
     found = []
-    for name, kind, wave, shows, said in cases:
+    for name, kind, wave, shows, stated in cases:
         r = _signal(kind, wave)
         tail = r.error[r.error.size // 2 :]
         worst, moving = (1e6 * float(np.abs(e).max()) for e in (tail, tail - tail.mean()))
@@ -251,7 +251,7 @@ def signals(seconds: float) -> list[Entry]:
             f'{1e6 * np.abs(closed).max():.3f} um'
         )  # fmt: skip
         found.append(
-            Entry('Xiao 2014', name, shows, said,
+            Entry('Xiao 2014', name, shows, stated,
                   f'largest error {worst:.3f} um, mean removed {moving:.3f} um', draw, reason,
                   {'worst': worst}, others)
         )  # fmt: skip

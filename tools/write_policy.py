@@ -118,8 +118,8 @@ def _person(parent: Xml.Element, namespace: str, name: str, acts: bool) -> None:
     own = [f'{page.executable}/status' for page in NODES if '~/status' in page.publishes]
     heard = [*LOOKED_AT, *own, *COMMON_PUBLISHED, '/clock']
     _list(profile, 'topic', sorted(heard), subscribe='ALLOW')
-    said = ('/diagnostics', 'dashboard_recorder/status') if name == 'dashboard' else ()
-    _list(profile, 'topic', [*said, '/parameter_events', '/rosout'], publish='ALLOW')
+    shown = ('/diagnostics', 'dashboard_recorder/status') if name == 'dashboard' else ()
+    _list(profile, 'topic', [*shown, '/parameter_events', '/rosout'], publish='ALLOW')
     if not acts:
         return
     services: list[str] = []

@@ -244,10 +244,10 @@ def test_input_that_the_ramp_has_overtaken_is_not_said(chain: Chain) -> None:
     late = chain.tick
     for _ in range(TIMEOUT + 5):
         chain.state()
-    said = chain.commands[-1][0]
+    tick = chain.commands[-1][0]
     for k in range(late, chain.tick):
         chain.reference(k)
-    assert chain.commands[-1][0] == said
+    assert chain.commands[-1][0] == tick
     assert chain.loop.feedback.all_counters()['late'] > 0
     chain.run(100)
 

@@ -32,9 +32,9 @@ SHORT = Plan(
 
 
 def test_the_demo_lowers_the_error_and_reports_what_it_measured(tmp_path: Path) -> None:
-    told: list[float] = []
-    demo = run_demo(SHORT, tmp_path, lambda fraction, words: told.append(fraction))
-    assert told == sorted(told)
+    fractions: list[float] = []
+    demo = run_demo(SHORT, tmp_path, lambda fraction, words: fractions.append(fraction))
+    assert fractions == sorted(fractions)
     none, feedforward, attenuated = demo.runs
     assert feedforward.metrics.rms < 0.25 * none.metrics.rms
     assert attenuated.metrics.rms < 0.5 * none.metrics.rms

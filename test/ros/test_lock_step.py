@@ -107,7 +107,7 @@ def test_processes_give_the_numbers_of_the_offline_loop(
     rls = OnlineRls(RlsSettings(dt=1.0 / RATE))
     rls.update_many(voltage, displacement)
     estimate = listener.heard['model/estimate'][-1]
-    told = dict(zip(estimate.names, estimate.values, strict=True))
-    assert told.pop('offset') == 0.0  # of the named model; no column stands for it
-    assert told == pytest.approx(rls.estimate().parameters(), rel=1e-12)
+    known = dict(zip(estimate.names, estimate.values, strict=True))
+    assert known.pop('offset') == 0.0  # of the named model; no column stands for it
+    assert known == pytest.approx(rls.estimate().parameters(), rel=1e-12)
     assert np.max(np.abs(voltage)) > 0.3

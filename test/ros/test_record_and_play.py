@@ -245,11 +245,11 @@ def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
     try:
         listener.until(lambda: np.any(went_back(states)) and clock)
         verb.send_signal(signal.SIGINT)
-        _, said = verb.communicate(timeout=60.0)
+        _, printed = verb.communicate(timeout=60.0)
     finally:
         verb.kill()
     assert verb.returncode == 0
-    assert b'Traceback' not in said
+    assert b'Traceback' not in printed
     length = round(2 * (1000 * SECONDS + 100))
     steps = np.diff([state.sample for state in states]) % length
     # a busy machine may lose some ticks, but not their order

@@ -33,8 +33,8 @@ def excitation():
 def said(capsys, *words):
     """Run a verb; return its exit code and everything it said."""
     code = main(['param', *words, '--timeout', '60'])
-    told = capsys.readouterr()
-    return code, told.err if code else told.out
+    printed = capsys.readouterr()
+    return code, printed.err if code else printed.out
 
 
 def test_parameters_are_listed_read_set_and_refused(excitation, capsys, tmp_path):
@@ -68,8 +68,8 @@ def test_parameters_are_listed_read_set_and_refused(excitation, capsys, tmp_path
 )
 def test_what_cannot_be_is_one_line(excitation, capsys, words, reason):
     assert main(['param', *words]) == 2
-    told = capsys.readouterr().err.splitlines()
-    (line,) = (each for each in told if each.startswith('error: '))
+    lines = capsys.readouterr().err.splitlines()
+    (line,) = (each for each in lines if each.startswith('error: '))
     assert reason in line
 
 

@@ -51,10 +51,10 @@ def refused(path, message):
         load([path])
     assert '\n' not in str(caught.value)
     assert '--salvage' in str(caught.value)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter('always')
         load([path], salvage=True)
-    assert any(issubclass(item.category, DamageWarning) for item in told)
+    assert any(issubclass(item.category, DamageWarning) for item in warned)
     found = survey([path], salvage=True)
     assert found.damage
     return found

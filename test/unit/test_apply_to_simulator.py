@@ -124,10 +124,10 @@ def difference(model: Model, values: dict[str, float]) -> float:
     time = np.arange(4000) / RATE
     voltage = np.sin(2 * np.pi * 5.0 * time) * np.minimum(1.0, time)
     measured = plant.run(voltage)
-    said = model.respond(voltage, model.pack(every), 1.0 / RATE, frequency=5.0)
+    simulated = model.respond(voltage, model.pack(every), 1.0 / RATE, frequency=5.0)
     if answers_at_once(model, every, 1.0 / RATE):
-        measured, said = measured[1:], said[:-1]
-    return float(np.max(np.abs(measured - said)) / np.ptp(said))
+        measured, simulated = measured[1:], simulated[:-1]
+    return float(np.max(np.abs(measured - simulated)) / np.ptp(simulated))
 
 
 def test_asymmetry_is_handed_over() -> None:

@@ -89,9 +89,9 @@ def test_one_row_each_and_a_bad_file_stops_nothing(data, tmp_path, capsys):
     out = tmp_path / 'out'
     assert main(['batch', 'identify', str(data), '--model', 'classical', '--no-sampling-offset',
                  '--workers', '1', '--out', str(out)]) == 0  # fmt: skip
-    said = capsys.readouterr()
-    assert '4 data sets: 3 done, 1 refused' in said.out
-    assert said.err.startswith('refused: bad: ')
+    printed = capsys.readouterr()
+    assert '4 data sets: 3 done, 1 refused' in printed.out
+    assert printed.err.startswith('refused: bad: ')
     rows = {row['name']: row for row in csv.DictReader((out / 'results.csv').open())}
     assert set(rows) == {'one', 'two', 'three', 'bad'}
     assert 'bad.csv' in rows['bad']['error']
@@ -115,8 +115,8 @@ def test_parquet_holds_what_csv_holds(data, tmp_path):
     for one, other in zip(read, rows, strict=True):
         assert isinstance(one['gain'], float | None)
         for name, value in one.items():
-            said = '' if value is None else str(value)
-            assert said == other[name]
+            text = '' if value is None else str(value)
+            assert text == other[name]
 
 
 def test_without_pyarrow_there_is_csv_and_a_word(data, tmp_path, monkeypatch):

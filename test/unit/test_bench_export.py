@@ -33,6 +33,6 @@ def test_the_page_shows_the_figures_of_the_last_run() -> None:
     for error in errors.values():
         assert error == pytest.approx(errors['`compensate`'], rel=1e-6)
     readme = (export.ROOT / 'README.md').read_text('utf-8')
-    (said,) = re.findall(r'takes ([\d.]+) µs in the median', readme)
+    (figure,) = re.findall(r'takes ([\d.]+) µs in the median', readme)
     step = found['steps']['inverse + afc of 5 orders + PID + limits']['median_ns']
-    assert float(said) == pytest.approx(1e-3 * step, abs=0.051)
+    assert float(figure) == pytest.approx(1e-3 * step, abs=0.051)

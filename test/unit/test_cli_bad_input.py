@@ -107,10 +107,10 @@ BAD = [
 @pytest.mark.parametrize(('verb', 'words', 'says'), BAD, ids=lambda x: str(x)[:40])
 def test_a_mistake_gets_one_line_and_leaves_nothing(verb, words, says, files, tmp_path, capsys):
     assert main([*WORDS[verb](files), *words.split(), '--out', str(tmp_path / 'out')]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1
-    assert told[0].startswith('error: ')
-    assert re.search(says, told[0])
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith('error: ')
+    assert re.search(says, lines[0])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -125,9 +125,9 @@ def test_a_path_that_is_too_long_is_told_once(place, files, tmp_path, capsys):
     else:
         out = tmp_path / long
     assert main(['validate', str(data), '--model', str(model), '--out', str(out)]) == 2
-    told = capsys.readouterr().err
-    assert told.count(long) == 1
-    assert 'File name too long' in told
+    printed = capsys.readouterr().err
+    assert printed.count(long) == 1
+    assert 'File name too long' in printed
 
 
 def test_the_frequency_that_the_data_lack_can_be_given(files, tmp_path, capsys):
@@ -176,10 +176,10 @@ def record(dt=1e-3, volts=1.0, metres=1.0, unit='V'):
     ],
 )
 def test_what_is_off_by_a_thousand_is_doubted(changed, says):
-    told = require_plausible([record(**changed)])
-    assert len(told) == 1
-    assert told[0].startswith('record mine: ')
-    assert says in told[0]
+    problems = require_plausible([record(**changed)])
+    assert len(problems) == 1
+    assert problems[0].startswith('record mine: ')
+    assert says in problems[0]
 
 
 @pytest.mark.parametrize(('metres', 'says'), [(1e-7, 'less than an atom'), (1e3, 'no piezo act')])

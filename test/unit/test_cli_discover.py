@@ -79,10 +79,10 @@ def test_the_model_is_loadable_and_the_report_is_one_file(found: Path) -> None:
 
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     assert main(['discover', *words]) == 2
-    said = capsys.readouterr().err.strip()
-    assert said.startswith('error: ')
-    assert '\n' not in said
-    return said
+    printed = capsys.readouterr().err.strip()
+    assert printed.startswith('error: ')
+    assert '\n' not in printed
+    return printed
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(

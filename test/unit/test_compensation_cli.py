@@ -99,8 +99,8 @@ def study(files, tmp_path, *words, reference=SHORT):
     out = tmp_path / 'out'
     done = main(['compensate', *files, '--reference', reference, '--out', str(out), *words])
     assert done == 0
-    told = json.loads((out / 'summary.json').read_text())
-    return {run['run']: run['rms_m'] for run in told['runs']}, told
+    content = json.loads((out / 'summary.json').read_text())
+    return {run['run']: run['rms_m'] for run in content['runs']}, content
 
 
 def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
@@ -111,10 +111,10 @@ def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
     scales = ('--fuzzy', '5e-6', '1e-3', '0', '1e4')
     rms, _ = study(files, tmp_path, *none, 'fuzzy_pid', *gains, *scales, reference=SLOW)
     assert rms['with fuzzy PID'] < 0.5 * rms['feedforward']
-    rms, told = study(files, tmp_path, *none, 'h_infinity', '--bandwidth', '8', reference=SLOW)
+    rms, summary = study(files, tmp_path, *none, 'h_infinity', '--bandwidth', '8', reference=SLOW)
     assert rms['with H-infinity'] < 0.5 * rms['feedforward']
-    assert told['notes'][0].startswith('H-infinity: gamma 0.')
-    assert told['notes'][0] in capsys.readouterr().out
+    assert summary['notes'][0].startswith('H-infinity: gamma 0.')
+    assert summary['notes'][0] in capsys.readouterr().out
 
 
 def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
@@ -165,9 +165,9 @@ def test_sign_rules_are_settings_of_the_attenuation(files, tmp_path):
 def test_the_laws_of_the_papers_are_chosen_by_name(files, tmp_path):
     words = ('--attenuation', 'none', '--law')
     exact, _ = study([*files[:3], files[1]], tmp_path, *words, 'exact')
-    late, told = study([*files[:3], files[1]], tmp_path, *words, 'zhou2021')
+    late, summary = study([*files[:3], files[1]], tmp_path, *words, 'zhou2021')
     assert late['feedforward'] > 3 * exact['feedforward']
-    assert told['law'] == 'zhou2021'
+    assert summary['law'] == 'zhou2021'
 
 
 def test_slow_drives_have_a_model_of_their_own(files, tmp_path):
@@ -192,8 +192,8 @@ def test_the_selector_is_a_model_like_any_other(tmp_path):
 def test_a_preset_of_the_simulator_is_a_plant(files, tmp_path):
     plain = [*files[:2], '--plant', 'preset:generic_bouc_wen']
     words = ('--attenuation', 'none')
-    rms, told = study(plain, tmp_path, *words)
-    assert told['plant'] == 'preset:generic_bouc_wen'
+    rms, summary = study(plain, tmp_path, *words)
+    assert summary['plant'] == 'preset:generic_bouc_wen'
     assert rms['feedforward'] < rms['no compensation']
     again, _ = study(plain, tmp_path, *words)
     assert again == rms
@@ -257,7 +257,7 @@ def test_what_cannot_be_is_one_line(words, says, files, tmp_path, capsys):
     out = tmp_path / 'out'
     asked = ['compensate', *files, '--reference', SHORT, '--out', str(out), *given]
     assert main(asked) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1
-    assert says in told[0]
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert says in lines[0]
     assert not out.exists()

@@ -129,9 +129,9 @@ def test_a_dragged_slider_sends_the_newest_wish_only():
 
 def test_a_range_is_said_in_the_unit_of_the_page():
     size = ParameterState('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
-    for told in (
+    for text in (
         'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5',
         'reference.amplitude = 0.5 m is outside 0 .. 0.01 m',
     ):
-        assert refusal_words(size, told) == 'reference.amplitude lies between 0 and 10000 µm'
+        assert refusal_words(size, text) == 'reference.amplitude lies between 0 and 10000 µm'
     assert refusal_words(size, 'mode: a sweep is running') == 'mode: a sweep is running'

@@ -81,10 +81,10 @@ def spoiled_by(index: int, value: float):
 def test_bad_records_give_one_line_and_leave_nothing(tmp_path, capsys, spoil, words):
     data = write_record(tmp_path / 'bad.csv', spoil=spoil)
     assert main(['demo', '--data', str(data), '--out', str(tmp_path / 'out')]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1
-    assert told[0].startswith('error: ')
-    assert re.search(words, told[0])
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith('error: ')
+    assert re.search(words, lines[0])
     assert [p.name for p in tmp_path.iterdir()] == ['bad.csv']
 
 

@@ -23,25 +23,25 @@ def wave(frequency):
 
 @pytest.mark.parametrize('frequency', [50.0, 100.0, 7.0])
 def test_a_sine_that_passes_through_its_peak_is_not_clipped(frequency):
-    said = findings(wave(frequency), 1e-5 * wave(frequency), frequency=frequency)
-    assert not any('clipped' in each for each in said)
+    finding = findings(wave(frequency), 1e-5 * wave(frequency), frequency=frequency)
+    assert not any('clipped' in each for each in finding)
 
 
 def test_what_is_clipped_is_said():
-    (said,) = findings(wave(7.0), np.minimum(1e-5 * wave(7.0), 8e-6), frequency=7.0)
-    assert 'displacement rests at its largest' in said
+    (finding,) = findings(wave(7.0), np.minimum(1e-5 * wave(7.0), 8e-6), frequency=7.0)
+    assert 'displacement rests at its largest' in finding
 
 
 def test_an_inverted_sensor_is_told_from_one_of_another_clock():
-    (said,) = findings(wave(7.0), -1e-5 * wave(7.0), frequency=7.0)
-    assert 'runs against the input' in said
-    (said,) = findings(wave(7.0), 1e-5 * wave(31.0), frequency=7.0)
-    assert 'hardly move together' in said
+    (finding,) = findings(wave(7.0), -1e-5 * wave(7.0), frequency=7.0)
+    assert 'runs against the input' in finding
+    (finding,) = findings(wave(7.0), 1e-5 * wave(31.0), frequency=7.0)
+    assert 'hardly move together' in finding
 
 
 def test_a_report_gives_no_advice_twice():
     hold = 'record a step and hold it for 30 s'
     found = Check(('r: short',), ((('creep', 'drift'), hold), (('lag', 'creep'), hold)))
-    said = ['To tell creep, drift apart: record a step and hold it for 30 s.']
-    assert untold_limits(found, said) == ['r: short', 'lag, creep cannot be told apart']
+    lines = ['To tell creep, drift apart: record a step and hold it for 30 s.']
+    assert untold_limits(found, lines) == ['r: short', 'lag, creep cannot be told apart']
     assert untold_limits(found, []) == list(found.sentences())

@@ -49,12 +49,12 @@ def test_creep_is_found_where_it_is():
 
 
 def test_nothing_is_added_where_nothing_is_missing():
-    told: list[str] = []
-    choice = choose_model([record(None)], lambda fraction, words: told.append(words))
+    tried: list[str] = []
+    choice = choose_model([record(None)], lambda fraction, words: tried.append(words))
     plain = [step for step in choice.steps if step.memory == 'modified']
     assert [step.name for step in plain if step.kept] == ['modified']
     assert choice.model.name == 'modified'
-    assert told == [name for memory in MEMORIES for name in (memory, *LADDER)]
+    assert tried == [name for memory in MEMORIES for name in (memory, *LADDER)]
 
 
 def test_useless_records_are_refused():

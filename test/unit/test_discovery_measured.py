@@ -50,7 +50,7 @@ def test_a_measured_stack_shows_what_is_left_and_by_how_much_less() -> None:
     assert held.before_in_floors > 3.0
     assert held.after_in_floors < 0.5 * held.before_in_floors
     assert verdict.free_run_stable
-    told = verdict.summary + verdict.unexplained.description
-    assert f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g}' in told
+    text = verdict.summary + verdict.unexplained.description
+    assert f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g}' in text
     if verdict.unexplained.significant:
         assert 'µm rms' in verdict.unexplained.description

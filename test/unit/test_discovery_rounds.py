@@ -160,8 +160,8 @@ def test_values_that_all_records_tell_better_are_named() -> None:
         fitted = SimpleNamespace(std=std)
         return cast(Any, SimpleNamespace(model=model, fitted=fitted))
 
-    said = explained_together(known(a=1.0, b=1.0, c=1.0), known(a=0.9, b=0.1, c=0.5))
-    assert '(b, c)' in said
+    text = explained_together(known(a=1.0, b=1.0, c=1.0), known(a=0.9, b=0.1, c=0.5))
+    assert '(b, c)' in text
     assert '(' not in explained_together(known(a=1.0), known(a=1.0))
 
 

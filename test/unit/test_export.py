@@ -252,10 +252,10 @@ def test_states_are_independent_and_reset_forgets(loop, loaded, exported):
 
 def refused(capsys, *words):
     assert main(['export', *map(str, words)]) == 2
-    said = capsys.readouterr().err.strip()
-    assert said.startswith('error: ')
-    assert len(said.splitlines()) == 1
-    return said
+    printed = capsys.readouterr().err.strip()
+    assert printed.startswith('error: ')
+    assert len(printed.splitlines()) == 1
+    return printed
 
 
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, capsys):
@@ -278,8 +278,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, capsys):
     recursion = saved(tmp_path, 'extended', rate=1000.0)
     assert '1000 Hz' in refused(capsys, recursion, '--out', out, '--rate', 20000)
     falling = saved(tmp_path, A1=1e-5)
-    said = refused(capsys, falling, '--out', out, '--attenuation', 'none')
-    assert 'no inverse' in said
+    text = refused(capsys, falling, '--out', out, '--attenuation', 'none')
+    assert 'no inverse' in text
     assert not out.exists()
     assert not [each for each in tmp_path.iterdir() if each.name.startswith('.')]
 
@@ -352,16 +352,16 @@ def test_little_power_slows_the_voltage_down_and_is_said(slow_and_fast):
     assert loop.begin() == 0
     assert loop.change(energy_window=1e-3) == -3  # less than eleven ticks
     assert loop.change(energy_limit=2e-5) == 0
-    spent = told = last = 0.0
+    spent = count = last = 0.0
     for k in range(4000):
         phase, w = 2 * np.pi * 50.0 * k / 2000.0, 100 * np.pi
         row = 6e-5 * np.sin(phase), 6e-5 * w * np.cos(phase), -6e-5 * w * w * np.sin(phase)
         code, voltage = loop.step(*row, 50.0, phase)
-        told += code == 32
+        count += code == 32
         if k >= 2000:
             spent += 0.5e-6 * 2.4 * abs(voltage - last) * 2000.0 / 2000
         last = voltage
-    assert told > 1000
+    assert count > 1000
     assert 1.5e-5 < spent <= 2e-5 * (1.0 + 1e-9)
 
 

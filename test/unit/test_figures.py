@@ -60,11 +60,11 @@ def test_a_run_with_other_figures_is_told(tmp_path: Path) -> None:
         return done.returncode, done.stderr
 
     assert check(1.01) == (0, '')
-    code, said = check(1.2)
+    code, printed = check(1.2)
     assert code == 1
-    assert len(said.splitlines()) == 3
+    assert len(printed.splitlines()) == 3
     page = (tmp_path / 'README.md').read_text(encoding='utf-8')
     (tmp_path / 'README.md').write_text(page.replace('-->43.2<', '-->43.9<'), encoding='utf-8')
-    code, said = check(1.0)
+    code, printed = check(1.0)
     assert code == 1
-    assert 'README.md shows other figures' in said
+    assert 'README.md shows other figures' in printed

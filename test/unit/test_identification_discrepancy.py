@@ -179,13 +179,13 @@ def test_validate_says_whether_more_is_missed_than_known(folder, tmp_path, capsy
     assert 'no more than the model is known to miss' in capsys.readouterr().out
     assert main([*words, str(folder / 'crept.csv'), '--out', str(tmp_path / 'crept')]) == 0
     assert 'more than the model is known to miss on 1 of 1' in capsys.readouterr().out
-    told = {
+    content = {
         name: json.loads((tmp_path / name / 'summary.json').read_text())['discrepancy']
         for name in ('more', 'crept')
     }
-    assert not told['more']['larger']
-    assert told['crept']['larger']
-    (row,) = told['crept']['records']
+    assert not content['more']['larger']
+    assert content['crept']['larger']
+    (row,) = content['crept']['records']
     assert row['ratio'] > 3
     judged = ModelFile.load(tmp_path / 'crept' / 'model.yaml').discrepancy
     assert judged is not None

@@ -298,10 +298,10 @@ def test_confounded_parameters_are_named_once_together() -> None:
     names = [f'w{j}' for j in range(6)]
     alike = np.full((6, 6), 0.999)
     result = Covariance(np.full(6, 1.5), alike, 1e4, ())
-    said = warnings_of(result, names, np.ones(6))
-    assert len(said) == 2
-    assert said[0].startswith('w0, w1, w2, w3, w4 and w5 can hardly be told apart')
-    assert 'smaller than their uncertainties' in said[1]
+    remarks = warnings_of(result, names, np.ones(6))
+    assert len(remarks) == 2
+    assert remarks[0].startswith('w0, w1, w2, w3, w4 and w5 can hardly be told apart')
+    assert 'smaller than their uncertainties' in remarks[1]
 
 
 def test_digits_end_where_the_uncertainty_begins() -> None:

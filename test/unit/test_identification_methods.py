@@ -246,8 +246,8 @@ def test_identify_and_validate_leave_their_files(
     row = json.loads((check / 'summary.json').read_text())['records'][0]
     assert row['free_run_rms_m'] < 30e-9
     page = (check / 'report.html').read_text()
-    for said in ('is off by 0.0199 µm rms', row['record'], 'leaves of its worst record'):
-        assert said in page
+    for text in ('is off by 0.0199 µm rms', row['record'], 'leaves of its worst record'):
+        assert text in page
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,6 @@ def test_cost_and_linearisation_agree_where_the_start_is_estimated(
     values = {**model.defaults(), SAMPLING_OFFSET: 2e-4}
     objective = Objective(model, [target], free, values)
     x = np.array([values[each] for each in free])
-    told = objective.linearise(x)[2]
-    assert objective.cost(x) == pytest.approx(told, rel=1e-9)
-    assert told > 0.0
+    squares = objective.linearise(x)[2]
+    assert objective.cost(x) == pytest.approx(squares, rel=1e-9)
+    assert squares > 0.0

@@ -137,9 +137,9 @@ def test_markers_move_the_harmonic_of_the_online_recursion() -> None:
     course.mark(SegmentEdge(0, 'a', 23.0))
     for k, (u, y) in enumerate(zip(data.voltage, data.displacement, strict=True)):
         course.take(k, k * 1_000_000, float(u), float(y))
-    told = OnlineRls(RlsSettings(harmonic=3, frequency=23.0))
-    told.update_many(data.voltage, data.displacement)
-    assert course.method.estimate().parameters() == told.estimate().parameters()
+    recursion = OnlineRls(RlsSettings(harmonic=3, frequency=23.0))
+    recursion.update_many(data.voltage, data.displacement)
+    assert course.method.estimate().parameters() == recursion.estimate().parameters()
     course.mark(SegmentEdge(600_000_000, 'b', 400.0))
     course.take(600, 600_000_000, 0.0, 0.0)
     assert course.unseen == 1

@@ -157,7 +157,7 @@ def test_a_model_is_recovered(name: str, begin: str, noises: str) -> None:
     lost = [n for n in found.free if n not in sure and n in truth]
     assert all(n.startswith(LOOSE.get(name, ())) for n in lost), lost
     # what is not determined is said, not made up
-    assert all(any(n in said for said in found.warnings) for n in lost)
+    assert all(any(n in text for text in found.warnings) for n in lost)
     away = {n: (found.values[n] - truth[n]) / found.std[n] for n in sure}
     assert max(map(abs, away.values())) < 4.0, away
     assert distance(found, truth, sure) < chi2.ppf(0.999, len(sure)), away

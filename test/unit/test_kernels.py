@@ -113,9 +113,9 @@ def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(module
     from pathlib import Path
     cache.folders = turns.folders = lambda: (Path('/dev/null/a'), Path('/dev/null/b'))
     """
-    lines, said = python(code + CALL + '\n    outer(1)', tmp_path, '1.0')
+    lines, printed = python(code + CALL + '\n    outer(1)', tmp_path, '1.0')
     assert lines == ['3.0 1']
-    (note,) = said
+    (note,) = printed
     assert note.startswith('note: compiled kernels cannot be kept in /dev/null/a nor /dev/null/b')
 
 
@@ -129,8 +129,8 @@ def test_a_folder_that_cannot_be_written_is_read(module, tmp_path):
         raise OSError(errno.EROFS, 'read-only')
     pathlib.Path.mkdir = IndexDataCacheFile.save = os.open = refuse
     """
-    lines, said = python(code + CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
-    assert (lines, said) == (['3.0 0'], [])
+    lines, printed = python(code + CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
+    assert (lines, printed) == (['3.0 0'], [])
 
 
 def test_kernels_lie_in_the_workspace_and_then_with_the_user():

@@ -43,27 +43,27 @@ def run(folder: Path, *words: str, **more: str) -> tuple[int, str]:
 
 @pytest.mark.parametrize('words', [('-n', '2'), ('-p', 'no:xdist')])
 def test_a_skip_fails_the_run_where_it_is_forbidden(tmp_path: Path, words: tuple[str]) -> None:
-    code, said = run(tmp_path, '--reruns', '1', *words)
-    assert code == 0, said
-    assert 'FAILED' not in said
-    code, said = run(tmp_path, '--reruns', '1', *words, PIEZO_NO_SKIPS='1')
-    assert code == 1, said
-    told = [line for line in said.splitlines() if 'allowed_skips.txt does not list it' in line]
-    assert sorted(line.split()[1] for line in told) == [
+    code, printed = run(tmp_path, '--reruns', '1', *words)
+    assert code == 0, printed
+    assert 'FAILED' not in printed
+    code, printed = run(tmp_path, '--reruns', '1', *words, PIEZO_NO_SKIPS='1')
+    assert code == 1, printed
+    lines = [line for line in printed.splitlines() if 'allowed_skips.txt does not list it' in line]
+    assert sorted(line.split()[1] for line in lines) == [
         'test_it.py::test_forbidden:',
         'test_module.py:',
     ]
-    assert 'no such tool' in said
-    assert said.splitlines()[-1].strip('= ').startswith('2 passed, 3 skipped')
+    assert 'no such tool' in printed
+    assert printed.splitlines()[-1].strip('= ').startswith('2 passed, 3 skipped')
 
 
 def test_tests_that_were_run_again_are_counted_and_named(tmp_path: Path) -> None:
-    code, said = run(tmp_path, '--reruns', '1')
-    assert code == 0, said
-    assert 'live tests that needed another try: 1\n  test_it.py::test_shaky' in said
-    code, said = run(tmp_path)
-    assert code == 1, said
-    assert 'another try' not in said
+    code, printed = run(tmp_path, '--reruns', '1')
+    assert code == 0, printed
+    assert 'live tests that needed another try: 1\n  test_it.py::test_shaky' in printed
+    code, printed = run(tmp_path)
+    assert code == 1, printed
+    assert 'another try' not in printed
 
 
 def test_the_list_gives_a_reason_for_each() -> None:

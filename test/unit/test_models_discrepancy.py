@@ -44,8 +44,8 @@ def test_without_a_correlation_the_covariance_is_diagonal():
 
 
 def test_the_order_of_the_names_is_theirs():
-    told = Correlation(('beta', 'A1'), np.array([[1.0, 0.7], [0.7, 1.0]]))
-    names, matrix = model_file(correlation=told).covariance()
+    correlation = Correlation(('beta', 'A1'), np.array([[1.0, 0.7], [0.7, 1.0]]))
+    names, matrix = model_file(correlation=correlation).covariance()
     assert names == ('A1', 'A', 'beta')
     assert matrix[0, 2] == pytest.approx(0.7 * 1e-9 * 0.5)
     assert matrix[0, 1] == 0.0
@@ -63,10 +63,10 @@ def test_rounding_leaves_no_negative_variance():
 
 
 def test_only_what_has_a_deviation_is_kept():
-    told = Correlation.among(('A1', 'late', 'beta'), MATRIX, ('A1', 'beta'))
-    assert told is not None
-    assert told.names == ('A1', 'beta')
-    assert told.matrix[0, 1] == -0.25
+    correlation = Correlation.among(('A1', 'late', 'beta'), MATRIX, ('A1', 'beta'))
+    assert correlation is not None
+    assert correlation.names == ('A1', 'beta')
+    assert correlation.matrix[0, 1] == -0.25
     assert Correlation.among(('A1',), np.array([[np.nan]]), ('A1',)) is None
     assert Correlation.among(('A1',), np.eye(1), ()) is None
 

@@ -80,7 +80,7 @@ HOUR = 3_600_000 * MS
 
 
 def timed(stamps: StampValidator, samples: dict[int, int]) -> list[int]:
-    return [stamps.true_time(sample, said) for sample, said in samples.items()]
+    return [stamps.true_time(sample, stamp) for sample, stamp in samples.items()]
 
 
 @pytest.mark.parametrize(
@@ -172,10 +172,10 @@ def test_a_watchdog_ramps_after_its_patience_says_the_goal_and_is_silent() -> No
     watchdog = new_watchdog()
     assert [watchdog.voltage(k) for k in range(50)] == [None] * 50  # nothing was passed on yet
     watchdog.received(99)
-    said = {k: v for k in range(100, 200) if (v := watchdog.voltage(k)) is not None}
-    assert list(said) == list(range(110, 135))
-    assert max(abs(b - a) for a, b in pairwise([0.5, *said.values()])) <= 0.02 + 1e-12
-    assert said[134] == 0.0
+    voltages = {k: v for k in range(100, 200) if (v := watchdog.voltage(k)) is not None}
+    assert list(voltages) == list(range(110, 135))
+    assert max(abs(b - a) for a, b in pairwise([0.5, *voltages.values()])) <= 0.02 + 1e-12
+    assert voltages[134] == 0.0
     assert watchdog.stale
     watchdog.received(200)
     assert not watchdog.stale
@@ -186,8 +186,8 @@ def test_a_watchdog_ramps_after_its_patience_says_the_goal_and_is_silent() -> No
 def test_a_watchdog_keeps_to_the_limits_and_can_be_off() -> None:
     watchdog = new_watchdog(safe=-7.0)
     watchdog.received(0)
-    said = [v for k in range(1, 500) if (v := watchdog.voltage(k)) is not None]
-    assert said[-1] == -1.0
+    voltages = [v for k in range(1, 500) if (v := watchdog.voltage(k)) is not None]
+    assert voltages[-1] == -1.0
     off = new_watchdog(timeout=0)
     off.received(0)
     assert off.voltage(10**9) is None
@@ -233,9 +233,9 @@ def test_a_reference_beyond_the_stroke_is_said() -> None:
     health = LinkHealth(Clock())
     numbers = {'sample': 5, 'active': True}
     health.judge(numbers, {'out_of_stroke': 0}, new_watchdog())
-    said = health.judge(numbers, {'out_of_stroke': 7}, new_watchdog())
-    assert said.level == Level.WARN
-    assert 'beyond the stroke' in said.message
+    judged = health.judge(numbers, {'out_of_stroke': 7}, new_watchdog())
+    assert judged.level == Level.WARN
+    assert 'beyond the stroke' in judged.message
 
 
 def test_a_voltage_whose_reference_never_comes_does_not_block_the_book() -> None:

@@ -200,7 +200,7 @@ def test_an_actuator_with_its_own_pace_rests_until_the_marker_is_confirmed() -> 
     world.recorders['/a'].deaf = True
     while len([s for s in world.said if s[1] == 'begins']) < 3:
         assert world.step() == 0.0
-    moved = [said for said in world.said if said[1] == 'moved']
+    moved = [event for event in world.said if event[1] == 'moved']
     assert [what for _, what, _ in world.said] == ['begins', 'moved', 'begins', 'moved', 'begins']
     assert moved[1][2] - moved[0][2] == 2 * moved[0][2]  # twice as far ahead
     world.recorders['/a'].deaf = False
@@ -218,7 +218,7 @@ def test_a_clock_that_goes_otherwise_moves_the_marker_to_the_first_sample() -> N
     world.late = lambda tick: tick // 7  # the stamps of the driver drift
     kept = world.finish()
     assert kept_message(kept) == '2 records, recorded by /a'
-    begun = [k for k, said in enumerate(world.said) if said[1] == 'begins']
+    begun = [k for k, event in enumerate(world.said) if event[1] == 'begins']
     assert [world.said[k + 1][1] for k in begun] == ['moved', 'ends', 'moved', 'ends']
     for k in begun[::2]:
         assert world.said[k][2] == world.said[k + 2][2]

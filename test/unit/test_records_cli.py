@@ -63,10 +63,10 @@ def test_info_lists_records_topics_and_damage(tmp_path, capsys):
     file = tmp_path / 'bag' / 'bag_0.mcap'
     file.write_bytes(file.read_bytes()[:200_000])
     assert main(['info', str(tmp_path / 'bag')]) == 2
-    told = capsys.readouterr()
-    assert 'damage: ' in told.out
-    assert 'ends early' in told.out
-    assert 'need --salvage' in told.err
+    printed = capsys.readouterr()
+    assert 'damage: ' in printed.out
+    assert 'ends early' in printed.out
+    assert 'need --salvage' in printed.err
 
 
 def test_damage_is_refused_or_salvaged(tmp_path, capsys):
@@ -76,14 +76,14 @@ def test_damage_is_refused_or_salvaged(tmp_path, capsys):
     file.write_text('\n'.join(lines))
     words = ['import', str(file), '--out', str(tmp_path / 'bag')]
     assert main(words) == 2
-    told = capsys.readouterr().err
-    assert told.startswith('error: ')
-    assert told.count('\n') == 1
-    assert '1 samples are missing in 1 gap' in told
+    printed = capsys.readouterr().err
+    assert printed.startswith('error: ')
+    assert printed.count('\n') == 1
+    assert '1 samples are missing in 1 gap' in printed
     assert not (tmp_path / 'bag').exists()
     assert main([*words, '--salvage']) == 0
-    told = capsys.readouterr()
-    assert 'salvaged: ' in told.err
+    printed = capsys.readouterr()
+    assert 'salvaged: ' in printed.err
     assert [(r.name, len(r)) for r in read_bag(tmp_path / 'bag')] == [('a.1', 20), ('a.2', 39)]
 
 
@@ -94,9 +94,9 @@ def test_a_bag_without_records_still_shows_its_topics(tmp_path, capsys):
         topic = recorder.add_topic('/chatter', 'std_msgs/msg/String')
         recorder.write(topic, b'\0\1\0\0\2\0\0\0x\0', 5)
     assert main(['info', str(tmp_path / 'bag')]) == 2
-    told = capsys.readouterr()
-    assert '/chatter' in told.out
-    assert 'record the topic actuator/state' in told.err
+    printed = capsys.readouterr()
+    assert '/chatter' in printed.out
+    assert 'record the topic actuator/state' in printed.err
 
 
 @pytest.mark.parametrize('verb', ['export', 'import'])

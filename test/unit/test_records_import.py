@@ -122,11 +122,11 @@ def test_salvage_says_what_it_did(tmp_path, capsys):
     (tmp_path / 'a.csv').write_text('\n'.join([*lines[:1000], *lines[1060:]]) + '\n')
     words = ['import', str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'bag'), '--salvage']
     assert main(words) == 0
-    said = capsys.readouterr().err
-    assert 'salvaged: ' in said
-    assert 'left out' in said
-    assert 'samples are missing in 2 gaps' in said
-    assert 'cut into records there' in said
+    printed = capsys.readouterr().err
+    assert 'salvaged: ' in printed
+    assert 'left out' in printed
+    assert 'samples are missing in 2 gaps' in printed
+    assert 'cut into records there' in printed
     assert main([*words[:3], str(tmp_path / 'again'), '--salvage', '-q']) == 0
     assert capsys.readouterr().err == ''
 

@@ -52,9 +52,9 @@ def test_a_judged_record_is_left_out_and_told(tmp_path: Path, verdict: str) -> N
     marks = [*GOOD, (100, 'two', 'sine', ''), (190, '', verdict, 'two')]
     found = survey([bag_of(tmp_path / 'bag', marks)])
     assert [(r.name, len(r)) for r in found.records] == [('one', 80)]
-    told = [str(note) for note in found.left_out]
+    lines = [str(note) for note in found.left_out]
     words = [f'{tmp_path}/bag: record two was {verdict} and is left out']
-    assert told == ([] if verdict == MOVED else words)
+    assert lines == ([] if verdict == MOVED else words)
     assert set(found.left_out) <= set(found.notes)
 
 
@@ -76,9 +76,9 @@ def test_what_is_run_again_counts_once_and_under_its_name(tmp_path: Path) -> Non
 def test_a_record_is_taken_back_long_after_its_end(tmp_path: Path) -> None:
     marks = [*GOOD, (100, 'two', 'sine', ''), (150, '', 'refused', 'one'),
              (150, '', 'refused', 'two'), (300, '', 'refused', 'nobody')]  # fmt: skip
-    with pytest.warns(LeftOutWarning) as told:
+    with pytest.warns(LeftOutWarning) as warned:
         records = load([bag_of(tmp_path / 'more', [*marks, (320, 'three', 'sine', '')])])
-    assert [str(each.message).split()[2] for each in told] == ['one', 'two']
+    assert [str(each.message).split()[2] for each in warned] == ['one', 'two']
     assert [record.name for record in records] == ['three']
 
 
@@ -102,9 +102,9 @@ def test_every_verb_leaves_it_out_with_a_line(
     bag = str(bag_of(tmp_path / 'bag', [*GOOD, *CANCELLED]))
     line = f'note: {bag}: record two was cancelled and is left out\n'
     assert main(['info', bag]) == 0
-    told = capsys.readouterr()
-    assert line in told.out
-    assert [row.split()[0] for row in told.out.splitlines() if row[:3] in ('one', 'two')] == [
+    printed = capsys.readouterr()
+    assert line in printed.out
+    assert [row.split()[0] for row in printed.out.splitlines() if row[:3] in ('one', 'two')] == [
         'one'
     ]
     out = tmp_path / 'model'

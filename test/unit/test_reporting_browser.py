@@ -48,10 +48,10 @@ def photographed(page, picture, width, height=1500):
          f'--window-size={width},{height}', f'--screenshot={picture}', f'file://{page}'],
         capture_output=True, text=True, timeout=120, check=True,
     )  # fmt: skip
-    said = re.findall(r'CONSOLE[^"]*"(.*)", source', done.stderr)
-    assert any('document idle' in line for line in said)  # Bokeh has drawn
+    messages = re.findall(r'CONSOLE[^"]*"(.*)", source', done.stderr)
+    assert any('document idle' in line for line in messages)  # Bokeh has drawn
     # the browser's own remark that a layout took two rounds is harmless
-    faults = [line for line in said if '[bokeh' not in line and 'ResizeObserver' not in line]
+    faults = [line for line in messages if '[bokeh' not in line and 'ResizeObserver' not in line]
     return matplotlib.image.imread(picture), faults
 
 

@@ -63,8 +63,8 @@ def test_another_verb_changes_nothing(tmp_path: Path) -> None:
 def test_a_folder_without_a_marker_is_known_by_its_summary(
     tmp_path: Path, files: dict[str, object], verb: str
 ) -> None:
-    for name, told in files.items():
-        (tmp_path / name).write_text(json.dumps(told))
+    for name, text in files.items():
+        (tmp_path / name).write_text(json.dumps(text))
     found = marker_of(tmp_path)
     assert found is not None
     assert found.verb == verb
@@ -166,9 +166,9 @@ def test_no_verb_writes_over_another(
     write_folder(out, {'model.yaml': 'x', 'report.html': 'x'}, 'something else')
     before = content(out)
     assert main([*VERBS[verb](*files), '--out', str(out)]) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1
-    assert said[0].startswith(f'error: {out} holds the results of something else; give {verb}')
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f'error: {out} holds the results of something else; give {verb}')
     assert content(out) == before
 
 

@@ -52,10 +52,10 @@ def text_of(page: str) -> str:
 
 def test_the_verdict_is_that_of_the_worst_record(found):
     worst = max(found.records, key=lambda row: row.nrmse_percent)
-    said = sentence_of(found)
+    text = sentence_of(found)
     assert worst.record == 'sine_10Hz'
-    assert f'{1e6 * worst.free_run_rms:.3g} µm rms' in said
-    assert 'lacks something' in said
+    assert f'{1e6 * worst.free_run_rms:.3g} µm rms' in text
+    assert 'lacks something' in text
 
 
 def test_the_verdict_warns_of_what_cannot_be_used(found):

@@ -115,10 +115,10 @@ def test_only_links_and_excitation_move_the_actuator() -> None:
 def test_people_publish_nothing_of_the_loop_and_observers_call_nothing() -> None:
     found = profiles()
     for person in ('operator', 'observer', 'dashboard'):
-        said = allowed(found[person], 'topic', 'publish')
+        topics = allowed(found[person], 'topic', 'publish')
         # The page says what it has recorded, and nothing that a link of the loop acts on.
         own = {'dashboard_recorder/status'} if person == 'dashboard' else set()
-        assert all(name.startswith('/') for name in said - own)
+        assert all(name.startswith('/') for name in topics - own)
         assert 'actuator/state' in allowed(found[person], 'topic', 'subscribe')
     assert not allowed(found['observer'], 'service', 'request')
     assert not allowed(found['observer'], 'action', 'call')

@@ -120,11 +120,11 @@ def test_what_is_wrong_in_a_preset_is_said(change, says, tmp_path):
 
 def test_the_verb_prints_the_design_and_the_lines_of_a_preset(capsys, tmp_path):
     assert main(['stage', '--preset', 'fang_p845_stage', '--stroke', '6e-6']) == 0
-    told = capsys.readouterr().out
-    assert '47.529 N/um' in told
-    assert '594.11 N m/rad' in told
-    assert 'rotation of a link                    0.6 mrad' in told
-    block = yaml.safe_load(told[told.index('flexure:') :])
+    printed = capsys.readouterr().out
+    assert '47.529 N/um' in printed
+    assert '594.11 N m/rad' in printed
+    assert 'rotation of a link                    0.6 mrad' in printed
+    block = yaml.safe_load(printed[printed.index('flexure:') :])
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump(block))
     assert read_preset(tmp_path / 'mine.yaml').flexure == STAGE
     assert main(['stage', '--preset', 'fang_p845_stage', '--modulus', '71e9']) == 0
@@ -143,6 +143,6 @@ def test_the_verb_prints_the_design_and_the_lines_of_a_preset(capsys, tmp_path):
 )
 def test_the_verb_says_what_is_missing(words, says, capsys):
     assert main(['stage', *words.split()]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith('error: ')
-    assert says in told
+    printed = capsys.readouterr().err
+    assert printed.startswith('error: ')
+    assert says in printed

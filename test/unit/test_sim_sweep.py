@@ -103,11 +103,11 @@ def test_archives_csv_and_plans(tmp_path):
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {kind: step, amplitude: 0.5, duration: 1.0, name: creep}\n- {kind: rest}\n')
     archive = tmp_path / 'sweep.npz'
-    told = tmp_path / 'told.yaml'
-    assert _cli('sweep', '--plan', plan, '--noise', 0, '--out', archive, '--reveal', told) == 0
+    revealed = tmp_path / 'told.yaml'
+    assert _cli('sweep', '--plan', plan, '--noise', 0, '--out', archive, '--reveal', revealed) == 0
     columns = np.load(archive)
     assert sorted(columns)[:3] == ['creep/displacement_m', 'creep/time_s', 'creep/voltage_V']
-    assert 'noise' not in yaml.safe_load(told.read_text())['effects']
+    assert 'noise' not in yaml.safe_load(revealed.read_text())['effects']
     single = tmp_path / 'one.csv'
     words = ('sweep', '--waveform', 'reversal_curves', '--options', 'curves=2,rate=20')
     assert _cli(*words, '--out', single) == 0
