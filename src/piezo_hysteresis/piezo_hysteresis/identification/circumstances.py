@@ -95,7 +95,7 @@ def revised(
     search = search_by(model, values, sampling_offset, records, choices.start, lasting=alone)
     seen = [search.begun(each, choices.zero) for each in targets]
     seen = (
-        [_zeroed([each], choices, search.left)[0] for each in seen]
+        [search.settled(_zeroed([each], choices, search.left)[0]) for each in seen]
         if alone
         else _zeroed(seen, choices, search.left, fewest=2)
     )

@@ -53,6 +53,10 @@ _WORTH_A_TRY = 100.0
 # it is then moved to where a slope says.
 _STEPS = (0.12, 0.06, 0.03, 0.015)
 _TURNS = 3
+# Of the start that is kept, its levels are moved at most so often, until they stay within this
+# share of the largest voltage.
+_SETTLING_TURNS = 10
+_STILL = 1e-4
 
 
 class StartSearch:
@@ -133,6 +137,29 @@ class StartSearch:
             kept = best
         kept = self._plainest(kept, others, target.measured.size)
         return target if kept[1] == target.begins else led_in(target, record, kept[1])
+
+    def settled(self, target: Target) -> Target:
+        """Return the target with the levels before it where no slope would move them.
+
+        What is left of it counts what slopes of the levels explain, and hardly tells one level
+        from the next; a run that begins after them has no slopes.
+        """
+        record = self._record_of(target)
+        if record is None:
+            return target
+        found, most = target, _AS_WELL * self.square(target)
+        largest = float(np.max(np.abs(record.voltage)))
+        for _ in range(_SETTLING_TURNS if target.begins.levels else 0):
+            levels = opened(self._model, self._packed, found, self._late, found.valid).levels
+            if not all(abs(level) <= _FARTHEST * largest for level in levels):
+                return target
+            moved = max(abs(a - b) for a, b in zip(levels, found.begins.levels, strict=True))
+            found = led_in(found, record, RecordStart(found.begins.kind, levels))
+            if not self.square(found) <= most:
+                return target
+            if moved <= _STILL * largest:
+                return found
+        return target
 
     def with_steps(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
         """Return targets that may begin with a step although they are taken to begin in motion.

@@ -1,0 +1,36 @@
+"""What is reported of a record is what a run from its start gives."""
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis import models
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.errors import free_run_of
+from piezo_hysteresis.records import Record
+from piezo_sim.sweep import grid, simulate
+
+
+def sines(preset: str, *frequencies: float, cut: int = 0) -> list[Record]:
+    """Return sines of 3 s, the first of them without its first `cut` samples."""
+    specs = grid('sine', list(frequencies), [1.0], {'duration': 3.0, 'warm_up': 1.0})
+    first, *others = simulate(preset, specs, {}, 0, None)
+    return [first.section(cut, len(first)) if cut else first, *others]
+
+
+@pytest.mark.parametrize(
+    ('preset', 'model', 'frequencies', 'cut'),
+    [
+        # what this model misses makes a level before the first record do as well as rest
+        ('fdk_pzba_00030', 'bouc_wen_mode', (1, 5, 10, 14, 18, 22, 23, 24, 35, 50), 0),
+        ('generic_bouc_wen', 'prandtl_ishlinskii', (1, 5), 137),
+    ],
+)
+def test_the_error_that_is_told_is_that_of_a_free_run(
+    preset: str, model: str, frequencies: tuple[float, ...], cut: int
+) -> None:
+    records = sines(preset, *frequencies, cut=cut)
+    found = identify(records, models.named(model))
+    for record, view, row in zip(records, found.views, found.records, strict=True):
+        run = free_run_of(found.model, found.values, view, found.sampling_offset)
+        error = (record.displacement - run)[record.warm_up_samples :]
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(row.free_run_rms, rel=0.02)
