@@ -78,7 +78,7 @@ def test_elements_of_one_kind_stand_on_one_line():
     lines = folded([*others, *elements])
     assert [name for name, _, _ in lines] == ['A1', 'gamma', 'fine1 .. 39']
     assert lines[0][1:] == ('40 ± 2', 'µm/V')
-    assert '39 values, 1 .. 39, sum 780; largest: fine39' in lines[2][1]
+    assert '39 values, the largest fine39, sum 780, 1 .. 39' in lines[2][1]
     assert lines[2][2] == 'µm/V'
     (plot,) = weights_figures([*others, *elements])
     bar = next(each for each in plot.figure.renderers if hasattr(each.glyph, 'top'))

@@ -223,16 +223,19 @@ def _figure(runs: list[Run]) -> bytes:
 
     from matplotlib.figure import Figure
 
+    from piezo_hysteresis.reporting.compensation_report import colour_of
+
     figure = Figure(figsize=(9, 7), layout='constrained')
     whole, last = figure.subplots(2, 1)
     for each in runs:
         result = each.result
         part = slice(-min(result.time.size, max(200, result.time.size // 50)), None)
         label = f'{each.name}: rms {each.metrics.rms * 1e6:.3g} µm'
-        (line,) = whole.plot(result.time, result.error * 1e6, lw=0.7, label=label)
+        colour = colour_of(each)
+        whole.plot(result.time, result.error * 1e6, lw=0.7, label=label, color=colour)
         if each is not runs[0]:  # beside it the others are one line
             error = result.error[part] * 1e6
-            last.plot(result.time[part], error, lw=1.0, color=line.get_color())
+            last.plot(result.time[part], error, lw=1.2, color=colour)
     whole.set(title='Tracking error', ylabel='error [µm]')
     whole.legend(loc='upper right')
     last.set(xlabel='time [s]', ylabel='error [µm]', title='The end of the compensated runs')

@@ -8,6 +8,7 @@ from typing import Protocol
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
+from piezo_hysteresis.reporting.plot_parts import ROLES
 from piezo_hysteresis.reporting.plots import Curve, trace_figure
 from piezo_hysteresis.reporting.units import micrometres
 
@@ -143,4 +144,13 @@ def _end(run: StudiedRun) -> slice:
 
 
 def _curve(run: StudiedRun, part: slice, values: FloatArray) -> Curve:
-    return Curve(run.name, run.result.time[part], values[part], _ROLES.get(run.name, _OTHER))
+    return Curve(run.name, run.result.time[part], values[part], _role(run))
+
+
+def _role(run: StudiedRun) -> str:
+    return _ROLES.get(run.name, _OTHER)
+
+
+def colour_of(run: StudiedRun) -> str:
+    """Return the colour that a run has in every plot."""
+    return ROLES[_role(run)]

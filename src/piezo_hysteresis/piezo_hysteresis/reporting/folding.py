@@ -76,8 +76,8 @@ def _line(group: Sequence[Value]) -> tuple[str, str, str]:
     sizes = np.array([factor * value.value for value in group])
     largest = int(np.argmax(np.abs(sizes)))
     text = (
-        f'{len(group)} values, {sizes.min():.3g} .. {sizes.max():.3g}, sum {sizes.sum():.3g}; '
-        f'largest: {group[largest].name}'
+        f'{len(group)} values, the largest {group[largest].name}, sum {sizes.sum():.3g}, '
+        f'{sizes.min():.3g} .. {sizes.max():.3g}'
     )
     return f'{group[0].name} .. {_number(group[-1])}', text, shown_unit
 

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 
 _PANELS = 6
 _DRAWN = 4000  # points of a loop; more only make the file larger
-_MEASURED, _MODEL, _FLOOR = '#444444', '#c0392b', '#2471a3'
+_MODEL, _ERROR, _FLOOR = ROLES['model'], ROLES['error'], '#000000'
 
 
 def figures(
@@ -87,7 +88,8 @@ def _loops(records: Sequence[Record], simulated: Mapping[str, FloatArray]) -> Fi
         cut = _tail(record)
         every = slice(None, None, max(1, (len(record) - cut.start) // _DRAWN))
         u = record.voltage[cut][every]
-        axis.plot(u, 1e6 * record.displacement[cut][every], color=_MEASURED, label='measured')
+        measured = 1e6 * record.displacement[cut][every]
+        axis.plot(u, measured, color=GREY, lw=3.5, label='measured')
         model = 1e6 * simulated[record.name][cut][every]
         axis.plot(u, model, '--', color=_MODEL, label='model')
         axis.set_title(record.name, fontsize='medium')
@@ -105,8 +107,12 @@ def _spectra(
     for axis, record in zip(axes, records, strict=True):
         cut = slice(record.warm_up_samples, None)
         for label, signal, colour in (
-            ('measured', record.displacement[cut], _MEASURED),
-            ('residual', record.displacement[cut] - simulated[record.name][cut], _MODEL),
+            ('measured', record.displacement[cut], GREY),
+            (
+                'measured minus model',
+                record.displacement[cut] - simulated[record.name][cut],
+                _ERROR,
+            ),
         ):
             frequency, amplitude = _amplitudes(signal, record.dt)
             axis.loglog(frequency[1:], 1e6 * amplitude[1:], color=colour, label=label, lw=0.8)
@@ -137,8 +143,8 @@ def _over_frequency(
     known = any(f > 0 for f in frequency)
     place = frequency if known else list(range(1, len(records) + 1))
     for label, colour, marker in (
-        ('free run', _MODEL, 'o'),
-        ('one step', _MEASURED, 'x'),
+        ('free run', _ERROR, 'o'),
+        ('one step', GREY, 'x'),
     ):
         rms = [
             by_name[r.name].free_run_rms if label == 'free run' else by_name[r.name].one_step_rms
@@ -158,7 +164,7 @@ def _over_frequency(
 
 def _convergence(history: Sequence[float], floor: float) -> Figure:
     figure, (axis,) = _panels(1)
-    axis.semilogy(range(len(history)), 1e6 * np.asarray(history), 'o-', ms=3, color=_MODEL)
+    axis.semilogy(range(len(history)), 1e6 * np.asarray(history), 'o-', ms=3, color=_ERROR)
     if floor > 0:
         axis.axhline(1e6 * floor, color=_FLOOR, ls=':', label='noise floor')
         axis.legend()

@@ -22,9 +22,11 @@ on a name in a legend hides its line.</footer>
 $script
 <script>
 const touch = matchMedia('(pointer: coarse)').matches;
-function suit(plot, width) {
+function suit(plot) {
   // A finger on a plot scrolls the page until a tool is chosen.
   if (touch) for (const tool of plot.toolbar.tools) if (tool.active === true) tool.active = false;
+}
+function wrap(plot, width) {
   // As many names of a legend side by side as there is room for.
   for (const legend of plot.above.filter((part) => part.type === 'Legend')) {
     const longest = Math.max(...legend.items.map((item) => item.label.value.length));
@@ -37,7 +39,10 @@ document.addEventListener('DOMContentLoaded', () => {
     const plots = (window.Bokeh?.documents ?? []).flatMap((page) => page.roots());
     if (plots.length < figures.length) return;
     clearInterval(timer);
-    plots.forEach((plot) => suit(plot, figures[0].clientWidth));
+    plots.forEach(suit);
+    const wrapAll = () => plots.forEach((plot) => wrap(plot, figures[0].clientWidth));
+    wrapAll();
+    addEventListener('resize', wrapAll);  // a phone that is turned
   }, 50);
 });
 // Canvases keep the width that they have on the screen: on paper each is scaled to the page.

@@ -153,7 +153,7 @@ def draw_floor(plot: Any, floor: float | None) -> None:
     )  # fmt: skip
     plot.add_layout(
         Label(x=6, x_units='screen', y=MICRO * floor, text='noise floor', text_font_size='11px',
-              y_offset=2)
+              y_offset=3, background_fill_color='#ffffff', background_fill_alpha=0.8)
     )  # fmt: skip
 
 
