@@ -42,6 +42,8 @@ def test_identify_then_compensate(lab: Path) -> None:
     runs = json.loads((lab / 'attenuated' / 'summary.json').read_text())['runs']
     sizes = [each['rms_m'] for each in runs]
     assert sizes[-1] < 0.1 * sizes[1] < 0.1 * sizes[0]  # what the page promises
+    # in the figures of the picture, which is drawn of such a folder
+    assert sizes == pytest.approx([22.0e-6, 3.0e-6, 0.014e-6], rel=0.2)
 
 
 @pytest.mark.slow
