@@ -55,7 +55,7 @@ def _proof(found: Discovery) -> PageSection:
         [r.after for r in proof.rows],
         found.floor,
         title='Gap on held-out records',
-        caption='Records that decided nothing. Where the bars reach the line only noise is left.',
+        caption='Records that were not fitted. Where the bars reach the line only noise is left.',
         labels=(f'{verdict.baseline} alone', 'with what was found'),
     )
     text = (
