@@ -52,7 +52,9 @@ def test_the_demo_lowers_the_error_and_reports_what_it_measured(tmp_path: Path) 
     assert set(row['harmonics_m']) == {'1', '2', '3', '5'}
     assert {each['record'] for each in summary['records']} == {r.name for r in demo.sweep}
 
-    write_demo_report(tmp_path / 'report.html', demo.sweep, demo.found, demo.runs, demo.plan)
+    page = tmp_path / 'report.html'
+    write_demo_report(page, demo.sweep, demo.found, demo.runs, demo.plan, Path('out/own'))
+    assert '--model out/own/model.yaml' in page.read_text()
     assert f'{1e6 * row["rmse_m"]:.3g} µm' in (tmp_path / 'report.html').read_text()
 
 

@@ -67,8 +67,8 @@ def test_the_verdict_warns_of_what_cannot_be_used(found):
 
 
 def test_what_comes_next_depends_on_what_was_found(found):
-    first = next_section(found, ['sweep']).text.splitlines()[0]
-    assert 'discover sweep --baseline model.yaml' in first
+    first = next_section(found, ['sweep'], 'out/own').text.splitlines()[0]
+    assert 'discover sweep --baseline out/own/model.yaml' in first
     quiet = replace(found, noise_floor=found.records[2].free_run_rms)
     assert 'validate' in next_section(quiet).text.splitlines()[0]
 

@@ -63,7 +63,9 @@ def show(out: Path) -> None:
         with progress_bar('demo') as progress:
             demo = run_demo(Plan(), folder, progress)
             progress(0.97, 'drawing the report')
-            write_demo_report(folder / 'report.html', demo.sweep, demo.found, demo.runs, demo.plan)
+            write_demo_report(
+                folder / 'report.html', demo.sweep, demo.found, demo.runs, demo.plan, out
+            )
         write_model(demo.found.model_file(['bags/sweep'], demo.sweep[0].rate), folder)
         write_summary(demo_summary(demo, time.perf_counter() - begun), folder)
     _print_runs(demo)
@@ -91,7 +93,7 @@ def identify_own(data: Sequence[str], out: Path) -> None:
             found = identify(records, choice.model, start=choice.start, count=1)
             progress(0.95, 'drawing the report')
             given = [str(each) for each in data]
-            write_data_report(folder / 'report.html', records, found, choice.steps, given)
+            write_data_report(folder / 'report.html', records, found, choice.steps, given, out)
         write_model(found.model_file(given, records[0].rate), folder)
         steps = [vars(step) for step in choice.steps]
         summary = {'choice': steps, 'held_out': [vars(each) for each in choice.held_out]}

@@ -92,7 +92,14 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.out,
         {
             'report.html': validation_page(
-                saved, records, simulated, rows, noise, [remarks, *map(str, warnings)]
+                saved,
+                records,
+                simulated,
+                rows,
+                noise,
+                [remarks, *map(str, warnings)],
+                model=arguments.model,
+                data=arguments.data,
             ),
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
             'model.yaml': updated.text(),

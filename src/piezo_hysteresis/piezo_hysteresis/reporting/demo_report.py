@@ -61,6 +61,7 @@ def write_demo_report(
     found: Identification,
     runs: Sequence[TrackingRun],
     plan: TrackingPlan,
+    results: Path,
 ) -> None:
     """Write the report of the demo.
 
@@ -76,6 +77,8 @@ def write_demo_report(
         The first one without compensation, the last one with everything.
     plan : TrackingPlan
         What was run.
+    results : Path
+        Folder that its commands name, which `path` may be in only later.
 
     Raises
     ------
@@ -89,7 +92,7 @@ def write_demo_report(
         fit_section(sweep, found, simulated),
         where_section(sweep, found, simulated),
         parameter_section(found),
-        _next_after_demo(),
+        _next_after_demo(results),
     ]
     title = f'Tracking {plan.tracked:g} Hz with a piezo actuator'
     write_report(path, title, _verdict(runs, plan), sections)
@@ -100,16 +103,19 @@ def write_data_report(
     records: Sequence[Record],
     found: Identification,
     steps: Sequence[TriedModel],
-    data: Sequence[str] = (),
+    data: Sequence[str],
+    results: Path,
 ) -> None:
     """Write the report of an identification whose model was chosen automatically.
+
+    The commands in it name the folder `results`, which `path` may be in only later.
 
     Raises
     ------
     PiezoError
         If the file cannot be written.
     """
-    page = identification_page(records, found, steps=steps, data=data)
+    page = identification_page(records, found, steps=steps, data=data, folder=str(results))
     write_folder(path.parent, {path.name: page})
 
 
@@ -230,14 +236,14 @@ def _ordinal(n: int) -> str:
     return {1: 'first', 2: 'second', 3: 'third', 5: 'fifth'}.get(n, f'{n}th')
 
 
-def _next_after_demo() -> PageSection:
+def _next_after_demo(folder: Path) -> PageSection:
     text = (
-        '- `python -m piezo_hysteresis discover out/demo/bags/sweep --baseline bouc_wen_mode '
-        '--out out/discover` names what the model still misses.\n'
+        f'- `python -m piezo_hysteresis discover {folder}/bags/sweep --baseline bouc_wen_mode '
+        f'--out {folder.parent / "discover"}` names what the model still misses.\n'
         '- `make demo DATA=my_record.csv` identifies an actuator of your own.\n'
         '- `params.yaml` beside this page goes into the running feedforward node with '
-        '`python -m piezo_hysteresis param load /feedforward out/demo/params.yaml`.\n'
-        '- `python -m piezo_hysteresis loop --model out/demo/model.yaml` runs the loop with its '
+        f'`python -m piezo_hysteresis param load /feedforward {folder}/params.yaml`.\n'
+        f'- `python -m piezo_hysteresis loop --model {folder}/model.yaml` runs the loop with its '
         'live page.'
     )
     return PageSection('What next?', text)

@@ -51,7 +51,7 @@ def write_identification(
             'model.yaml': saved.text(),
             'params.yaml': yaml.safe_dump(ros, sort_keys=False),
             'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
-            'report.html': identification_page(records, found, data=data),
+            'report.html': identification_page(records, found, data=data, folder=out),
             **drawn,
         },
         'identify',

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -33,6 +34,7 @@ def identification_page(
     *,
     steps: Sequence[TriedModel] = (),
     data: Sequence[str] = (),
+    folder: str = '',
 ) -> str:
     """Return the whole report as HTML.
 
@@ -46,6 +48,8 @@ def identification_page(
         How the model was chosen, where that was not said beforehand.
     data : sequence of str
         Paths, for the commands that come next; ``DATA`` where not given.
+    folder : str
+        That of the results, as the user wrote it.
     """
     seen = annotated(records)
     simulated = free_runs(records, found)
@@ -55,7 +59,7 @@ def identification_page(
         *([choice_section(steps)] if steps else []),
         parameter_section(found),
         *([correlation_section(found)] if len(found.names) > 1 else []),
-        next_section(found, data),
+        next_section(found, data, folder),
     ]
     names = ', '.join(record.name for record in records[:3])
     more = f' and {len(records) - 3} more' if len(records) > 3 else ''
@@ -160,8 +164,9 @@ def choice_section(steps: Sequence[TriedModel]) -> PageSection:
     return PageSection('How was the model chosen?', text, (), (table(headers, rows),))
 
 
-def next_section(found: Identification, data: Sequence[str] = ()) -> PageSection:
+def next_section(found: Identification, data: Sequence[str] = (), folder: str = '') -> PageSection:
     """Return what to do with this model, the most urgent thing first."""
+    model, parameters = (str(Path(folder) / name) for name in ('model.yaml', 'params.yaml'))
     inputs = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     lines = []
     if not found.converged:
@@ -170,16 +175,16 @@ def next_section(found: Identification, data: Sequence[str] = ()) -> PageSection
     lacks = found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
     why = 'names what the model lacks' if lacks else 'says what the model still misses'
     discover = (
-        f'`python -m piezo_hysteresis discover {inputs} --baseline model.yaml --out found` {why}, '
+        f'`python -m piezo_hysteresis discover {inputs} --baseline {model} --out found` {why}, '
         'with probabilities and alternatives.'
     )
     judge = (
-        '`python -m piezo_hysteresis validate OTHER_DATA --model model.yaml --out check` judges '
+        f'`python -m piezo_hysteresis validate OTHER_DATA --model {model} --out check` judges '
         'the model on records that it has never seen: do that before you trust it.'
     )
     lines += [discover, judge] if lacks else [judge, discover]
     lines.append(
-        '`python -m piezo_hysteresis param load /feedforward params.yaml` makes the running '
+        f'`python -m piezo_hysteresis param load /feedforward {parameters}` makes the running '
         'feedforward node invert it.'
     )
     return PageSection('What next?', '\n'.join(f'- {line}' for line in lines))

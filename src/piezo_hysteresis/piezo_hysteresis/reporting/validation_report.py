@@ -21,6 +21,9 @@ def validation_page(
     rows: Sequence[RecordErrors],
     noise_floor: float,
     remarks: Sequence[str],
+    *,
+    model: str = 'model.yaml',
+    data: Sequence[str] = (),
 ) -> str:
     """Return the whole report as HTML.
 
@@ -38,7 +41,12 @@ def validation_page(
         Of the records [m]; 0 where it is not known.
     remarks : sequence of str
         What is to be known besides: the comparison with the known discrepancy, warnings.
+    model : str
+        File of the model, for the command that comes next.
+    data : sequence of str
+        Paths, as well; ``DATA`` where not given or many.
     """
+    where = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     worst = max(rows, key=lambda row: largest_if_unknown(row.nrmse_percent))
     many = f' in the worst of {len(rows)} records' if len(rows) > 1 else ''
     sentence = (
@@ -53,7 +61,7 @@ def validation_page(
         _rest(records, simulated, worst.record),
         PageSection(
             'What next?',
-            '- `python -m piezo_hysteresis discover DATA --baseline model.yaml --out found` says '
+            f'- `python -m piezo_hysteresis discover {where} --baseline {model} --out found` says '
             'what the model misses, with probabilities and alternatives.\n'
             '- `model.yaml` beside this page is the same model, with what it misses on these '
             'records as its discrepancy: the next `validate` compares with it.',
