@@ -58,7 +58,7 @@ def main() -> int:
         pictures = arguments.page.parent / 'pictures' / 'papers'
         pictures.mkdir(parents=True, exist_ok=True)
         for entry in entries:
-            save(entry, pictures, dpi=55)
+            save(entry, pictures, dpi=75)
         arguments.page.write_text(page(entries, 'pictures/papers'))
     print(f'{len(entries)} figures and tables in {time.perf_counter() - begun:.0f} s, '
           f'in {arguments.out}')  # fmt: skip

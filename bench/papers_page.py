@@ -8,6 +8,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from piezo_hysteresis.arrays import FloatArray
 
@@ -34,6 +35,8 @@ MISSING: dict[str, tuple[str, ...]] = {
         'Table 2: its rules are missing; ours are a file, `compensate --fuzzy-tables`.',
     ),
 }
+
+_TICKS = 9  # that fit below a picture of one panel
 
 Draw = Callable[[Figure], None]
 
@@ -83,10 +86,19 @@ class Entry:
 
 def save(entry: Entry, folder: Path, dpi: int = 100) -> None:
     """Draw `entry` into `folder`."""
-    figure = Figure(figsize=(9, 4.2), layout='constrained')
+    figure = Figure(figsize=(7.5, 3.5), layout='constrained')
     entry.draw(figure)
+    _spare_ticks(figure)
     figure.suptitle(f'{entry.paper}, {entry.name}: {entry.shows}', fontsize=10)
     figure.savefig(folder / entry.picture, dpi=dpi)
+
+
+def _spare_ticks(figure: Figure) -> None:
+    """Let panels have as many ticks below them as their width has room for."""
+    columns = max(len({round(each.get_position().x0, 2) for each in figure.axes}), 1)
+    for axes in figure.axes:
+        if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
+            axes.xaxis.set_major_locator(MaxNLocator(max(_TICKS // columns, 2)))
 
 
 def page(entries: Sequence[Entry], pictures: str = '') -> str:
