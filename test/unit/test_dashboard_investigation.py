@@ -1,5 +1,7 @@
 """The investigation on the live page: its form, its steps with reasons, beliefs over time."""
 
+from bokeh.document import Document
+from bokeh.events import ButtonClick
 from dashboard_fakes import Backend
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
@@ -18,21 +20,37 @@ def form(orders):
     return InvestigationForm(orders.append, lambda: orders.append('cancel'), lambda: 'new')
 
 
+def page_of(*roots):
+    """Return how widgets are found by their names, and how a button is pressed."""
+    document = Document()
+    for root in roots:
+        document.add_root(root)
+
+    def press(name):
+        document.callbacks.trigger_event(ButtonClick(document.get_model_by_name(name)))
+
+    return document.get_model_by_name, press
+
+
+def asked(orders, **values):
+    """Press the button with these limits; return what the page says then."""
+    by_name, press = page_of(form(orders).root)
+    for name, value in values.items():
+        by_name(f'investigation.{name}').value = value
+    press('investigation.start')
+    return by_name('investigation.words').text
+
+
 def test_the_button_asks_with_limits_and_budget():
     orders = []
-    shown = form(orders)
-    shown._low.value, shown._high.value, shown._slew.value = -1.0, 2.0, 300.0
-    shown.box._press()
+    asked(orders, low=-1.0, high=2.0, slew=300.0)
     assert orders == [InvestigationOrder(-1.0, 2.0, 300.0, 200.0, 'new')]
 
 
 def test_an_impossible_range_is_told_and_not_asked():
     orders = []
-    shown = form(orders)
-    shown._low.value, shown._high.value = 2.0, 1.0
-    shown.box._press()
+    assert 'below the lowest' in asked(orders, low=2.0, high=1.0)
     assert orders == []
-    assert 'below the lowest' in shown.box.words.text
 
 
 def test_steps_come_with_their_reason_and_what_they_answered():
@@ -46,11 +64,13 @@ def test_steps_come_with_their_reason_and_what_they_answered():
 def test_beliefs_are_drawn_over_actuator_time():
     shown = form([])
     shown.refresh(BackgroundJob('running', 0.1, 'runs'), BELIEFS, True, 0.0)
-    plot = shown._chances
-    assert plot.figure.visible
-    assert [item.label.value for item in plot._legend.items] == ['creep', 'none']
-    assert list(plot._sources[0].data['x']) == [0.0, 0.0, 1.6]
-    assert list(plot._sources[0].data['y']) == [0.1, 0.0, 0.9]
+    by_name, _ = page_of(shown.root)
+    figure = by_name('investigation.chances')
+    assert figure.visible
+    assert [item.label.value for item in figure.legend.items] == ['creep', 'none']
+    drawn = figure.renderers[0].data_source.data
+    assert list(drawn['x']) == [0.0, 0.0, 1.6]
+    assert list(drawn['y']) == [0.1, 0.0, 0.9]
 
 
 def test_the_page_holds_it_and_starts_it():
@@ -59,6 +79,7 @@ def test_the_page_holds_it_and_starts_it():
     controls = Controls(backend, 'stage')
     controls.refresh()
     assert 'investigation' in [root.name for root in controls.roots]
-    controls._investigation.box._press()
+    _, press = page_of(*controls.roots)
+    press('investigation.start')
     assert isinstance(backend.orders[0], InvestigationOrder)
     assert backend.orders[0].name.startswith('investigation_')

@@ -19,3 +19,50 @@ def classes():
 
 def test_no_class_is_called_like_another():
     assert {name: places for name, places in classes().items() if len(places) > 1} == {}
+
+
+# they say nothing of what they hold
+VAGUE = {'told', 'said', 'wanted', 'words'}
+
+
+def variables(tree):
+    """Return the names of the variables that the functions of a module set."""
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            for node in ast.walk(function):
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    yield node.id
+
+
+def test_no_variable_of_the_source_has_a_name_that_says_nothing():
+    found = {}
+    for path in sorted(ROOT.rglob('*.py')):
+        names = set(variables(ast.parse(path.read_text(encoding='utf-8')))) & VAGUE
+        if names:
+            found[str(path.relative_to(ROOT))] = sorted(names)
+    assert found == {}
+
+
+def private_uses(tree):
+    """Return attributes and imports of others that begin with an underscore."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Store):
+            own = isinstance(node.value, ast.Name) and node.value.id in ('self', 'cls', 'os')
+            names = [] if own else [node.attr]
+        elif isinstance(node, ast.ImportFrom):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        yield from (n for n in names if n.startswith('_') and not n.startswith('__'))
+
+
+def test_tests_use_what_is_public():
+    of_tuples = {'_replace', '_asdict', '_fields'}
+    found = {}
+    for path in sorted((ROOT.parent / 'test').rglob('*.py')):
+        if path.name == 'sitecustomize.py':  # slows the compiler itself down
+            continue
+        used = set(private_uses(ast.parse(path.read_text(encoding='utf-8')))) - of_tuples
+        if used:
+            found[path.name] = sorted(used)
+    assert found == {}

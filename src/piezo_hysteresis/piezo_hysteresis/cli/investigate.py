@@ -117,11 +117,11 @@ class _Teller:
 def _replay(folder: Path, workers: int) -> int:
     from piezo_hysteresis.investigation.conduct import repeated
 
-    def told(progress: InvestigationProgress) -> None:
+    def report(progress: InvestigationProgress) -> None:
         if progress.stage == 'judge':
             print(f'{progress.number}. {progress.experiment}: {progress.why}', flush=True)
 
-    found = repeated(folder, workers or os.cpu_count() or 1, told)
+    found = repeated(folder, workers or os.cpu_count() or 1, report)
     if found.differences:
         raise PiezoError(f'{folder}: {"; ".join(found.differences)}')
     last = found.lines[-1] if found.lines else None

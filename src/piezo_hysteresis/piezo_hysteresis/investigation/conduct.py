@@ -216,15 +216,13 @@ class _Course:
         now = self._now
         assert now.found is not None
         effects = {e.name: e.probability for e in now.found.verdict.effects}
-        words = f'{now.found.verdict.summary} {stop.words}, after {len(now.answers)} experiments'
-        words += f' of {now.spent:.3g} s together.'
+        text = f'{now.found.verdict.summary} {stop.words}, after {len(now.answers)} experiments'
+        text += f' of {now.spent:.3g} s together.'
         if gaps[0] == gaps[0]:
-            words += (
-                f' On a record taken afterwards the gap is {gaps[1]:.3g} noise floors in place'
-            )
-            words += f' of {gaps[0]:.3g}.'
+            text += f' On a record taken afterwards the gap is {gaps[1]:.3g} noise floors in place'
+            text += f' of {gaps[0]:.3g}.'
         return Result(
-            stop, now.belief.verdict, effects, len(now.answers), now.spent, *gaps, applied, words
+            stop, now.belief.verdict, effects, len(now.answers), now.spent, *gaps, applied, text
         )
 
     def _write(self, result: Result) -> None:

@@ -82,8 +82,8 @@ class Neighbourhood:
             If it does not answer, or refuses.
         """
         self._there(stopped)
-        wanted = [Parameter('mode', value=mode)]
-        (result,) = self._answer(self._excitation.set_parameters(wanted), stopped).results
+        parameters = [Parameter('mode', value=mode)]
+        (result,) = self._answer(self._excitation.set_parameters(parameters), stopped).results
         if not result.successful:
             raise PiezoError(f'the excitation refuses mode {mode}: {result.reason}')
 

@@ -133,7 +133,7 @@ class InvestigationServer:
         def stopped() -> bool:
             return bool(goal.is_cancel_requested)
 
-        def told(progress: InvestigationProgress) -> None:
+        def report(progress: InvestigationProgress) -> None:
             if stopped():
                 raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
             self._tell(f'{progress.stage} {progress.experiment}'.strip())
@@ -148,7 +148,7 @@ class InvestigationServer:
                 self._folder(request),
                 setup,
                 _Actuator(self._sweeper, self._neighbours, stopped),
-                told,
+                report,
                 workers=int(request.workers) or os.cpu_count() or 1,
                 apply=request.apply,
             )
