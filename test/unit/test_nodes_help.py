@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from piezo_common.sheet import NodeSheet
 from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.cli import loop
 from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
 
@@ -79,3 +81,13 @@ def test_a_row_says_what_is_allowed() -> None:
     assert 'speed * How fast. (2; above 0 .. 5 m/s)' in text
     assert 'kind Which. (a; one of a, b)' in text
     assert 'on Whether. (true; true or false)' in text
+
+
+@pytest.mark.parametrize('model', ['', 'model.yaml'])
+def test_the_loop_gives_no_node_an_empty_text(model: str) -> None:
+    parser = argparse.ArgumentParser()
+    loop.configure(parser)
+    found = {name: values for _, name, values in loop.nodes(parser.parse_args([]), model)}
+    assert not [name for name, values in found.items() if '' in values.values()]
+    assert found['discovery'].get('model_file', '') == model
+    assert ('gap_monitor' in found) == bool(model)

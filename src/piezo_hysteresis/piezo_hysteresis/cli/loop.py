@@ -70,21 +70,21 @@ def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dic
     """Return package, name and parameters of every node."""
     readers = 4 if model else 3  # of the state; in lock-step the first tick waits for them
     own = 'piezo_hysteresis'
-    inverse = {'model_file': model} if model else {'gain': 1.2857e-4}
+    known: dict[str, object] = {'model_file': model} if model else {}  # ROS takes no empty text
     found: list[tuple[str, str, dict[str, object]]] = [
         ('piezo_sim', 'simulator',
          {'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers}),
-        (own, 'feedforward', dict(inverse)),
+        (own, 'feedforward', known or {'gain': 1.2857e-4}),
         (own, 'attenuation', {'enabled': bool(model)}),
         (own, 'identification', {'only_records': False}),
-        (own, 'discovery', {'folder': arguments.folder, 'model_file': model}),
+        (own, 'discovery', {'folder': arguments.folder, **known}),
         (own, 'dashboard', {'folder': arguments.folder, 'port': arguments.port}),
         (own, 'excitation',
          {'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,
           'reference.amplitude': 1e-6 * arguments.amplitude}),
     ]  # fmt: skip
     if model:
-        found.insert(4, (own, 'gap_monitor', {'model_file': model}))
+        found.insert(4, (own, 'gap_monitor', known))
     return found
 
 
