@@ -59,7 +59,8 @@ def _gap(axes: Axes, summary: dict[str, Any]) -> None:
     sizes = [summary['before_in_floors'], summary['after_in_floors']]
     axes.bar(['before', 'after'], sizes, color=[PALETTE[1], PALETTE[0]])
     axes.axhline(1.0, color='black', linestyle=':', linewidth=1.0)
-    axes.set(ylabel='gap on a record taken afterwards [noise floors]', ylim=(0.0, None))
+    axes.set(ylabel='noise floors', ylim=(0.0, None))
+    axes.set_title('gap on a record taken afterwards', fontsize=9)
 
 
 if __name__ == '__main__':

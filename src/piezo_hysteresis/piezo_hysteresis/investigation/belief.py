@@ -57,8 +57,10 @@ class Belief:
     names : tuple of str
         Effects that are named, in the order in which they were found.
     chances : dict of str to float
-        Probability by effect, the likeliest first; of the effect that is least sure where there
-        are several.
+        Probability by effect, the likeliest first: of every one that is named, and of what else
+        the least sure of them may be.
+    surest : (str, float)
+        The likeliest name of the effect that is least sure, and its probability.
     rivals : tuple of Rival
         What could be told apart.
     left : bool
@@ -70,19 +72,16 @@ class Belief:
     verdict: str
     names: tuple[str, ...]
     chances: dict[str, float]
+    surest: tuple[str, float]
     rivals: tuple[Rival, ...]
     left: bool
     floors: float
 
-    @property
-    def surest(self) -> tuple[str, float]:
-        """The likeliest name of the effect that is least sure, and its probability."""
-        return next(iter(self.chances.items()))
-
 
 def nothing_known(hidden: Hidden) -> Belief:
     """Return what is believed before the first experiment."""
-    return Belief('none', (), hidden.chances(()), (), False, float('nan'))
+    chances = hidden.chances(())
+    return Belief('none', (), chances, _first(chances), (), False, float('nan'))
 
 
 def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
@@ -104,14 +103,24 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
     chances, rivals = hidden.chances(done), tuple[Rival, ...]()
     if contest is not None and contest.finalists:
         chances, rivals = _chances(contest), _rivals(contest)
+    surest = _first(chances)
+    for each in rounds:
+        name, chance = _first(each.probabilities())
+        chances[name] = max(chance, chances.get(name, 0.0))
+    chances = dict(sorted(chances.items(), key=lambda each: -each[1]))
     return Belief(
         verdict.verdict,
         names,
         chances,
+        surest,
         rivals,
         verdict.unexplained.significant,
         verdict.held_out.after_in_floors,
     )
+
+
+def _first(chances: dict[str, float]) -> tuple[str, float]:
+    return next(iter(chances.items()))
 
 
 def _sureness(contest: SelectionRound) -> float:
