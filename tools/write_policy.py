@@ -62,6 +62,8 @@ TAKERS = (
     'recorder/status',
 )
 EXTRA_HEARD = {'player': TAKERS, 'excitation': TAKERS, 'simulator': ()}
+# An investigation records its experiments.
+EXTRA_HEARD['discovery'] = (topics.STATE, topics.MARKER)
 # What an investigation asks of others: sweeps, a mode, and to use what was found.
 CALLED = {'discovery': ('run_sweep',)}
 REQUESTED = {

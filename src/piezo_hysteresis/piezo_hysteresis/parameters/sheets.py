@@ -110,9 +110,10 @@ _ALL = (
         'discovery',
         'Finds what a model misses: in recorded data, as the verb `discover` does, or on the '
         'running actuator, as `investigate` does, by experiments that it chooses, has the '
-        'excitation run and records itself. While it records, its status tells what it has taken.',
+        'excitation run and records itself. While it records it hears `actuator/state` and '
+        '`record/marker`, and its status tells what it has taken.',
         tables.DISCOVERY,
-        subscribes=(topics.STATE, topics.MARKER, topics.LOOP_STATUS),
+        subscribes=(topics.LOOP_STATUS,),
         publishes=('~/status', '/diagnostics'),
         actions=('discover', 'investigate'),
     ),
