@@ -62,6 +62,8 @@ def hidden(record: Record, kind: str) -> Record:
     if kind == 'lag':
         a = np.exp(-DT / 8e-3)
         y = lfilter([1.0 - a], [1.0, -a], y)
+    if kind == 'delay':
+        y = np.concatenate([np.full(2, y[0]), y[:-2]])
     if kind == 'tone':
         y = y + 6e-7 * np.sin(2 * np.pi * 37.3 * t)
     if kind == 'drift':
@@ -77,7 +79,13 @@ def known() -> ModelFile:
 
 @pytest.mark.parametrize(
     ('kind', 'name'),
-    [('', None), ('lag', 'amplifier_lag'), ('tone', 'mains_hum'), ('drift', 'drift')],
+    [
+        ('', None),
+        ('delay', 'transport_delay'),
+        ('lag', 'amplifier_lag'),
+        ('tone', 'mains_hum'),
+        ('drift', 'drift'),
+    ],
 )
 def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
     known: ModelFile, kind: str, name: str | None

@@ -57,6 +57,9 @@ class HeldEvaluator(Evaluator):
         What it misses.
     deviations : mapping of str to float, optional
         Standard deviations of its values.
+    late : float, optional
+        Sampling offset that its file says [s], about which the clock of the records is free; that
+        of `base` where not given.
     """
 
     def __init__(
@@ -69,12 +72,13 @@ class HeldEvaluator(Evaluator):
         policy: SelectionPolicy = HELD,
         deadline: Deadline | None = None,
         deviations: Mapping[str, float] | None = None,
+        late: float | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
         self.base, self.known, self.deviations = base, known, dict(deviations or {})
         self._fixed = frozenset(base.model.free_names)
-        late, dt = base.sampling_offset, self.views[0].dt
-        self.clock = (late - dt, late + dt)
+        self.late = base.sampling_offset if late is None else late
+        self.clock = clock_about(self.late, self.views[0].dt)
         strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
         drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
 
@@ -87,7 +91,7 @@ class HeldEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return the same evaluator on other data."""
-        given = self.base, self.known, self.policy, self.deadline, self.deviations
+        given = self.base, self.known, self.policy, self.deadline, self.deviations, self.late
         return HeldEvaluator(data, self.seed, self._workers, *given)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
@@ -208,6 +212,11 @@ class HeldEvaluator(Evaluator):
         if self.shows_news_held_out(final):
             return Remainder(True, held_out, judged_on(final, held_out))
         return Remainder(False, self.views, final, discrepancy_words(self.known))
+
+
+def clock_about(late: float, dt: float) -> tuple[float, float]:
+    """Return between what the sampling offset may lie [s]: records may be a tick early or late."""
+    return late - dt, late + dt
 
 
 def _shifted(spec: ModelSpec) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator, clock_about
 from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
@@ -111,6 +111,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
             policy,
             how.deadline,
             given.deviations,
+            given.sampling_offset,
         )
         each = search(evaluator, base, progress)
         levels = _invented(data, each.evaluator.data)
@@ -134,14 +135,13 @@ def held_data(
         return tuple(replace(v, own_zero=own, precision=1.0, influence=None) for v in views)
 
     seen = replace(known, training=zeroed(known.training), held_out=zeroed(known.held_out))
-    dt = data.training[0].dt
     clocked = fitted_to(
         nominal,
         seen.training,
         evaluations=HELD.final_evaluations,
         tolerance=HELD.final_tolerance,
         free=(),
-        clock=(late - dt, late + dt),
+        clock=clock_about(late, data.training[0].dt),
     )
     return judged_on(clocked or nominal, seen.training), seen
 
