@@ -52,7 +52,7 @@ def _beliefs(axes: Axes, lines: list[dict[str, Any]]) -> None:
         axes.text(middle, 1.04, words, fontsize=7, ha='center', va='bottom')
     axes.set(xlabel='time for which the actuator was driven [s]', ylabel='probability')
     axes.set_ylim(-0.03, 1.22)
-    axes.legend(frameon=False, loc='center left', fontsize=8)
+    axes.legend(frameon=False, loc='center right', fontsize=8)
 
 
 def _gap(axes: Axes, summary: dict[str, Any]) -> None:
