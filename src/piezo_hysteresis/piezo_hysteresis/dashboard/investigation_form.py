@@ -70,10 +70,11 @@ class InvestigationForm:
             self._chances.show(every)
 
 
-def _number(title: str, name: str, value: float = 0.0) -> NumericInput:
+def _number(title: str, name: str, value: float | None = None) -> NumericInput:
+    """Return a field that may stay empty: what the actuator takes, or no limit."""
     return NumericInput(
-        title=title, value=value, mode='float', name=name, sizing_mode='stretch_width',
-        min_width=60,
+        title=title, value=value, placeholder='auto', mode='float', name=name,
+        sizing_mode='stretch_width', min_width=60,
     )  # fmt: skip
 
 
@@ -110,7 +111,7 @@ class ChancesPlot:
             line = self.figure.line('x', 'y', source=source, color=colour, line_width=2)
             dots = self.figure.scatter('x', 'y', source=source, color=colour, size=6)
             self._lines.append([line, dots])
-        self._legend = Legend(items=[], orientation='horizontal', label_text_font_size='11px')
+        self._legend = Legend(items=[], ncols=2, label_text_font_size='11px')
         self.figure.add_layout(self._legend, 'below')
 
     def show(self, beliefs: Sequence[ShownBelief]) -> None:

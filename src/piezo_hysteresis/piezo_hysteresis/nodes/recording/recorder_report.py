@@ -33,6 +33,8 @@ class RecorderReport:
         self._taken: Taken | None = None
         self._ask: Callable[[], RecorderStatus] = lambda: RecorderStatus(0, 0, 0, '')
         self._reported: list[int] = []
+        # who drives an experiment waits for the first word of everybody who may record it
+        self._publisher.publish(LoopStatus())
 
     def begin(self, ask: Callable[[], RecorderStatus], confirms: bool = True) -> None:
         """Say that a recording begins; it `confirms` where it takes both states and markers."""
