@@ -27,6 +27,7 @@ import numpy as np
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from bench.discovery import load
 from bench.investigate_table import page, table
 from bench.investigate_worlds import Bench, Changed, changed
 from piezo_hysteresis.discovery import discover
@@ -147,13 +148,6 @@ def wanted(words: argparse.Namespace) -> Iterator[tuple[str, int, int, str]]:
         for index in range(count):
             for way in words.ways:
                 yield kind, index, words.seed, way
-
-
-def load(results: Path) -> list[dict[str, Any]]:
-    """Return the rows that are there already."""
-    if not results.is_file():
-        return []
-    return [json.loads(line) for line in results.read_text(encoding='utf-8').splitlines()]
 
 
 def main() -> int:

@@ -76,10 +76,8 @@ def noise_of(record: Record) -> Noise:
     moves by less than a step, does not show.
     """
     seen = _seen_noise(record)
-    least = converter_step(record.displacement) / sqrt(12.0)
-    if seen.lines and not max(seen.rms, least) > 0.0:
-        return NOT_TOLD
-    return replace(seen, rms=max(seen.rms, least)) if seen.lines else seen
+    rms = max(seen.rms, converter_step(record.displacement) / sqrt(12.0))
+    return replace(seen, rms=rms) if seen.lines and rms > 0.0 else NOT_TOLD
 
 
 def converter_step(measured: FloatArray) -> float:

@@ -14,7 +14,7 @@ from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import Candidate, Model
+from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model
 
 Values = Mapping[str, float]
 
@@ -75,6 +75,12 @@ class ModelSpec:
     def variant(self) -> str:
         """How it enters."""
         return self.added[-1].variant if self.added else ''
+
+    @property
+    def shifted(self) -> tuple[str, ...]:
+        """Names of what the baseline had already and what is fitted all the same."""
+        changed = (each for each in self.added if each.effect == PARAMETER_SHIFT.name)
+        return tuple(name for each in changed for name in each.names.values())
 
     def with_candidate(self, candidate: Candidate, values: Values) -> ModelSpec:
         """Return the model of a candidate, which this one is without its effect."""

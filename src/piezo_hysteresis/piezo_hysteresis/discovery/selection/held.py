@@ -34,7 +34,6 @@ from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
-    PARAMETER_SHIFT,
     Candidate,
     Discrepancy,
     Model,
@@ -96,14 +95,14 @@ class HeldEvaluator(Evaluator):
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return what is fitted of a model: what it has beyond the baseline, or has changed."""
-        held = self._fixed.difference(_shifted(spec))
+        held = self._fixed.difference(spec.shifted)
         return tuple(name for name in spec.model.free_names if name not in held)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up, and with other values."""
         found = super().candidates(spec)
         own = [name for name in spec.model.free_names if name in self._fixed]
-        if _shifted(spec) or not own:
+        if spec.shifted or not own:
             return found
         return (*found, shifted(spec.model, spec.values, own))
 
@@ -113,13 +112,13 @@ class HeldEvaluator(Evaluator):
 
     def score(self, fit: CandidateFit) -> float:
         """Return minus the log likelihood on the training views, parameters priced [nats]."""
-        fitted = self.counted(fit) - len(_shifted(fit))
+        fitted = self.counted(fit) - len(fit.shifted)
         return costs(fit.errors, self.expected)[0] + self.policy.price * fitted + self._moved(fit)
 
     def _moved(self, fit: CandidateFit) -> float:
         """Return what it costs that values of the baseline are others [nats]."""
         total = 0.0
-        for name in _shifted(fit):
+        for name in fit.shifted:
             change, std = fit.values[name] - self.base.values[name], self.deviations.get(name, 0.0)
             drawn = 0.5 * (change / std) ** 2 if std > 0.0 else np.inf
             total += min(drawn, self.policy.price) if change else 0.0
@@ -217,9 +216,3 @@ class HeldEvaluator(Evaluator):
 def clock_about(late: float, dt: float) -> tuple[float, float]:
     """Return between what the sampling offset may lie [s]: records may be a tick early or late."""
     return late - dt, late + dt
-
-
-def _shifted(spec: ModelSpec) -> tuple[str, ...]:
-    """Return the names of what the baseline had already and what is fitted all the same."""
-    changed = (each for each in spec.added if each.effect == PARAMETER_SHIFT.name)
-    return tuple(name for each in changed for name in each.names.values())

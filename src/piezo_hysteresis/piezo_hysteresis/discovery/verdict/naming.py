@@ -113,9 +113,7 @@ def _numbers(
     elements: Sequence[Added], start: CandidateFit, final: CandidateFit
 ) -> dict[str, Number]:
     """Return what `elements` have that is free in `final` and was not in `start`, or shifted."""
-    shifts = (each for each in final.added if each.effect == PARAMETER_SHIFT.name)
-    moved = {name for each in shifts for name in each.names.values()}
-    free = set(final.model.free_names) - (set(start.model.free_names) - moved)
+    free = set(final.model.free_names) - set(start.model.free_names).difference(final.shifted)
     units = {q.name: q.unit for q in final.model.parameters}
     std = final.fitted.std if final.fitted is not None else {}
     return {

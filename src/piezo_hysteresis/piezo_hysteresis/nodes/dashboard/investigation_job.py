@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.node import Node
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
-from piezo_hysteresis.dashboard.live import BackgroundJob, Live, ShownBelief
-from piezo_hysteresis.nodes.dashboard.jobs import ActionJob
+from piezo_hysteresis.dashboard.live import Live, ShownBelief
+from piezo_hysteresis.nodes.dashboard.jobs import ActionJob, what_was_found
 from piezo_interfaces.action import Investigate
 
 INVESTIGATIONS = 'investigations'
@@ -32,7 +32,7 @@ class InvestigationJob(ActionJob):
             lambda: live.investigation, lambda job: setattr(live, 'investigation', job),
         )  # fmt: skip
         self._page, self._folder = live, folder
-        self.on_result = self._found
+        self.on_result = lambda result: what_was_found(result, folder)
 
     def run(self, order: InvestigationOrder) -> None:
         """Find what the model in use misses by experiments on the actuator."""
@@ -53,18 +53,6 @@ class InvestigationJob(ActionJob):
         doing = {'judge': 'judges', 'run': 'runs', 'apply': 'uses what was found, runs'}
         word = doing.get(feedback.stage, 'looks what can be asked')
         return f'{word} {feedback.experiment}'.strip()
-
-    def _found(self, result: Any) -> BackgroundJob:
-        report, base = Path(result.report).resolve(), self._folder.resolve()
-        return BackgroundJob(
-            'done',
-            1.0,
-            result.message,
-            tuple(zip(result.effects, result.probabilities, strict=False)),
-            result.before_in_floors,
-            result.after_in_floors,
-            report.relative_to(base).as_posix() if base in report.parents else '',
-        )
 
 
 def belief_of(feedback: Any) -> ShownBelief:

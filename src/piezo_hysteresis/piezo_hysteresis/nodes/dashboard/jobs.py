@@ -210,7 +210,7 @@ class Jobs:
             node, live, Discover, 'discover', 'discovery',
             lambda: live.discovery, lambda job: setattr(live, 'discovery', job),
         )  # fmt: skip
-        self.discovery.on_result = self._found
+        self.discovery.on_result = lambda result: what_was_found(result, folder)
 
     def watch(self) -> None:
         """Look who offers what; called about once a second."""
@@ -297,19 +297,6 @@ class Jobs:
         )
         self.discovery.send(goal, lambda f: f.detail or f.stage)
 
-    def _found(self, result: Any) -> BackgroundJob:
-        report = Path(result.report).resolve()
-        base = self._folder.resolve()
-        return BackgroundJob(
-            'done',
-            1.0,
-            result.message,
-            tuple(zip(result.effects, result.probabilities, strict=False)),
-            result.before_in_floors,
-            result.after_in_floors,
-            report.relative_to(base).as_posix() if base in report.parents else '',
-        )
-
     def bags(self) -> list[str]:
         """Return the recorded bags, the newest first, without the one being written."""
         folder = self._folder / SWEEPS
@@ -320,3 +307,17 @@ class Jobs:
     def close(self) -> None:
         """Finish a recording that is under way."""
         self._close()
+
+
+def what_was_found(result: Any, folder: Path) -> BackgroundJob:
+    """Return the end of a discovery or an investigation; its report where `folder` holds it."""
+    report, base = Path(result.report).resolve(), folder.resolve()
+    return BackgroundJob(
+        'done',
+        1.0,
+        result.message,
+        tuple(zip(result.effects, result.probabilities, strict=False)),
+        result.before_in_floors,
+        result.after_in_floors,
+        report.relative_to(base).as_posix() if base in report.parents else '',
+    )
