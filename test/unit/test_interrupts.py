@@ -16,12 +16,8 @@ if sys.argv[1] == 'imports':
 
 def main(verb=''):
     print('runs', flush=True)
-    try:
-        if sys.argv[1] == 'runs':
-            time.sleep(60)
-    except KeyboardInterrupt:
-        print('interrupted', file=sys.stderr)
-        return 130
+    if sys.argv[1] == 'runs':
+        time.sleep(60)
     return 0
 
 @atexit.register

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import importlib
 import signal
+import sys
 
 
 def run_command_line(module: str, **known: object) -> int:
     """Import `module`, run its ``main`` with what is `known`, and return the exit code.
 
     Until it is imported an interrupt ends the process in silence, as it does any program; Python
-    would show where in the imports it came. While the interpreter shuts down it does nothing: what
-    was run has said how it ended.
+    would show where in the imports it came. From then on it is said, and the code is 130. While
+    the interpreter shuts down it does nothing: what was run has said how it ended.
     """
     _on_interrupt(signal.SIG_DFL)
     main = importlib.import_module(module).main
-    _on_interrupt(signal.default_int_handler)
     try:
+        _on_interrupt(signal.default_int_handler)
         return int(main(**known))
+    except KeyboardInterrupt:
+        print('interrupted', file=sys.stderr)
+        return 130
     finally:
         _on_interrupt(signal.SIG_IGN)
 

@@ -23,7 +23,7 @@ from piezo_sim.sweep import grid, simulate
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns 0, 2 for what the user can mend, 130 if interrupted."""
+    """Run the command line; returns 0, or 2 for what the user can mend."""
     options = build_parser().parse_args(arguments)
     try:
         return int(options.run(options))
@@ -33,9 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader (head, less) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except KeyboardInterrupt:
-        print('interrupted', file=sys.stderr)
-        return 130
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
     Returns
     -------
     int
-        Exit code: 0 done, 2 for anything the user can mend, 130 interrupted.
+        Exit code: 0 done, 2 for anything the user can mend.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if verb is not None:
@@ -72,9 +72,6 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
             traceback.print_exc()
         print(f'error: {error}', file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print('interrupted', file=sys.stderr)
-        return 130
 
 
 def _say(
