@@ -60,6 +60,7 @@ def between_ticks() -> None:
     (stage,) = model.stages
     assert isinstance(stage, LinearStage)
     stage.released(model.pack({})[stage.columns], DT, np.ones(3), 4)
+    stage.carried(np.zeros((1, 4)), model.pack({})[stage.columns], DT)
 
 
 def derivatives() -> None:

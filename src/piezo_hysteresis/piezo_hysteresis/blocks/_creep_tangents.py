@@ -44,11 +44,24 @@ def _element(
             one, two = by_share[j], share * by_tau[j]
             for k in range(x.size):
                 dy[m + j, k] += one * unit[k] + two * aged[k]
-    for j in range(m):
-        row, c = dx[j], 0.0
+    for first in range(0, m, 4):
+        # side by side: one recursion waits for its own last value most of the time
+        count = min(4, m - first)
+        i, j = first, first + min(1, count - 1)
+        s, t = first + min(2, count - 1), first + min(3, count - 1)
+        c0 = c1 = c2 = c3 = 0.0
         for k in range(x.size):
-            c += rest * (row[k] - c)
-            dy[j, k] += share * c
+            c0 += rest * (dx[i, k] - c0)
+            c1 += rest * (dx[j, k] - c1)
+            c2 += rest * (dx[s, k] - c2)
+            c3 += rest * (dx[t, k] - c3)
+            dy[i, k] += share * c0
+            if count > 1:
+                dy[j, k] += share * c1
+            if count > 2:
+                dy[s, k] += share * c2
+            if count > 3:
+                dy[t, k] += share * c3
 
 
 @jit

@@ -32,13 +32,15 @@ def _hysteresis_rows(
             dh = factor[k] * dh + slope[k] * (row[k] - before)
             before = row[k]
             dy[j, k] = a1 * before - dh
+    d0 = d1 = d2 = d3 = 0.0
     for k in range(x.size):
         dy[m, k] = x[k]
-    for j in range(m + 1, m + 5):
-        dh = 0.0
-        for k in range(x.size):
-            dh = factor[k] * dh + dy[j, k]
-            dy[j, k] = -dh
+        # side by side: one recursion waits for its own last value most of the time
+        d0 = factor[k] * d0 + dy[m + 1, k]
+        d1 = factor[k] * d1 + dy[m + 2, k]
+        d2 = factor[k] * d2 + dy[m + 3, k]
+        d3 = factor[k] * d3 + dy[m + 4, k]
+        dy[m + 1, k], dy[m + 2, k], dy[m + 3, k], dy[m + 4, k] = -d0, -d1, -d2, -d3
 
 
 @jit
@@ -153,30 +155,55 @@ def mode(
         q2 = f21 * q1 + f22 * q2 - f21 * x[k]
         q1 = moved
     m = dx.shape[0]
-    for j in range(m):
-        row = dx[j]
-        q1 = q2 = 0.0
-        for k in range(x.size):
-            dy[j, k] = q1
-            moved = f11 * q1 + f12 * q2 + (1.0 - f11) * row[k]
-            q2 = f21 * q1 + f22 * q2 - f21 * row[k]
-            q1 = moved
-    for i in range(2):
-        # hold is smooth: a central difference of its four numbers is good to ten digits
-        s = 1e-6 * omega if i == 0 else 0.0
-        r = 1e-6 * damping if i == 1 else 0.0
-        u = hold(omega + s, damping + r, dt)
-        v = hold(omega - s, damping - r, dt)
-        width = s / pi if i == 0 else 2.0 * r
-        t11, t12 = (u[0] - v[0]) / width, (u[1] - v[1]) / width
-        t21, t22 = (u[2] - v[2]) / width, (u[3] - v[3]) / width
-        q1 = q2 = 0.0
-        for k in range(x.size):
-            dy[m + i, k] = q1
-            away = y[k] - x[k]
-            moved = f11 * q1 + f12 * q2 + t11 * away + t12 * velocity[k]
-            q2 = f21 * q1 + f22 * q2 + t21 * away + t22 * velocity[k]
-            q1 = moved
+    _mode_rows(dx, dy, f11, f12, f21, f22)
+    by_pace = _by_own(omega, damping, dt, 1e-6 * omega, 0.0)
+    by_damping = _by_own(omega, damping, dt, 0.0, 1e-6 * damping)
+    q1 = q2 = r1 = r2 = 0.0
+    for k in range(x.size):
+        dy[m, k], dy[m + 1, k] = q1, r1
+        away = y[k] - x[k]
+        moved = f11 * q1 + f12 * q2 + by_pace[0] * away + by_pace[1] * velocity[k]
+        q2 = f21 * q1 + f22 * q2 + by_pace[2] * away + by_pace[3] * velocity[k]
+        q1 = moved
+        moved = f11 * r1 + f12 * r2 + by_damping[0] * away + by_damping[1] * velocity[k]
+        r2 = f21 * r1 + f22 * r2 + by_damping[2] * away + by_damping[3] * velocity[k]
+        r1 = moved
+
+
+@jit
+def _by_own(
+    omega: float, damping: float, dt: float, s: float, r: float
+) -> tuple[float, float, float, float]:
+    """Differentiate the transition of a mode by its frequency [Hz] or its damping ratio.
+
+    It is smooth: a central difference of its four numbers, over 2 `s` or 2 `r`, is good to ten
+    digits.
+    """
+    u = hold(omega + s, damping + r, dt)
+    v = hold(omega - s, damping - r, dt)
+    width = s / pi if s != 0.0 else 2.0 * r
+    return (
+        (u[0] - v[0]) / width, (u[1] - v[1]) / width, (u[2] - v[2]) / width, (u[3] - v[3]) / width
+    )  # fmt: skip
+
+
+@jit
+def _mode_rows(
+    dx: FloatArray, dy: FloatArray, f11: float, f12: float, f21: float, f22: float
+) -> None:
+    """Run rows through a mode, four side by side: one waits for its own last value."""
+    m, g1, g2 = dx.shape[0], 1.0 - f11, -f21
+    for first in range(0, m, 4):
+        i, j = first, min(first + 1, m - 1)
+        s, t = min(first + 2, m - 1), min(first + 3, m - 1)
+        a1 = a2 = b1 = b2 = c1 = c2 = d1 = d2 = 0.0
+        for k in range(dx.shape[1]):
+            a, b, c, d = dx[i, k], dx[j, k], dx[s, k], dx[t, k]
+            dy[i, k], dy[j, k], dy[s, k], dy[t, k] = a1, b1, c1, d1
+            a1, a2 = f11 * a1 + f12 * a2 + g1 * a, f21 * a1 + f22 * a2 + g2 * a
+            b1, b2 = f11 * b1 + f12 * b2 + g1 * b, f21 * b1 + f22 * b2 + g2 * b
+            c1, c2 = f11 * c1 + f12 * c2 + g1 * c, f21 * c1 + f22 * c2 + g2 * c
+            d1, d2 = f11 * d1 + f12 * d2 + g1 * d, f21 * d1 + f22 * d2 + g2 * d
 
 
 @jit

@@ -258,12 +258,10 @@ def _differenced(
     incoming = tangent.shape[0]
     result = np.empty((incoming + len(columns), signal.size))
     span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
-    linear = isinstance(stage, LinearStage)
-    for j in range(incoming):
+    if isinstance(stage, LinearStage) and incoming:
+        result[:incoming] = stage.carried(tangent, p, clock.dt)
+    for j in range(0 if isinstance(stage, LinearStage) else incoming):
         column = tangent[j]
-        if linear:
-            result[j] = run(column, p)
-            continue
         size = float(np.max(np.abs(column), initial=0.0))
         if size == 0.0:
             result[j] = 0.0

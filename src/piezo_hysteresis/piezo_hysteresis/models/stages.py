@@ -21,7 +21,14 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
-from piezo_hysteresis.models.linear_runs import Hold, hold_of, in_series, run_free, run_held
+from piezo_hysteresis.models.linear_runs import (
+    Hold,
+    hold_of,
+    in_series,
+    run_free,
+    run_held,
+    run_held_four,
+)
 from piezo_hysteresis.models.parts import PlacedBlock, delay_of
 from piezo_hysteresis.models.path_runs import PathRun
 
@@ -142,6 +149,20 @@ class LinearStage:
             signal = late
         output = np.empty_like(signal)
         run_held(signal, output, state[ring:], *hold)
+        return output
+
+    def carried(self, signals: FloatArray, p: FloatArray, dt: float) -> FloatArray:
+        """Return what becomes of several inputs from rest, shape (m, n), all in one pass."""
+        whole, hold = self.hold(p, dt)
+        late = np.ascontiguousarray(signals)
+        if self.delays:
+            ring = np.zeros(self.delays * ring_size(dt) + 1)
+            late = np.empty_like(signals)
+            for row, answer in zip(signals, late, strict=True):
+                shift(np.ascontiguousarray(row), answer, ring, whole)
+                ring[:] = 0.0
+        output = np.empty_like(late)
+        run_held_four(late, output, *hold)
         return output
 
     def released(self, p: FloatArray, dt: float, moved: FloatArray, count: int) -> FloatArray:
