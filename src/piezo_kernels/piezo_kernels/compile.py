@@ -1,7 +1,8 @@
 """The decorators of every per-sample kernel: numba where it is, plain Python where not.
 
 There is one source for every kernel, so the two can only differ in speed. Kernels are compiled
-without ``fastmath``: the same inputs give the same bits online and offline.
+without ``fastmath``: the same inputs give the same bits online and offline. Only sums over whole
+records, which nothing online takes, may be taken in any order (`jit_sums`).
 """
 
 from __future__ import annotations
@@ -45,7 +46,24 @@ else:
 
 def jit(function: Kernel) -> Kernel:
     """Compile `function` with numba and keep the machine code, or return it without numba."""
-    compiled = leaf(function)
+    return _kept(leaf(function), function)
+
+
+def jit_sums(function: Kernel) -> Kernel:
+    """Compile `function` as `jit` does, free to sum in any order: several numbers at a time.
+
+    For long sums alone: of 8200 samples with 50 derivatives a triangular factor takes 1.6 in place
+    of 3.9 ms. The same inputs give the same bits, but others than in plain Python.
+    """
+    if numba is None:
+        return leaf(function)
+    options = {'nogil': True, 'error_model': 'numpy', 'fastmath': {'reassoc', 'contract'}}
+    compiled: Kernel = numba.njit(**options)(function)
+    return _kept(compiled, function)
+
+
+def _kept(compiled: Kernel, function: Kernel) -> Kernel:
+    """Let a kernel be kept on disk."""
     if numba is not None and hasattr(compiled, 'enable_caching'):  # not with NUMBA_DISABLE_JIT
         compiled._cache = KernelCache(function)  # type: ignore[attr-defined]
         MADE.add(compiled)

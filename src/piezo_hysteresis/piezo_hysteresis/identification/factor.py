@@ -12,23 +12,31 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, jit_sums
 
 
-@jit
+@jit_sums
 def inner(a: FloatArray, b: FloatArray) -> float:
-    """Return the inner product of two vectors, in four sums that run side by side."""
-    n = a.size
+    """Return the inner product of two vectors."""
+    total = 0.0
+    for k in range(a.size):
+        total += a[k] * b[k]
+    return total
+
+
+@jit_sums
+def _inner_four(
+    v: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
+) -> tuple[float, float, float, float]:
+    """Return the inner products of `v` with four vectors, reading it once."""
     s0 = s1 = s2 = s3 = 0.0
-    whole = n - n % 4
-    for k in range(0, whole, 4):
-        s0 += a[k] * b[k]
-        s1 += a[k + 1] * b[k + 1]
-        s2 += a[k + 2] * b[k + 2]
-        s3 += a[k + 3] * b[k + 3]
-    for k in range(whole, n):
-        s0 += a[k] * b[k]
-    return (s0 + s1) + (s2 + s3)
+    for k in range(v.size):
+        x = v[k]
+        s0 += x * a[k]
+        s1 += x * b[k]
+        s2 += x * c[k]
+        s3 += x * d[k]
+    return s0, s1, s2, s3
 
 
 @jit
@@ -51,9 +59,13 @@ def gram(rows: FloatArray) -> FloatArray:
     return found
 
 
+# Samples that are factorised at a time, so that they stay in a cache.
+_PIECE = 512
+
+
 @jit
 def triangle(rows: FloatArray) -> FloatArray:
-    """Return R of the QR factorisation of ``rows.T`` by Householder reflections.
+    """Return R of the QR factorisation of ``rows.T`` by Householder reflections, piece by piece.
 
     Parameters
     ----------
@@ -67,21 +79,47 @@ def triangle(rows: FloatArray) -> FloatArray:
     """
     p, m = rows.shape
     r = np.zeros((p, p))
-    for j in range(min(p, m)):
-        v = rows[j, j:]
-        size = sqrt(inner(v, v))
-        if size == 0.0:
-            for i in range(j + 1, p):
-                r[j, i] = rows[i, j]
-            continue
-        alpha = -size if v[0] > 0.0 else size
-        r[j, j] = alpha
-        v[0] -= alpha
-        square = inner(v, v)
-        for i in range(j + 1, p):
-            w = rows[i, j:]
-            share = 2.0 * inner(v, w) / square
-            for k in range(v.size):
-                w[k] -= share * v[k]
-            r[j, i] = w[0]
+    for begin in range(0, m, _PIECE):
+        for j in range(p):
+            _reflect(r, rows, j, begin, min(begin + _PIECE, m))
     return r
+
+
+@jit
+def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> None:
+    """Take row `j` of a piece up into `r`, shape (p, p), and out of the rows behind it."""
+    p, v = rows.shape[0], rows[j, begin:end]
+    own = inner(v, v)
+    if own == 0.0:
+        return
+    size = sqrt(r[j, j] * r[j, j] + own)
+    alpha = -size if r[j, j] > 0.0 else size
+    head = r[j, j] - alpha
+    factor = 2.0 / (head * head + own)
+    r[j, j] = alpha
+    i = j + 1
+    while i + 3 < p:
+        a, b = rows[i, begin:end], rows[i + 1, begin:end]
+        c, d = rows[i + 2, begin:end], rows[i + 3, begin:end]
+        s0, s1, s2, s3 = _inner_four(v, a, b, c, d)
+        s0 = factor * (head * r[j, i] + s0)
+        s1 = factor * (head * r[j, i + 1] + s1)
+        s2 = factor * (head * r[j, i + 2] + s2)
+        s3 = factor * (head * r[j, i + 3] + s3)
+        r[j, i] -= s0 * head
+        r[j, i + 1] -= s1 * head
+        r[j, i + 2] -= s2 * head
+        r[j, i + 3] -= s3 * head
+        for k in range(v.size):
+            x = v[k]
+            a[k] -= s0 * x
+            b[k] -= s1 * x
+            c[k] -= s2 * x
+            d[k] -= s3 * x
+        i += 4
+    for last in range(i, p):
+        w = rows[last, begin:end]
+        share = factor * (head * r[j, last] + inner(v, w))
+        r[j, last] -= share * head
+        for k in range(v.size):
+            w[k] -= share * v[k]
