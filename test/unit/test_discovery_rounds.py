@@ -14,6 +14,7 @@ from piezo_hysteresis.discovery.selection import rounds, search
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.elimination import Step
+from piezo_hysteresis.discovery.selection.free import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import (
@@ -61,6 +62,29 @@ def test_an_effect_of_many_variants_leaves_room_for_others() -> None:
 def test_trials_that_went_best_go_on() -> None:
     tried = [fit(('a', 'x'), error=noise(k)) for k in (3.0, 1.0, 2.0)]
     assert rounds.choose_first_fits(tried, POLICY.but(first_fits=2)) == [tried[1], tried[2]]
+
+
+def test_who_follows_need_only_come_near_the_one_that_goes_ahead() -> None:
+    fits = [fit(('a', 'x'), error=noise(k)) for k in (1.0, 2.0, 3.0)]
+    asked: list[float] = []
+
+    def gone_on(each: CandidateFit, enough: float) -> CandidateFit | None:
+        asked.append(enough)
+        return None if each is fits[1] else each
+
+    evaluator = cast(
+        FreeEvaluator,
+        SimpleNamespace(
+            map=lambda function, items: [function(each) for each in items],
+            enough=lambda best, within: within * best.square,
+        ),
+    )
+    assert FreeEvaluator.raced(evaluator, gone_on, fits, 4.0) == [fits[0], fits[2]]
+    assert asked == [np.inf, 4.0 * fits[0].square, 4.0 * fits[0].square]
+    asked.clear()
+    assert FreeEvaluator.raced(evaluator, gone_on, fits[2:], 2.0, fits[0]) == [fits[2]]
+    assert asked == [2.0 * fits[0].square]
+    assert FreeEvaluator.raced(evaluator, gone_on, [], 2.0) == []
 
 
 def test_final_fits_are_for_different_effects_that_came_near() -> None:

@@ -40,6 +40,18 @@ class Stairs(Problem):
         return factor, q.T @ self._residual(x), self.cost(x)
 
 
+class Remainder(Problem):
+    """A line that comes to 2 at best and begins at 2.5."""
+
+    grains = np.zeros(1)
+
+    def cost(self, x: np.ndarray) -> float:
+        return 0.5 * float((x[0] - 1.0) ** 2) + 2.0
+
+    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        return np.eye(1), x - 1.0, self.cost(x)
+
+
 def test_the_solver_takes_what_moves_by_whole_steps_over_their_edges() -> None:
     low, high = np.full(2, -9.0), np.full(2, 9.0)
     for begin in (3.1, 0.7, 4.9, 8.2):
@@ -57,3 +69,17 @@ def test_the_solver_finds_the_valley_and_the_bound() -> None:
     np.testing.assert_allclose(bounded.x, [0.5, 0.25], atol=1e-7)
     assert bounded.at_bound == (True, False)
     assert list(bounded.history) == sorted(bounded.history, reverse=True)
+
+
+def test_the_solver_gives_up_what_cannot_be_of_use() -> None:
+    far, begin = np.full(2, 10.0), np.array([-1.2, 1.0])
+    whole = solve(Rosenbrock(), begin, -far, far)
+    assert solve(Rosenbrock(), begin, -far, far, enough=1e-3).history == whole.history
+    low, high, start = np.array([-9.0]), np.array([9.0]), np.array([0.0])
+    followed = solve(Remainder(), start, low, high, enough=2.1)
+    assert followed.converged
+    assert followed.cost == pytest.approx(2.0)
+    left = solve(Remainder(), start, low, high, enough=1.4)
+    assert not left.converged
+    assert 'gave up' in left.message
+    assert left.evaluations == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
 import numpy as np
 
@@ -34,6 +35,8 @@ def fit(
     sampling_offset: bool | float = False,
     max_evaluations: int = 100,
     tolerance: float = 1e-9,
+    enough: float = inf,
+    derivatives: bool = True,
     workers: int = 1,
     targets: Sequence[Target] | None = None,
     progress: Progress | None = None,
@@ -64,7 +67,7 @@ def fit(
         Compare every `stride`-th sample of whole records.
     sampling_offset : bool or float
         True to fit when the displacement was sampled, within two samples; or that time [s].
-    max_evaluations, tolerance
+    max_evaluations, tolerance, enough, derivatives
         See `solver.solve`.
     workers : int
         Threads; the result is the same for any number.
@@ -104,6 +107,8 @@ def fit(
         high,
         max_evaluations=max_evaluations,
         tolerance=tolerance,
+        enough=enough,
+        derivatives=derivatives,
         progress=progress,
     )
     return result_of(objective, solution)

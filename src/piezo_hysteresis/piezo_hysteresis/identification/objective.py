@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import TypeVar
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.beginnings import Motion
+from piezo_hysteresis.identification.crew import of_each
 from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.opening import misfit, opened, square
 from piezo_hysteresis.identification.reading import differentiated, simulated
@@ -22,8 +21,6 @@ from piezo_hysteresis.models import Model
 
 #: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
 SAMPLING_OFFSET = 'sampling_offset'
-
-Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ class Objective:
             for name, prior in (priors or {}).items()
             if name in self.free
         ]
-        self._workers = min(workers, len(self.targets))
+        self._workers = workers
         self.grains = self._grains()
 
     def _grains(self) -> FloatArray:
@@ -122,7 +119,7 @@ class Objective:
         """Return measured minus simulated of every target [m], without weights."""
         packed = self.packed(x)
         late = self.sampling_offset(x)
-        return self._map(lambda t: misfit(self.model, packed, t, late))
+        return of_each(lambda t: misfit(self.model, packed, t, late), self.targets, self._workers)
 
     def cost(self, x: FloatArray) -> float:
         """Half the weighted sum of squares at `x`; inf where `x` is impossible."""
@@ -138,7 +135,7 @@ class Objective:
             with np.errstate(over='ignore', invalid='ignore'):
                 return square(self.model, packed, target, late)
 
-        squares = self._map(left)
+        squares = of_each(left, self.targets, self._workers)
         total = sum(
             (t.weight * w) ** 2 * s
             for t, w, s in zip(self.targets, self.weights, squares, strict=True)
@@ -179,7 +176,8 @@ class Objective:
             free = _without(own, begun.prior, begun.pull, seen)
             return free * (weight * target.weight)
 
-        blocks = self._map(compress, list(zip(self.targets, self.weights, strict=True)))
+        pairs = list(zip(self.targets, self.weights, strict=True))
+        blocks = of_each(compress, pairs, self._workers)
         for j, mean, scale in self._priors:
             row = np.zeros((1, p + 1))
             row[0, j], row[0, p] = scale, (x[j] - mean) * scale
@@ -193,15 +191,6 @@ class Objective:
         if not (np.all(np.isfinite(full)) and isfinite(cost)):
             return np.eye(p), np.zeros(p), float('inf')
         return full[:p, :p], full[:p, p], cost
-
-    def _map(
-        self, function: Callable[..., Result], items: Sequence[object] | None = None
-    ) -> list[Result]:
-        work = self.targets if items is None else items
-        if self._workers <= 1:
-            return [function(each) for each in work]
-        with ThreadPoolExecutor(self._workers) as pool:
-            return list(pool.map(function, work))
 
 
 def _without(own: FloatArray, prior: FloatArray, pull: FloatArray, seen: FloatArray) -> FloatArray:

@@ -11,9 +11,9 @@ and 12 starts within a factor of 2, a fit takes 0.24 s of processor time and 5 M
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +25,8 @@ from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
 _IDLE = 3
 # Relative size of a step that counts as none: large unknowns hide what small ones still do.
 _STILL = 1e-7
+# How much more than what its derivatives promise a problem is taken to be good for.
+_GENEROUS = 2.0
 
 Progress = Callable[[float, str], None]
 
@@ -58,7 +60,7 @@ class Solution:
     x : ndarray, shape (p,)
         Best point.
     factor : ndarray, shape (p, p)
-        R of the Jacobian at `x`: ``J'J = R'R``.
+        R of the Jacobian at `x`: ``J'J = R'R``; of one before where it was not asked for.
     cost : float
         Half the sum of squares.
     converged : bool
@@ -124,6 +126,8 @@ def solve(
     *,
     max_evaluations: int = 100,
     tolerance: float = 1e-9,
+    enough: float = inf,
+    derivatives: bool = True,
     progress: Progress | None = None,
 ) -> Solution:
     """Minimise `problem` from `start` inside the box.
@@ -139,6 +143,11 @@ def solve(
     tolerance : float
         Relative decrease of the cost that counts as none, and of the size of a step where it is
         finer than `_STILL`.
+    enough : float
+        Cost from which on the solution is of use: the solver gives up where it does not come
+        below that even if it gains twice what it promises.
+    derivatives : bool
+        Whether those at the end are of use; where not, the last of all evaluations is spared them.
     progress : callable, optional
         Told ``(fraction of the evaluations used, cost in words)``.
 
@@ -162,6 +171,9 @@ def solve(
         if _stationary(x, factor, rhs, cost, low, high):
             message, converged = 'the gradient vanishes', True
             break
+        if cost - _GENEROUS * _promised(rhs, history, max_evaluations - used) > enough:
+            message = 'gave up: it promises no error that would be of use'
+            break
         step = bounded_step(factor, rhs, np.sqrt(damping) * norms, low - x, high - x)
         if not np.all(np.isfinite(step)):
             message = 'stuck: the derivatives of the error are too large to be solved for'
@@ -183,6 +195,10 @@ def solve(
             new = problem.cost(trial)
             used += 1
         ratio = (cost - new) / predicted if isfinite(new) else -1.0
+        if ratio > 1e-4 and not derivatives and used + 1 >= max_evaluations:
+            x, cost, used = trial, new, used + 1
+            history.append(cost)
+            break
         there = problem.linearise(trial) if ratio > 1e-4 else None
         # derivatives may overflow where the model itself does not: that is no place to go
         if there is None or not _usable(*there):
@@ -227,6 +243,18 @@ def _by_whole_grains(
         least[j] = most[j] = np.clip(whole, least[j], most[j])
     jump = bounded_step(factor, rhs, np.sqrt(damping), least, most)
     return np.clip(x + np.where(np.isfinite(jump), jump, 0.0), low, high)
+
+
+def _promised(rhs: FloatArray, history: Sequence[float], left: int) -> float:
+    """Return by how much the cost may fall within `left` evaluations.
+
+    If all unknowns at once do what their derivatives say, and no faster than by the last step.
+    """
+    at_once = 0.5 * float(rhs @ rhs)
+    if len(history) < 2:
+        return at_once
+    steps = (left + 1) // 2  # each takes a simulation and a linearisation
+    return min(at_once, steps * (history[-2] - history[-1]))
 
 
 def _usable(factor: FloatArray, rhs: FloatArray, cost: float) -> bool:

@@ -48,8 +48,8 @@ class Baselines:
     nominal: CandidateFit | None
 
 
-def baselines(data: Dataset, given: Model | ModelFile) -> Baselines:
-    """Fit the baseline in its versions.
+def baselines(data: Dataset, given: Model | ModelFile, workers: int = 1) -> Baselines:
+    """Fit the baseline in its versions, with so many threads.
 
     Raises
     ------
@@ -61,28 +61,28 @@ def baselines(data: Dataset, given: Model | ModelFile) -> Baselines:
     if isinstance(given, ModelFile):
         model, values = given.model, dict(given.values)
         nominal = judged_on(ModelSpec(model, values), views)
-        starts = [values, *_from_data(data, suited(model, list(data.records)))]
+        starts = [values, *_from_data(data, suited(model, list(data.records)), workers)]
     else:
         model = suited(given, list(data.records))
-        starts = _from_data(data, model)
+        starts = _from_data(data, model, workers)
     short = thinned(views, START_SAMPLES, data.periods)
-    tried = [_fitted(model, start, short) for start in starts]
+    tried = [_fitted(model, start, short, workers) for start in starts]
     found = [fit for fit in tried if fit is not None]
     if not found:
         raise IdentificationError(
             f'the baseline {model.name} cannot be fitted to these records: choose another one'
         )
     best = min(found, key=lambda fit: fit.square)
-    joint = _fitted(model, best.values, views) or best
+    joint = _fitted(model, best.values, views, workers) or best
     slowest = _slowest(views)
     if len(slowest) < len(views):
-        fit = _fitted(model, best.values, slowest)
+        fit = _fitted(model, best.values, slowest, workers)
         slow = judged_on(ModelSpec(model, fit.values), views) if fit is not None else None
     return Baselines(joint, slow, nominal)
 
 
 def fitted_baselines(
-    data: Dataset, given: Model | ModelFile, choices: Choices
+    data: Dataset, given: Model | ModelFile, choices: Choices, workers: int = 1
 ) -> tuple[Baselines, Dataset]:
     """Fit the baseline, and let it tell how each record began before it is fitted again.
 
@@ -98,11 +98,11 @@ def fitted_baselines(
     IdentificationError
         If the model cannot be fitted to the records at all.
     """
-    base = baselines(data, given)
+    base = baselines(data, given, workers)
     seen = told_by(base.joint, data, choices)
     if all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in _pairs(data, seen)):
         return base, seen
-    return baselines(seen, given), seen
+    return baselines(seen, given, workers), seen
 
 
 def _pairs(one: Dataset, other: Dataset) -> Iterator[tuple[Target, Target]]:
@@ -125,14 +125,14 @@ def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = F
     return beginning_like(data, renewed)
 
 
-def _from_data(data: Dataset, model: Model) -> list[dict[str, float]]:
+def _from_data(data: Dataset, model: Model, workers: int) -> list[dict[str, float]]:
     """Start values from output error on the training records, jointly and on the slowest."""
     names = {v.name for v in data.training}
     records = [r for r in data.records if r.name in names]
     starts = []
     for chosen in (records, _slow_records(records)):
         try:
-            result = output_error(model, chosen, count=4, sampling_offset=False)
+            result = output_error(model, chosen, count=4, sampling_offset=False, workers=workers)
         except IdentificationError:
             continue
         starts.append(dict(result.values))
@@ -150,7 +150,7 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
 
 
 def _fitted(
-    model: Model, start: Mapping[str, float], views: Sequence[Target]
+    model: Model, start: Mapping[str, float], views: Sequence[Target], workers: int
 ) -> CandidateFit | None:
     spec = ModelSpec(model, dict(start))
-    return fitted_to(spec, views, evaluations=EVALUATIONS, tolerance=TOLERANCE)
+    return fitted_to(spec, views, evaluations=EVALUATIONS, tolerance=TOLERANCE, workers=workers)

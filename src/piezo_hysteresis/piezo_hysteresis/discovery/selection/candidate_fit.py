@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -177,6 +178,9 @@ def fitted_to(
     tolerance: float,
     free: Sequence[str] | None = None,
     clock: tuple[float, float] | None = None,
+    enough: float = inf,
+    derivatives: bool = True,
+    workers: int = 1,
 ) -> CandidateFit | None:
     """Fit a model from its own values; return None where it cannot be fitted at all.
 
@@ -194,6 +198,12 @@ def fitted_to(
         Between what the sampling offset may lie [s]. Where not given, a recording may have taken
         the displacement before the voltage of a tick acted, which is our convention, or both
         together, which is as much as a tick later.
+    enough : float
+        Sum of squares, as of `CandidateFit`, from which on a fit is of use, see `solver.solve`.
+    derivatives : bool
+        Whether those at the end are of use, see `solver.solve`.
+    workers : int
+        Threads over the views; the result does not depend on it.
     """
     low, high = clock or (0.0, views[0].dt)
     bounds = {
@@ -213,6 +223,9 @@ def fitted_to(
             bounds=bounds,
             max_evaluations=evaluations,
             tolerance=tolerance,
+            enough=0.5 * enough,
+            derivatives=derivatives,
+            workers=workers,
         )
     except PiezoError:
         return None

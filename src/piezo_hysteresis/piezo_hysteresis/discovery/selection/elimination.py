@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     Added,
@@ -57,13 +58,16 @@ def judged_again(
         if name is None:
             break
         done.add(name)
-        without = _without(evaluator, final, start, name)
+        clear = any(
+            step.fit.effect == name and step.round.won_clearly(evaluator.policy) for step in kept
+        )
+        without = _without(evaluator, final, start, name, compared=clear)
         if without is None:
             continue
         if evaluator.is_as_good(without, final):
             kept, final, done = _less(kept, name), without, set()
             continue
-        if any(s.fit.effect == name and s.round.won_clearly(evaluator.policy) for s in kept):
+        if clear:
             continue
         again = _selected_again(evaluator, without, final, start, name)
         if again is None:
@@ -114,12 +118,16 @@ def _selected_again(
 
 
 def _without(
-    evaluator: Evaluator, final: CandidateFit, start: CandidateFit, name: str
+    evaluator: Evaluator, final: CandidateFit, start: CandidateFit, name: str, *, compared: bool
 ) -> CandidateFit | None:
-    """Return the model without an effect, fitted from the values of `final`."""
+    """Return the model without an effect, fitted from the values of `final`.
+
+    Where it is only `compared` with that, it is not followed once it is too far off for that.
+    """
     kept = [added for added in final.added if added.effect != name]
     bare = _with_only(evaluator, final, start, kept)
-    return None if bare is None else evaluator.fit(bare)
+    enough = evaluator.enough(final, evaluator.policy.rival_within) if compared else inf
+    return None if bare is None else evaluator.fit(bare, enough=enough)
 
 
 def _with_only(

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from math import inf
 from typing import TypeVar
 
 import numpy as np
@@ -83,7 +84,7 @@ class Evaluator(ABC):
         self.data, self.seed, self.policy = data, seed, policy
         self.deadline = deadline or Deadline()
         self.floor = data.noise.rms
-        self._workers = max(1, workers)
+        self.workers = max(1, workers)
         self.views = data.training
         self.screened = thinned(self.views, policy.screening_samples, data.periods)
         self.short = thinned(self.views, policy.first_fit_samples, data.periods)
@@ -168,28 +169,47 @@ class Evaluator(ABC):
             fit for fit in fits if rules.is_promising(old, self.excess(fit), known, self.policy)
         ]
 
+    def tolerance(self, spec: ModelSpec) -> float:
+        """Return the relative decrease that counts as none in a fit to all samples."""
+        return self.policy.final_tolerance
+
+    def enough(self, best: CandidateFit, within: float) -> float:
+        """Return the sum of squares up to which a fit is of use beside the best so far."""
+        return inf
+
     def fit(
-        self, spec: ModelSpec, views: Sequence[Target] | None = None, evaluations: int = 0
+        self,
+        spec: ModelSpec,
+        views: Sequence[Target] | None = None,
+        evaluations: int = 0,
+        enough: float = inf,
     ) -> CandidateFit | None:
         """Return a model fitted from its own values, to all training views or those given."""
         return fitted_to(
             spec,
             self.views if views is None else views,
             evaluations=evaluations or self.policy.final_evaluations,
-            tolerance=self.policy.final_tolerance,
+            tolerance=self.tolerance(spec),
             free=self.free_of(spec),
             clock=self.clock,
+            enough=enough,
+            workers=self.workers,
         )
 
-    def fit_briefly(self, spec: ModelSpec, evaluations: int) -> CandidateFit | None:
+    def fit_briefly(
+        self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
+    ) -> CandidateFit | None:
         """Return a model fitted to the short views, near enough to be ranked."""
         return fitted_to(
             spec,
             self.short,
             evaluations=evaluations,
             tolerance=self.policy.first_tolerance,
+            enough=enough,
+            derivatives=False,
             free=self.free_of(spec),
             clock=self.clock,
+            workers=workers,
         )
 
     def refit(self, fit: CandidateFit, evaluations: int = 0) -> CandidateFit:
@@ -216,9 +236,38 @@ class Evaluator(ABC):
         errors = errors_of(spec, self.data.held_out)
         return all(bool(np.all(np.abs(e) < limit)) for e in errors)
 
+    def raced(
+        self,
+        function: Callable[[CandidateFit, float], CandidateFit | None],
+        fits: Sequence[CandidateFit],
+        within: float,
+        best: CandidateFit | None = None,
+    ) -> list[CandidateFit]:
+        """Return fits gone on with, those that fail left out.
+
+        The first, which is the best so far, goes ahead where there is no `best` from before; the
+        others only have to show what may come near it.
+
+        Parameters
+        ----------
+        function : callable
+            Goes on with a fit, given the sum of squares from which on it is of use.
+        fits : sequence of CandidateFit
+            The best first.
+        within : float
+            Sum of squares over that of the best that is still of use.
+        best : CandidateFit, optional
+            Of the same kind as what comes out.
+        """
+        ahead = [function(fit, inf) for fit in fits[:1]] if best is None else []
+        first = ahead[0] if ahead else best
+        enough = inf if first is None else self.enough(first, within)
+        others = self.map(lambda fit: function(fit, enough), fits[len(ahead) :])
+        return [fit for fit in (*ahead, *others) if fit is not None]
+
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """Return the function of all items, computed in threads, in order."""
-        if self._workers == 1 or len(items) < 2:
+        if self.workers == 1 or len(items) < 2:
             return [function(each) for each in items]
-        with ThreadPoolExecutor(self._workers) as pool:
+        with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(function, items))

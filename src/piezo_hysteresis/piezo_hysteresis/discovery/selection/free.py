@@ -56,9 +56,7 @@ class FreeEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> FreeEvaluator:
         """Return the same evaluator on other data."""
-        return FreeEvaluator(
-            data, self.seed, self._workers, self.policy, self.hints, self.deadline
-        )
+        return FreeEvaluator(data, self.seed, self.workers, self.policy, self.hints, self.deadline)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""
@@ -67,6 +65,21 @@ class FreeEvaluator(Evaluator):
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return which parameters of a model are fitted: all that it does not hold."""
         return spec.model.free_names
+
+    def tolerance(self, spec: ModelSpec) -> float:
+        """Return what counts as no decrease: where much is missing, what is a trace of that.
+
+        A name asks for a share of what is missing, so that no more than a trace of it may be left
+        by a fit that ends early.
+        """
+        known = isinstance(spec, CandidateFit) and spec.errors
+        seen = spec if isinstance(spec, CandidateFit) and known else self.judged(spec)
+        missing = 1.0 - 1.0 / (1.0 + max(self.excess(seen), 0.0))
+        return max(self.policy.final_tolerance, self.policy.first_tolerance * missing)
+
+    def enough(self, best: CandidateFit, within: float) -> float:
+        """Return the sum of squares up to which a fit is of use beside the best so far."""
+        return within * best.square
 
     def penalty(self, fit: CandidateFit) -> float:
         """Return what the parameters of a model cost, in units of log sum of squares."""

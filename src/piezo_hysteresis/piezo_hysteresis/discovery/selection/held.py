@@ -91,7 +91,7 @@ class HeldEvaluator(Evaluator):
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return the same evaluator on other data."""
         given = self.base, self.known, self.policy, self.deadline, self.deviations, self.late
-        return HeldEvaluator(data, self.seed, self._workers, *given)
+        return HeldEvaluator(data, self.seed, self.workers, *given)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return what is fitted of a model: what it has beyond the baseline, or has changed."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
@@ -76,7 +77,8 @@ def select(
         Told ``(fraction, message)``.
     """
     every = evaluator.candidates(before)
-    screen = Screen(before, evaluator.screened, evaluator.free_of(before))
+    free = evaluator.free_of(before)
+    screen = Screen(before, evaluator.screened, free, evaluator.workers)
     scores = evaluator.map(screen.score, every)
     progress(0.2, f'{len(every)} candidates screened')
     least = rules.least_promise(evaluator.excess(before), evaluator.policy)
@@ -84,8 +86,12 @@ def select(
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
     progress(0.4, f'{len(chosen)} candidates tried')
     hopeful = choose_first_fits([fit for fit in tried if fit is not None], evaluator.policy)
-    first = evaluator.map(lambda each: _first_fit(evaluator, each), hopeful)
-    fitted = ranked(evaluator, [fit for fit in first if fit is not None])
+    first = evaluator.raced(
+        lambda each, enough: _first_fit(evaluator, each, enough),
+        hopeful,
+        evaluator.policy.final_within,
+    )
+    fitted = ranked(evaluator, first)
     progress(0.6, f'{len(fitted)} first fits')
     finalists = _finalists(evaluator, before, fitted, start)
     if not finalists:
@@ -111,7 +117,10 @@ def _finalists(
     leaders = _final_fits(evaluator, of_different_places(hopeful, evaluator.policy))
     if not leaders:
         return []
-    others = _final_fits(evaluator, _other_variants(leaders, fitted))
+    variants = [
+        _nearer(evaluator, before, fit, leaders[0]) for fit in _other_variants(leaders, fitted)
+    ]
+    others = _final_fits(evaluator, variants, leaders[0])
     return ranked(evaluator, [*leaders, *others])
 
 
@@ -175,9 +184,14 @@ def _trial(
     for hint in () if before.added else evaluator.hints:
         known = {k: hint.get(k, v) for k, v in before.values.items()}
         starts.append({**starts[0], **candidate.values(known, own)})
-    specs = [before.with_candidate(candidate, start) for start in starts]
-    fits = [evaluator.fit_briefly(spec, policy.trial_evaluations) for spec in specs]
-    return min((fit for fit in fits if fit is not None), key=lambda f: f.square, default=None)
+    best: CandidateFit | None = None
+    for start in starts:
+        spec = before.with_candidate(candidate, start)
+        enough = inf if best is None else evaluator.enough(best, 1.0)
+        fit = evaluator.fit_briefly(spec, policy.trial_evaluations, enough)
+        if fit is not None and (best is None or fit.square < best.square):
+            best = fit
+    return best
 
 
 def choose_first_fits(
@@ -189,25 +203,56 @@ def choose_first_fits(
     ]
 
 
-def _first_fit(evaluator: Evaluator, trial: CandidateFit) -> CandidateFit | None:
+def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
     """Fit to short views from where a trial ended."""
     if evaluator.deadline.skips(trial.effect):
         return None
-    fit = evaluator.fit_briefly(trial, evaluator.policy.first_evaluations)
+    evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
+    fit = evaluator.fit_briefly(trial, evaluations, enough, workers)
     return None if fit is None else evaluator.first_judged(fit)
 
 
-def _final_fits(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+def _final_fits(
+    evaluator: Evaluator, fits: Sequence[CandidateFit], best: CandidateFit | None = None
+) -> list[CandidateFit]:
     """Fit on all of the training records; return what survives, best first.
 
-    Where the time is over, they are only judged there.
+    One that cannot become a rival of the best is not followed to its end, nor one beside a `best`
+    of the same effect that cannot become better. Where the time is over, they are only judged.
     """
 
-    def ended(fit: CandidateFit) -> CandidateFit | None:
-        return evaluator.judged(fit) if evaluator.deadline.passed else evaluator.fit(fit)
+    def ended(fit: CandidateFit, enough: float) -> CandidateFit | None:
+        if evaluator.deadline.passed:
+            return evaluator.judged(fit)
+        return evaluator.fit(fit, enough=enough)
 
-    final = [fit for fit in evaluator.map(ended, fits) if fit is not None]
+    within = evaluator.policy.rival_within if best is None else 1.0
+    final = evaluator.raced(ended, fits, within, best)
     return ranked(evaluator, _finite(evaluator, final))
+
+
+def _nearer(
+    evaluator: Evaluator, before: CandidateFit, fit: CandidateFit, leader: CandidateFit
+) -> CandidateFit:
+    """Return a variant of the leading effect, from where the leader is if that is nearer.
+
+    What both have, the leader has found on all samples already; what the variant has besides
+    does nothing at first.
+    """
+    chosen = [
+        each
+        for each in evaluator.candidates(before)
+        if (each.effect.name, each.effect.variant) == (fit.effect, fit.variant)
+    ]
+    neutral = chosen[0].neutral if chosen else {}
+    held = fit.model.held
+    shared = {k: v for k, v in leader.values.items() if k in fit.values and k not in held}
+    known = {k: v for k, v in fit.values.items() if k not in shared}
+    starts = (known, {k: neutral.get(k, v) for k, v in known.items()})
+    moved = [replace(fit, values=start | shared, sampling_offset=leader.sampling_offset)
+             for start in starts]  # fmt: skip
+    judged = evaluator.map(evaluator.judged, [fit, *moved])
+    return min(judged, key=lambda each: each.square)
 
 
 def _finite(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:

@@ -17,6 +17,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, errors_of
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.crew import of_each
 from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.reading import differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
@@ -29,6 +30,8 @@ _GUESSES = 3
 _MANY = 5
 # Shares of a start at which a candidate is looked at: effects are not linear in their size.
 _STEPS = (1.0, 0.2)
+# Steps that explain as much up to this share point the same way: the effect is linear in its size.
+_EQUAL = 1e-6
 # Starts whose values all differ by less than this share lead to the same place.
 _ALIKE = 0.15
 
@@ -70,13 +73,15 @@ def without(vector: FloatArray, basis: FloatArray) -> FloatArray:
 
 def orthonormal(rows: FloatArray) -> FloatArray:
     """Return orthonormal rows that span the same, shape (p, n), without BLAS threads."""
-    kept = np.empty((0, rows.shape[1]))
+    kept, count = np.empty_like(rows), 0
     for row in rows:
-        left = without(without(row, kept), kept)
+        known = kept[:count]
+        left = without(without(row, known), known)
         size = sqrt(inner(left, left))
         if size > 1e-7 * max(sqrt(inner(row, row)), 1e-300):
-            kept = np.vstack([kept, left / size])
-    return kept
+            kept[count] = left / size
+            count += 1
+    return kept[:count]
 
 
 class Screen:
@@ -90,10 +95,16 @@ class Screen:
         Short training views.
     free : sequence of str, optional
         Parameters that a fit may move; all that the model does not hold where not given.
+    workers : int
+        Threads over these parameters.
     """
 
     def __init__(
-        self, fit: CandidateFit, views: Sequence[Target], free: Sequence[str] | None = None
+        self,
+        fit: CandidateFit,
+        views: Sequence[Target],
+        free: Sequence[str] | None = None,
+        workers: int = 1,
     ) -> None:
         self._fit = fit
         self._free = fit.model.free_names if free is None else tuple(free)
@@ -102,15 +113,12 @@ class Screen:
         self._simulated = [simulated(fit.model, packed, v, late) for v in views]
         self._errors = errors_of(fit, views)
         self._residual = np.concatenate(self._errors)
-        self._basis = self._own_basis()
+        self._basis = self._own_basis(workers)
         self._left = self._project(self._residual)
 
-    def _own_basis(self) -> FloatArray:
-        columns = []
-        for name in self._free:
-            column = self._difference(name)
-            if column is not None:
-                columns.append(column)
+    def _own_basis(self, workers: int) -> FloatArray:
+        found = of_each(self._difference, self._free, workers)
+        columns = [column for column in found if column is not None]
         if not columns:
             return np.zeros((0, self._residual.size))
         return orthonormal(np.array(columns))
@@ -141,9 +149,12 @@ class Screen:
         """Return what `candidate` promises, with its starts ordered by it."""
         before = self._fit.values
         found: list[tuple[float, dict[str, float]]] = []
+        steps: Sequence[float] = _STEPS
         for start in (*self._guesses(candidate), *candidate.starts):
             values = candidate.values(before, start)
-            share, chosen = self._best_step(candidate, values)
+            share, chosen, linear = self._best_step(candidate, values, steps)
+            # one that is linear in its size is so from every start
+            steps = steps[:1] if linear else steps
             found.append((max(share, self._nearby(candidate, values)), chosen))
         found.sort(key=lambda each: -each[0])
         apart: list[dict[str, float]] = []
@@ -176,21 +187,22 @@ class Screen:
         return guesses
 
     def _best_step(
-        self, candidate: Candidate, values: dict[str, float]
-    ) -> tuple[float, dict[str, float]]:
-        best, chosen = 0.0, values
+        self, candidate: Candidate, values: dict[str, float], steps: Sequence[float]
+    ) -> tuple[float, dict[str, float], bool]:
+        """Return what is explained at most, where, and whether every step explains as much."""
+        best, chosen, shares = 0.0, values, []
         neutral = candidate.neutral
-        for step in _STEPS:
+        for step in steps:
             tried = {
                 name: neutral[name] + step * (value - neutral[name])
                 if name in neutral and abs(neutral[name]) < 1e3
                 else value
                 for name, value in values.items()
             }
-            explained = self._explained(candidate, tried)
-            if explained > best:
-                best, chosen = explained, tried
-        return best, chosen
+            shares.append(self._explained(candidate, tried))
+            if shares[-1] > (1.0 + _EQUAL) * best:
+                best, chosen = shares[-1], tried
+        return best, chosen, best > 0.0 and min(shares) >= (1.0 - _EQUAL) * best
 
     def _nearby(self, candidate: Candidate, values: dict[str, float]) -> float:
         """Return what small changes of all new parameters about a start would explain.

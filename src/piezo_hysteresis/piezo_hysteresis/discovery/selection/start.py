@@ -73,7 +73,7 @@ def find(
         nominal = held.evaluator.judged(held.start)
         return Baselines(nominal, None, nominal), _judged(held, progress)
     policy = how.policy(POLICY)
-    base, seen = fitted_baselines(data, given, how.choices)
+    base, seen = fitted_baselines(data, given, how.choices, how.workers)
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
     evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints, how.deadline)
