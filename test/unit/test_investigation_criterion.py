@@ -48,3 +48,10 @@ def test_an_experiment_that_would_show_no_smaller_sizes_has_no_news():
     weights, seen = np.array([0.3, 0.2]), np.array([0.2, np.inf])
     assert chance_of_news(weights, seen, np.array([0.2, np.inf]), 0.5) == 0.0
     assert chance_of_news(weights, seen, np.array([0.5, SMALLEST]), 0.5) > 0.2
+
+
+def test_a_rival_that_is_out_of_the_question_asks_nothing():
+    # a live course met this: the only likely rival is far from what an impossible one would show
+    chances, far = np.array([1.0, 0.0, 0.0]), 2000.0 * (1.0 - np.eye(3))
+    with np.errstate(all='raise', under='ignore'):
+        assert told_apart(chances, ['drift', 'creep', 'gain_decay'], far) == 0.0

@@ -44,9 +44,9 @@ def told_apart(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> f
         By how much rival j loses log likelihood where rival i is right.
     """
     after = 0.0
-    for place, chance in enumerate(chances):
+    for place in np.flatnonzero(chances):
         weights = chances * np.exp(-np.maximum(nats[place], 0.0))
-        after += float(chance) * entropy(grouped(weights / weights.sum(), names))
+        after += float(chances[place]) * entropy(grouped(weights / weights.sum(), names))
     return max(0.0, entropy(grouped(chances, names)) - after)
 
 
