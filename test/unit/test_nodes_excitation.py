@@ -81,3 +81,26 @@ def test_options_that_are_no_mapping_are_refused_in_one_line(text: str) -> None:
 def test_impossible_sweeps_are_refused(frequencies, amplitudes, seconds, options) -> None:
     with pytest.raises(PiezoError):
         Sweep(frequencies, amplitudes, seconds, RATE, options=options)
+
+
+def test_a_sweep_leaves_no_voltage_faster_than_it_moves():
+    sweep = Sweep([1.0], [2.0], 3.0, RATE)
+    fastest = 2.0 * np.pi * 1.0 * 2.0 / RATE * 1.001
+    sweep.start(100, 5.0)
+    first = [sweep.voltage(sample) for sample in range(100, 5000)]
+    assert abs(first[0] - 5.0) < fastest
+    assert np.max(np.abs(np.diff(first))) < fastest
+    begins = next(k for k in range(100, 5000) if sweep.starting(k) is not None)
+    np.testing.assert_array_equal(first[begins - 100 : begins - 97], sweep.records[0].voltages[:3])
+    sweep.cancel(begins + 250)
+    back = [sweep.voltage(sample) for sample in range(begins + 249, begins + 800)]
+    assert np.max(np.abs(np.diff(back))) < fastest
+    assert back[-1] == 0.0
+    over = next(k for k in range(begins + 250, begins + 800) if sweep.over(k))
+    assert sweep.voltage(over) == 0.0
+
+
+def test_a_sweep_begins_at_once_where_it_would_not_jump():
+    sweep = Sweep([10.0], [2.0], 1.0, 1000.0)
+    sweep.start(7, 0.01)
+    assert sweep.starting(7) is sweep.records[0]

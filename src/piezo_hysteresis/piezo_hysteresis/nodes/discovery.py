@@ -54,6 +54,10 @@ class DiscoveryNode(Node):
             self, self._params, self._begin, self._tell, self._end
         )
 
+    def close(self) -> None:
+        """Leave an actuator that is investigated at rest."""
+        self._investigations.close()
+
     # --- for an investigation ------------------------------------------------------------------
 
     def _begin(self) -> str:

@@ -81,6 +81,9 @@ class Sweep:
         Ticks between two records.
     length : int
         Ticks of the whole sweep, where no record is run again.
+    way_back : int
+        Ticks in which the voltage goes back to rest from the middle of a record: no faster than
+        any record moves it.
     """
 
     def __init__(
@@ -100,7 +103,7 @@ class Sweep:
         self.records: list[SweepRecord] = []
         self._start: int | None = None
         self._cancelled_at: tuple[int, float] | None = None
-        self._left_at, self._left_voltage, self._again = 0, 0.0, 0
+        self._left_at, self._left_voltage, self._again, self._left_ticks = 0, 0.0, 0, 1
         gap = self.gap = round((RETURN + pause) * rate)
         first = 0
         for amplitude in amplitudes:
@@ -120,14 +123,27 @@ class Sweep:
                 self.records.append(record)
                 first = record.last + gap
         self.length = first
+        self._largest, self._change = _pace(self.records)
+        slow = self._largest / self._change if self._change > 0.0 else 0.0
+        self.way_back = max(round(RETURN * rate), math.ceil(slow))
 
-    def start(self, sample: int) -> None:
-        """Let the sweep begin at tick `sample` of the loop."""
+    def start(self, sample: int, voltage: float = 0.0) -> None:
+        """Let the sweep begin at tick `sample` of the loop.
+
+        An actuator that stands at a `voltage` [V] which the sweep would leave by a jump is brought
+        to rest first.
+        """
         self._start = sample
+        if abs(voltage) > self._change:
+            share = abs(voltage) / self._largest if self._largest > 0.0 else 1.0
+            self._left_ticks = math.ceil(max(share, 1.0) * self.way_back)
+            self._left_at, self._left_voltage = sample, voltage
+            self._again = self._start = sample + self._left_ticks
 
     def rest(self, sample: int, ticks: int, record: SweepRecord) -> None:
         """Go to rest from tick `sample` on, and begin `record` (again) `ticks` later."""
         self._left_at, self._left_voltage = sample, self.voltage(sample - 1)
+        self._left_ticks = self.way_back
         self._again = sample + ticks
         self._start = self._again - record.first
 
@@ -139,7 +155,7 @@ class Sweep:
     def over(self, sample: int) -> bool:
         """Return whether tick `sample` lies behind the end."""
         if self._cancelled_at is not None:
-            return sample >= self._cancelled_at[0] + round(RETURN * self.rate)
+            return sample >= self._cancelled_at[0] + self.way_back
         return not self._rests(sample) and self._place(sample) >= self.length
 
     def starting(self, sample: int) -> SweepRecord | None:
@@ -165,9 +181,9 @@ class Sweep:
     def voltage(self, sample: int) -> float:
         """Return the voltage of tick `sample` [V]."""
         if self._cancelled_at is not None and sample >= self._cancelled_at[0]:
-            return self._back(sample, *self._cancelled_at)
+            return _back(sample, *self._cancelled_at, self.way_back)
         if self._rests(sample):
-            return self._back(sample, self._left_at, self._left_voltage)
+            return _back(sample, self._left_at, self._left_voltage, self._left_ticks)
         place = self._place(sample)
         for record in self.records:
             if place < record.first:
@@ -193,11 +209,6 @@ class Sweep:
 
     def _rests(self, sample: int) -> bool:
         return self._left_at <= sample < self._again
-
-    def _back(self, sample: int, since: int, voltage: float) -> float:
-        """Return the voltage on the way back to rest, which was left at tick `since`."""
-        gone = (sample - since + 1) / round(RETURN * self.rate)
-        return voltage * max(0.0, 1.0 - gone)
 
     def _place(self, sample: int) -> int:
         return sample - (self._start or 0)
@@ -246,6 +257,18 @@ def parse_options(text: str) -> dict[str, object]:
 def _voltages(waveform: Waveform, seconds: float, rate: float) -> FloatArray:
     time = np.arange(round(seconds * rate), dtype=np.float64) * (1.0 / rate)
     return np.asarray(waveform.sample(time).value, dtype=np.float64)
+
+
+def _back(sample: int, since: int, voltage: float, ticks: int) -> float:
+    """Return the voltage on the way from `voltage` to rest, left at tick `since`, in `ticks`."""
+    return voltage * max(0.0, 1.0 - (sample - since + 1) / ticks)
+
+
+def _pace(records: Sequence[SweepRecord]) -> tuple[float, float]:
+    """Return the largest voltage of records, and its largest change from tick to tick [V]."""
+    largest = max(float(np.max(np.abs(record.voltages))) for record in records)
+    changes = (np.diff(record.voltages, prepend=0.0, append=0.0) for record in records)
+    return largest, max(float(np.max(np.abs(change))) for change in changes)
 
 
 def _check(

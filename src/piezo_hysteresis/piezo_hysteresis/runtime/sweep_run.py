@@ -134,7 +134,7 @@ class SweepRun:
             if sweep.ending(sample):
                 self._close(self._open, sample)
             elif self._newcomers(self._open):
-                self._again(self._open, sample, sweep.gap)
+                self._again(self._open, sample, max(sweep.gap, sweep.way_back))
         return sweep.voltage(sample)
 
     def stop(self, sample: int, why: str = CANCELLED) -> None:

@@ -109,7 +109,7 @@ class Excitation(Node):
             self._emit(message.sample)
 
     def _on_state(self, payload: bytes) -> None:
-        head, (sample, _, _) = STATE.decode(payload)
+        head, (sample, voltage, _) = STATE.decode(payload)
         before = self._intake.newest
         if not self._intake.take(sample):
             return
@@ -119,7 +119,7 @@ class Excitation(Node):
         if sample <= self._newest_state:
             return
         self._newest_state = sample
-        self._sweeps.note_pace(unasked=sample > self._emitted)
+        self._sweeps.note_state(voltage, unasked=sample > self._emitted)
         if not self._sweeps.waits:
             self._received = time.monotonic()
         self._emit(sample + 1)

@@ -76,6 +76,7 @@ class SweepServer:
         self._reason = ''
         self._kept: list[Kept] = []
         self._range = (0.0, 0.0)
+        self._voltage = 0.0
         self._refused = self._refused_before = self._known_until = 0
         self._recount = False
         self._asked = self._looked = 0.0
@@ -157,10 +158,13 @@ class SweepServer:
             self._reason, self._refuses = reason, True
             self._finish()
             return False
+        if self._goal.is_cancel_requested:  # whoever is waited for may never come
+            self._finish()
+            return False
         if self._missing():
             return False
         self._first = sample
-        self._run.sweep.start(sample)
+        self._run.sweep.start(sample, self._voltage)
         return True
 
     def voltage(self, sample: int) -> float | Pause:
@@ -178,8 +182,9 @@ class SweepServer:
             self._newest = sample
         return voltage
 
-    def note_pace(self, unasked: bool) -> None:
+    def note_state(self, voltage: float, unasked: bool) -> None:
         """Note that a state has come; `unasked` where no command of ours was answered by it."""
+        self._voltage = voltage
         if unasked and self._run is not None:
             self._run.paced = True
 
@@ -192,6 +197,7 @@ class SweepServer:
 
     def follow_restart(self) -> None:
         """Begin again with an actuator that was started anew, unless some of it has been run."""
+        self._voltage = 0.0
         self._recount = False
         self._known_until = 0
         if self._run is not None and self._newest > self._first:

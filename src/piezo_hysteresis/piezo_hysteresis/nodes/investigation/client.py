@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import rclpy
@@ -12,13 +13,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
 from piezo_interfaces.action import Investigate
 from piezo_ros_common.middleware import prepare
 
 # For a discovery node to be found, and to come back after a restart [s].
 FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0
-# Without the node a goal is lost [s].
-GONE = 5.0
+# For it to say whether it takes a goal [s].
+ANSWERS_WITHIN = 30.0
 
 
 class _Gone(Exception):
@@ -48,6 +50,7 @@ class Asking:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, Investigate, 'investigate')
+        self._watch = ActionWatch(self._node, self._client, 'investigate')
 
     def __enter__(self) -> Asking:
         return self
@@ -79,8 +82,9 @@ class Asking:
                 patience = BACK_WITHIN
 
     def _once(self, goal: Any, told: Callable[[Any], None]) -> Any:
+        self._watch.begin()
         sent = self._client.send_goal_async(goal, feedback_callback=lambda m: told(m.feedback))
-        self._follow(sent)
+        self._follow(sent, ANSWERS_WITHIN)
         handle: Any = sent.result()
         if not handle.accepted:
             raise PiezoError('the discovery node refused; its log says why')
@@ -89,17 +93,22 @@ class Asking:
             self._follow(ended)
         except KeyboardInterrupt:
             handle.cancel_goal_async()
-            self._follow(ended)
+            self._cancelled(ended)
         answer: Any = ended.result()
         return answer.result
 
-    def _follow(self, future: Any) -> None:
-        missed = float('inf')
+    def _cancelled(self, ended: Any) -> None:
+        try:
+            self._follow(ended)
+        except _Gone:
+            raise PiezoError('the discovery node has gone: see that the actuator rests') from None
+
+    def _follow(self, future: Any, patience: float = inf) -> None:
+        end = time.monotonic() + patience
         while not future.done():
             self._executor.spin_once(timeout_sec=0.05)
-            now = time.monotonic()
-            missed = float('inf') if self._client.server_is_ready() else min(missed, now)
-            if now - missed > GONE:
+            late = time.monotonic() > end
+            if (late or self._watch.lost) and not future.done():
                 raise _Gone
 
     def _until(self, condition: Callable[[], bool], patience: float) -> bool:

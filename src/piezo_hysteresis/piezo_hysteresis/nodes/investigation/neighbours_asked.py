@@ -15,8 +15,9 @@ from piezo_hysteresis.models import ModelFile
 from piezo_interfaces.srv import LoadModel
 
 LOOK = 0.02
-# For an answer, and for a node that is there at all [s].
-PATIENCE = 10.0
+# For an answer, and for a node that is there at all: it may have been started just now, on a slow
+# machine [s].
+PATIENCE = 30.0
 # For a model to be in use: what has never run before is compiled [s].
 COMPILED_WITHIN = 120.0
 EXCITATION = 'excitation'
@@ -26,6 +27,10 @@ USERS = ('feedforward', 'gap_monitor')
 
 class Cancelled(PiezoError):
     """Whoever asked for the work has given it up."""
+
+
+class Unanswered(PiezoError):
+    """A node is not there, or has gone, or does not answer; it may come back."""
 
 
 def waited(
@@ -66,7 +71,7 @@ class Neighbourhood:
 
         Raises
         ------
-        PiezoError
+        Unanswered
             If it does not answer.
         """
         self._there(stopped)
@@ -78,8 +83,10 @@ class Neighbourhood:
 
         Raises
         ------
+        Unanswered
+            If it does not answer.
         PiezoError
-            If it does not answer, or refuses.
+            If it refuses.
         """
         self._there(stopped)
         parameters = [Parameter('mode', value=mode)]
@@ -108,9 +115,9 @@ class Neighbourhood:
 
     def _there(self, stopped: Callable[[], bool]) -> None:
         if not waited(self._excitation.services_are_ready, stopped):
-            raise PiezoError('no excitation is running: start it, and investigate again')
+            raise Unanswered('no excitation is running: start it, and investigate again')
 
     def _answer(self, future: Any, stopped: Callable[[], bool], patience: float = PATIENCE) -> Any:
         if not waited(future.done, stopped, patience) or future.result() is None:
-            raise PiezoError('a node did not answer: see that it runs, and investigate again')
+            raise Unanswered('a node did not answer: see that it runs, and investigate again')
         return future.result()

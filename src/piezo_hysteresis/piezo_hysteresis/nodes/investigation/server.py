@@ -16,8 +16,12 @@ from rclpy.task import Future
 from piezo_common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled, Neighbourhood
-from piezo_hysteresis.nodes.investigation.sweeper import Sweeper
+from piezo_hysteresis.nodes.investigation.neighbours_asked import (
+    Cancelled,
+    Neighbourhood,
+    Unanswered,
+)
+from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
 from piezo_hysteresis.nodes.paths import inside
 from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import LoopStatus
@@ -57,8 +61,10 @@ class InvestigationServer:
     ) -> None:
         self._node, self._parameters = node, parameters
         self._begin, self._tell, self._end = begin, tell, end
-        self._range = (0.0, 0.0)
-        self._sweeper, self._neighbours = Sweeper(node), Neighbourhood(node)
+        self._status = LoopStatus()
+        self._closing = False
+        self._sweeper = Sweeper(node, lambda: int(self._status.sample))
+        self._neighbours = Neighbourhood(node)
         node.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._server = ActionServer(
             node,
@@ -70,7 +76,7 @@ class InvestigationServer:
         )
 
     def _on_status(self, message: LoopStatus) -> None:
-        self._range = (message.low, message.high)
+        self._status = message
 
     def _judge(self, goal: Investigate.Goal) -> GoalResponse:
         try:
@@ -122,16 +128,18 @@ class InvestigationServer:
             self._node.get_logger().error(str(error))
         except Exception as error:
             result.message = f'{type(error).__name__}: {error}; report it with the log of the node'
-            raise
+            if not self._closing:  # a node that ends takes away what it was about to use
+                raise
         finally:
-            self._node.executor.create_task(done.set_result, True)
+            if not self._closing:
+                self._node.executor.create_task(done.set_result, True)
 
     def _investigate(self, goal: Any, result: Investigate.Result) -> None:
         # Heavy imports stay out of the start of the node.
         from piezo_hysteresis.investigation.conduct import conduct
 
         def stopped() -> bool:
-            return bool(goal.is_cancel_requested)
+            return self._closing or bool(goal.is_cancel_requested)
 
         def report(progress: InvestigationProgress) -> None:
             if stopped():
@@ -142,20 +150,32 @@ class InvestigationServer:
         request = goal.request
         setup = self._setup(request, stopped)
         before = str(self._neighbours.excitation('mode', stopped))
-        self._neighbours.set_mode('idle', stopped)
+        under = Circumstances(
+            setup.rate,
+            setup.limits.slew,
+            lambda: self._neighbours.set_mode('idle', stopped),
+            stopped,
+        )
+        under.ready()
         try:
             found = conduct(
                 self._folder(request),
                 setup,
-                _Actuator(self._sweeper, self._neighbours, stopped),
+                _Actuator(self._sweeper, self._neighbours, under),
                 report,
                 workers=int(request.workers) or os.cpu_count() or 1,
                 apply=request.apply,
             )
         finally:
-            if before != 'idle':
-                self._neighbours.set_mode(before)
+            if before != 'idle' and not self._closing:
+                self._go_back_to(before)
         _fill(result, found, self._folder(request))
+
+    def _go_back_to(self, mode: str) -> None:
+        try:
+            self._neighbours.set_mode(mode)
+        except Unanswered as error:  # what came out, or went wrong, is told all the same
+            self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Any, stopped: Callable[[], bool]) -> Setup:
         from piezo_hysteresis.investigation.journal import Setup
@@ -165,7 +185,7 @@ class InvestigationServer:
         model = self._model(request)
         low, high = request.low, request.high
         if not high > low:
-            low, high = known_range(*self._range, model)
+            low, high = known_range(self._status.low, self._status.high, model)
         if not high > low:
             raise PiezoError(
                 'the actuator does not say which voltages it takes: give low and high'
@@ -187,25 +207,24 @@ class InvestigationServer:
         return Setup(model, limits, rules, rate)
 
     def close(self) -> None:
-        """Finish a recording that is under way."""
+        """Give up what is under way: the actuator comes to rest, and the journal is kept."""
+        self._closing = True
         self._sweeper.close()
 
 
 class _Actuator:
     """The live one, as an investigation asks for it."""
 
-    def __init__(
-        self, sweeper: Sweeper, neighbours: Neighbourhood, stopped: Callable[[], bool]
-    ) -> None:
-        self._sweeper, self._neighbours, self._stopped = sweeper, neighbours, stopped
+    def __init__(self, sweeper: Sweeper, neighbours: Neighbourhood, under: Circumstances) -> None:
+        self._sweeper, self._neighbours, self._under = sweeper, neighbours, under
 
-    def run(self, experiment: PlannedExperiment, bag: Path) -> None:
-        """Run an experiment and record it in a new bag."""
-        self._sweeper.run(experiment, bag, self._stopped)
+    def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
+        """Run an experiment and record it in a new bag; return whether it was at rest before."""
+        return self._sweeper.run(experiment, bag, self._under)
 
     def apply(self, model: ModelFile) -> str:
         """Let the nodes that are there use a model."""
-        return self._neighbours.use(model, self._stopped)
+        return self._neighbours.use(model, self._under.stopped)
 
 
 def _feedback(progress: InvestigationProgress) -> Investigate.Feedback:

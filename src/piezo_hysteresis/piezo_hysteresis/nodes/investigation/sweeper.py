@@ -4,40 +4,61 @@ from __future__ import annotations
 
 import json
 import shutil
-import threading
 import time
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
-from typing import Any
 
-from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
-from piezo_common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
-from piezo_hysteresis.nodes.investigation.neighbours_asked import PATIENCE, Cancelled, waited
-from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
-from piezo_hysteresis.nodes.recording.recorder_report import CONFIRM_AFTER, RecorderReport
-from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of
-from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
+from piezo_hysteresis.nodes.investigation.neighbours_asked import Unanswered, waited
+from piezo_hysteresis.nodes.investigation.sweep_bag import SweepBag
+from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
 from piezo_interfaces.action import RunSweep
-from piezo_interfaces.msg import ActuatorState, RecordMarker
-from piezo_ros_common.qos import LOOP
-from piezo_ros_common.timers import wall_timer
 
-# What is still on its way when a sweep ends, and how long an excitation may be away [s].
-LAST_WORDS, AWAY = 0.4, 60.0
-# How often an experiment is run at most, where the excitation or the actuator was started anew.
+# What is still on its way when a sweep ends [s].
+LAST_WORDS = 0.4
+# How long an excitation or an actuator may be away, between two looks whether it is there [s].
+AWAY, LOOK = 60.0, 1.0
+# How often an experiment is begun at least before it is given up.
 TRIES = 3
 # Longer than a record the sweep may take: recorders are waited for, and slow machines [s].
 LATE = 120.0
+# Least time in which an actuator that was left elsewhere is brought to rest [s], and the share of
+# the slew that this may have.
+BACK, BELOW = 0.5, 0.9
+# An actuator that keeps its own pace has made a tick after so long [s].
+PACED = 0.5
+# Voltages below this share of the amplitude of an experiment are rest.
+AT_REST = 1e-3
+# A sweep that takes so much longer than its record was begun again in its middle [s].
+BEGUN_AGAIN = 1.5
 
 
-class _Lost(PiezoError):
-    """The excitation, or the actuator, has gone or was started anew."""
+@dataclass(frozen=True)
+class Circumstances:
+    """Under which experiments are run.
+
+    Attributes
+    ----------
+    rate : float
+        Ticks per second [Hz].
+    slew : float
+        Fastest change of the voltage [V/s].
+    ready : callable
+        Makes the excitation ready for sweeps.
+    stopped : callable
+        Tells whether it was given up.
+    """
+
+    rate: float
+    slew: float
+    ready: Callable[[], None]
+    stopped: Callable[[], bool]
 
 
 class Sweeper:
@@ -47,47 +68,57 @@ class Sweeper:
     ----------
     node : Node
         That asks; it spins in another thread.
+    reached : callable
+        Returns the tick that the actuator says it waits for, or has come to.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._client = ActionClient(node, RunSweep, 'run_sweep')
-        self._report = RecorderReport(node)
-        self._recorder: Recorder | None = None
-        self._inlets: list[Subscription] = []
-        wall_timer(node, CONFIRM_AFTER, self._report.tell_news)
+    def __init__(self, node: Node, reached: Callable[[], int]) -> None:
+        self._node, self._reached = node, reached
+        self._goals, self._bag = SweepGoals(node), SweepBag(node)
 
-    def run(self, experiment: PlannedExperiment, bag: Path, stopped: Callable[[], bool]) -> None:
-        """Run an experiment into a new bag; begin again where the excitation was started anew.
+    def run(self, experiment: PlannedExperiment, bag: Path, under: Circumstances) -> bool:
+        """Run an experiment into a new bag, again where excitation or actuator were started anew.
+
+        Returns whether it went at the first try, so that the actuator had been at rest until then.
 
         Raises
         ------
         Cancelled
-            If it was `stopped`; the actuator is at rest then.
+            If it was stopped; the actuator is at rest then.
         PiezoError
             If it cannot be run.
         """
-        for attempt in range(TRIES):
+        tries, first_loss = 0, 0.0
+        while True:
             try:
-                self._once(experiment, bag, stopped)
-                return
-            except _Lost as lost:
-                self._node.get_logger().warning(f'{lost}; it is run again when that is there')
-                if attempt == TRIES - 1 or not waited(self._client.server_is_ready, stopped, AWAY):
+                under.ready()
+                return self._once(experiment, bag, under, tries > 0) and tries == 0
+            except Unanswered as lost:
+                tries += 1
+                now = time.monotonic()
+                first_loss = first_loss or now
+                if tries >= TRIES and now - first_loss > AWAY:
                     raise
+                self._node.get_logger().warning(f'{lost}; the experiment is run again')
+                waited(lambda: False, under.stopped, LOOK)
 
-    def _once(self, experiment: PlannedExperiment, bag: Path, stopped: Callable[[], bool]) -> None:
-        if not waited(self._client.server_is_ready, stopped):
-            raise PiezoError('no excitation is running: start it, and investigate again')
+    def _once(
+        self, experiment: PlannedExperiment, bag: Path, under: Circumstances, again: bool
+    ) -> bool:
         shutil.rmtree(bag, ignore_errors=True)
-        self._on_node(lambda: self._record(bag))
+        in_thread_of(self._node, lambda: self._bag.begin(bag))
         try:
-            self._sweep(experiment, stopped)
+            if again:
+                self._come_to_rest(AT_REST * experiment.amplitude, under)
+            result = self._sweep(experiment, under)
             time.sleep(LAST_WORDS)
         finally:
-            self._on_node(self._close)
+            in_thread_of(self._node, self._bag.close)
+        if self._node.get_fully_qualified_name() not in ', '.join(result.recorded_by).split(', '):
+            raise Unanswered('the recorder missed some of the record')
+        return bool(result.samples <= (experiment.seconds + BEGUN_AGAIN) * under.rate)
 
-    def _sweep(self, experiment: PlannedExperiment, stopped: Callable[[], bool]) -> None:
+    def _sweep(self, experiment: PlannedExperiment, under: Circumstances) -> RunSweep.Result:
         goal = RunSweep.Goal(
             frequencies=[experiment.frequency],
             amplitudes=[experiment.amplitude],
@@ -96,94 +127,37 @@ class Sweeper:
             waveform=experiment.spec['kind'],
             options=json.dumps({'parts': experiment.spec['parts']}),
         )
-        sent = self._client.send_goal_async(goal)
-        if not waited(sent.done, stopped):
-            raise _Lost('the excitation does not answer')
-        handle: Any = sent.result()
-        if not handle.accepted:
-            raise PiezoError('the excitation refused the experiment; its log says why')
-        ended = handle.get_result_async()
-        try:
-            self._await(ended, experiment, stopped)
-        except Cancelled:
-            handle.cancel_goal_async()
-            waited(ended.done, lambda: False)  # the actuator returns to rest meanwhile
-            raise
-        result = ended.result().result
+        return self._done(goal, under)
+
+    def _done(self, goal: RunSweep.Goal, under: Circumstances) -> RunSweep.Result:
+        result = self._goals.run(goal, under.stopped, 10.0 * goal.seconds + LATE)
         if not result.success:
-            anew = 'anew' in result.message or 'not running' in result.message
-            raise (_Lost if anew else PiezoError)(result.message)
-        if not result.records:
-            raise _Lost('the record was lost')
+            away = 'anew' in result.message or 'not running' in result.message
+            raise (Unanswered if away else PiezoError)(result.message)
+        return result
 
-    def _await(
-        self, ended: Any, experiment: PlannedExperiment, stopped: Callable[[], bool]
-    ) -> None:
-        gone: list[float] = []
+    def _come_to_rest(self, at_rest: float, under: Circumstances) -> None:
+        """Bring an actuator to rest that lost its excitation in motion.
 
-        def over() -> bool:
-            if self._client.server_is_ready():
-                gone.clear()
-            else:
-                gone.append(time.monotonic())
-            return bool(ended.done()) or bool(gone and gone[-1] - gone[0] > 0.5 * PATIENCE)
-
-        waited(over, stopped, 10.0 * experiment.seconds + LATE)
-        if not ended.done():
-            raise _Lost('the excitation has gone')
-
-    # --- the recorder, in the thread of the node -----------------------------------------------
-
-    def _on_node(self, work: Callable[[], None]) -> None:
-        """Do something in the thread that spins the node, and wait for it."""
-        done, errors = threading.Event(), list[BaseException]()
-
-        def task() -> None:
-            try:
-                work()
-            except Exception as error:  # handed to whoever waits
-                errors.append(error)
-            finally:
-                done.set()
-
-        self._node.executor.create_task(task)
-        done.wait()
-        if errors:
-            raise errors[0]
-
-    def _record(self, bag: Path) -> None:
-        recorder = self._recorder = Recorder(bag)
-        kinds: tuple[tuple[str, str, Any, Callable[[bytes, bool], None]], ...] = (
-            (topics.STATE, STATE, ActuatorState, self._report.on_state),
-            (topics.MARKER, MARKER, RecordMarker, self._report.on_marker),
-        )
-        self._report.begin(lambda: recorder.status)
-        for short, kind, message, count in kinds:
-            definition, type_hash = definition_of(kind)
-            name = self._node.resolve_topic_name(short)
-            number = recorder.add_topic(
-                name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(LOOP)
-            )
-            keep = partial(_kept, recorder, number, count)
-            self._inlets.append(
-                self._node.create_subscription(message, short, keep, LOOP, raw=True)
-            )
-
-    def _close(self) -> None:
-        recorder, self._recorder = self._recorder, None
-        for inlet in self._inlets:
-            self._node.destroy_subscription(inlet)
-        self._inlets.clear()
-        self._report.end()
-        if recorder is not None:
-            recorder.close()
+        One that keeps its own pace does so by itself; one that waits for each tick stands where
+        it was, unless it was started anew.
+        """
+        before = self._bag.newest
+        waited(lambda: False, under.stopped, PACED)
+        now = self._bag.newest
+        if before is None or now is None:
+            return
+        if now[0] != before[0]:
+            waited(lambda: abs((self._bag.newest or now)[1]) <= at_rest, under.stopped, AWAY)
+        elif self._reached() >= now[0] and abs(now[1]) > at_rest:
+            slow = abs(now[1]) / (BELOW * under.slew) if isfinite(under.slew) else BACK
+            back = max(BACK, slow)
+            lines = {'times': [0.0, back], 'values': [now[1], 0.0]}
+            goal = RunSweep.Goal(frequencies=[0.0], amplitudes=[abs(now[1])], seconds=back)
+            goal.waveform, goal.options = 'lines', json.dumps(lines)
+            self._done(goal, under)
 
     def close(self) -> None:
-        """Finish a recording that is under way."""
-        self._close()
-
-
-def _kept(
-    recorder: Recorder, number: int, count: Callable[[bytes, bool], None], payload: bytes
-) -> None:
-    count(payload, recorder.write(number, payload, time.time_ns()))
+        """End a sweep that is under way, which brings the actuator to rest, and its recording."""
+        self._goals.end()
+        self._bag.close()

@@ -1,0 +1,52 @@
+"""Whether the node that took a goal is still the one that took it."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+# Between two looks [s].
+LOOK = 0.2
+
+
+class ActionWatch:
+    """Notices that a server of an action has gone, also where another one has its place already.
+
+    A process that was killed is believed to be there for a while, and one that comes back within
+    that time was never missed; but what it offers has another identity.
+
+    Parameters
+    ----------
+    node : Node
+        That asks.
+    client : ActionClient
+        Of the action.
+    name : str
+        Of the action.
+    """
+
+    def __init__(self, node: Node, client: ActionClient, name: str) -> None:
+        self._node, self._client = node, client
+        self._topic = node.resolve_topic_name(f'{name}/_action/status')
+        self._known: frozenset[bytes] = frozenset()
+        self._due, self._lost = 0.0, False
+
+    def begin(self) -> None:
+        """Remember who is there now."""
+        self._known, self._lost = self._there(), False
+
+    @property
+    def lost(self) -> bool:
+        """Whether who was there has gone, or somebody new has come, as of a moment ago."""
+        if not self._lost and time.monotonic() >= self._due:
+            there = self._there()
+            self._lost = bool(there - self._known) or not there & self._known
+            self._lost |= not self._client.server_is_ready()
+            self._due = time.monotonic() + LOOK
+        return self._lost
+
+    def _there(self) -> frozenset[bytes]:
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        return frozenset(bytes(info.endpoint_gid) for info in infos)

@@ -1,0 +1,171 @@
+"""Goals of ``run_sweep``: asked for and ended, also those that nobody waits for any more."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from hashlib import blake2b
+from typing import Any
+
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
+
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
+from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
+from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled, Unanswered, waited
+from piezo_interfaces.action import RunSweep
+
+ACTION = 'run_sweep'
+_BEGUN = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+_RUNNING = (*_BEGUN, GoalStatus.STATUS_CANCELING)
+# For the actuator to come to rest, on a slow machine [s].
+RESTS_WITHIN = 60.0
+# To be asked once more [s].
+_ASK_AGAIN = 1.0
+# Bytes of an identity; half of them tell whose goal it is.
+_HALF = 8
+
+
+class SweepGoals:
+    """One goal at a time.
+
+    Every goal bears the name of the node that asked for it. A node that finds one of its name that
+    it has not asked for was killed and started anew: nobody waits for that one any more, and it is
+    ended, which brings the actuator to rest.
+
+    Parameters
+    ----------
+    node : Node
+        That asks; it spins in another thread.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        name = node.get_fully_qualified_name().encode()
+        self._mark = blake2b(name, digest_size=_HALF).digest()
+        self._own: bytes | None = None
+        self._asked: set[bytes] = set()
+        self._running: frozenset[bytes] = frozenset()
+        self._client = ActionClient(node, RunSweep, ACTION)
+        self._watch = ActionWatch(node, self._client, ACTION)
+        self._ender = node.create_client(CancelGoal, f'{ACTION}/_action/cancel_goal')
+        node.create_subscription(
+            GoalStatusArray,
+            f'{ACTION}/_action/status',
+            self._on_status,
+            qos_profile_action_status_default,
+        )
+
+    def run(self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float) -> Any:
+        """Run a sweep to its end and return its result.
+
+        Raises
+        ------
+        Cancelled
+            If it was `stopped`; the actuator is at rest then.
+        Unanswered
+            If the excitation is not there, or has gone meanwhile.
+        PiezoError
+            If it refuses the goal, or does not come to rest.
+        """
+        if not waited(self._client.server_is_ready, stopped):
+            raise Unanswered('no excitation is running: start it, and investigate again')
+        self._end_left(stopped)
+        self._watch.begin()
+        try:
+            return self._run(goal, stopped, patience)
+        except PiezoError:
+            self._asked.discard(self._own or b'')  # nobody waits for it any more
+            raise
+        finally:
+            self._own = None
+
+    def _run(self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float) -> Any:
+        sent = in_thread_of(self._node, lambda: self._send(goal))
+        # whoever stops it now has to wait for the answer: an accepted sweep must be ended
+        if not waited(lambda: sent.done() or self._watch.lost, _never) or not sent.done():
+            raise self._lost('the excitation does not answer')
+        handle: Any = sent.result()
+        if not handle.accepted:
+            raise PiezoError(self._refusal())
+        ended = in_thread_of(self._node, handle.get_result_async)
+        try:
+            waited(lambda: ended.done() or self._watch.lost, stopped, patience)
+        except Cancelled:
+            self._rest(ended)
+            raise
+        if not ended.done():
+            self.end()
+            raise self._lost('the excitation has gone')
+        return ended.result().result
+
+    def _send(self, goal: RunSweep.Goal) -> Any:
+        self._own = self._mark + os.urandom(_HALF)
+        self._asked.add(self._own)
+        return self._client.send_goal_async(goal, goal_uuid=_identity(self._own).goal_id)
+
+    def _lost(self, words: str) -> Unanswered:
+        """Forget what ran in an excitation that is no more; one that is says so again."""
+        if self._watch.lost:
+            self._running = frozenset()
+        return Unanswered(words)
+
+    def _refusal(self) -> str:
+        if self._running - {self._own}:
+            return 'another sweep is running: cancel it or wait for its end, and investigate again'
+        return 'the excitation refused the experiment; its log says why'
+
+    def _rest(self, ended: Any) -> None:
+        """Wait until a sweep that was stopped has brought the actuator to rest."""
+        self.end()
+        if waited(lambda: ended.done() or self._watch.lost, _never, RESTS_WITHIN) and ended.done():
+            return
+        raise PiezoError('cancelled, but the excitation does not say that the actuator is at rest')
+
+    def end(self) -> None:
+        """End the sweep that runs, if one does; from any thread."""
+        own = self._own
+        if own is not None:
+            self._end(own)
+
+    def _end(self, goal: bytes) -> None:
+        self._ender.call_async(CancelGoal.Request(goal_info=_identity(goal)))
+
+    # --- what another one with our name has left -------------------------------------------------
+
+    def _on_status(self, message: GoalStatusArray) -> None:
+        """Note what runs, and end what nobody waits for."""
+        goals = {bytes(each.goal_info.goal_id.uuid): each.status for each in message.status_list}
+        self._running = frozenset(goal for goal, state in goals.items() if state in _RUNNING)
+        for goal in self._left():
+            if goals[goal] in _BEGUN:
+                self._node.get_logger().warning('a sweep that nobody waits for is ended')
+                self._end(goal)
+
+    def _left(self) -> list[bytes]:
+        return [each for each in self._running - self._asked if each.startswith(self._mark)]
+
+    def _end_left(self, stopped: Callable[[], bool]) -> None:
+        """End sweeps of before until there are none."""
+        end = time.monotonic() + RESTS_WITHIN
+        while left := self._left():
+            if time.monotonic() > end:
+                raise Unanswered('the excitation does not end a sweep that nobody waits for')
+            for goal in left:  # what was asked before may have come to nobody
+                self._end(goal)
+            waited(lambda: not self._left(), stopped, _ASK_AGAIN)
+
+
+def _identity(goal: bytes) -> GoalInfo:
+    found = GoalInfo()
+    found.goal_id.uuid = list(goal)
+    return found
+
+
+def _never() -> bool:
+    return False

@@ -1,0 +1,109 @@
+"""What live tests of an investigation share: an actuator that creeps and a model that does not."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from listening import Listener
+from rclpy.action import ActionClient
+
+from piezo_hysteresis.identification.identify import identify
+from piezo_hysteresis.models import named
+from piezo_interfaces.action import Investigate
+from piezo_interfaces.msg import ActuatorState
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_sim.sweep import grid, simulate
+
+PRESET = 'generic_bouc_wen'
+RATE, REACH, SLEW = 1000.0, 1.0, 700.0
+PATIENCE = 240.0
+# A loop in lock-step that makes no tick for so long stands [s].
+STILL = 2.0
+LIMITS = {'low': -REACH, 'high': REACH, 'slew': SLEW, 'budget': 60.0}
+
+
+def write_model(folder: Path) -> Path:
+    """Identify the actuator as it was; return the file."""
+    specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
+    records = simulate(PRESET, specs, {}, 1)
+    identify(records, named('classical')).model_file().save(folder / 'model.yaml')
+    return folder / 'model.yaml'
+
+
+class Bench:
+    """A loop in lock-step with a discovery node; every state of the actuator is kept."""
+
+    def __init__(self, processes: NodeProcesses, listener: Listener, model: Path) -> None:
+        self.processes, self.listener, self.model = processes, listener, model
+        self.folder = model.parent
+        self.states: list[ActuatorState] = listener.listen(ActuatorState, 'actuator/state')
+        self.start('simulator')
+        self.start('gap_monitor')
+        self.start('excitation')
+        self.start('discovery')
+        self.client = ActionClient(listener.node, Investigate, 'investigate')
+        listener.until(self.client.server_is_ready)
+
+    def start(self, name: str) -> NodeProcess:
+        """Start a node with the settings that it has here."""
+        model = {'model_file': str(self.model)}
+        world = {'clock': 'lock_step', 'preset': PRESET, 'effects.creep': True, 'wait_for': 2}
+        settings: dict[str, dict[str, object]] = {
+            'simulator': world,
+            'gap_monitor': model,
+            'feedforward': model,
+            'excitation': {'actuator': PRESET},
+            'discovery': {'folder': str(self.folder), **model},
+        }
+        package = 'piezo_sim' if name == 'simulator' else 'piezo_hysteresis'
+        return self.processes.start(package, name, settings[name])
+
+    def ask(self, feedback: list[Any], **words: Any) -> Any:
+        """Ask for an investigation; return the handle of the goal."""
+        goal = Investigate.Goal(out='out', apply=True, **LIMITS, **words)
+        sent = self.client.send_goal_async(
+            goal, feedback_callback=lambda message: feedback.append(message.feedback)
+        )
+        self.listener.until(sent.done)
+        handle: Any = sent.result()
+        assert handle.accepted
+        return handle
+
+    def ended(self, handle: Any) -> Any:
+        """Return what a goal ended with."""
+        future = handle.get_result_async()
+        self.listener.until(future.done, timeout=PATIENCE)
+        return future.result()
+
+    def moves(self) -> None:
+        """Wait until the actuator is driven far from rest."""
+        count = len(self.states)
+        self.listener.until(
+            lambda: any(abs(state.voltage) > 0.5 * REACH for state in self.states[count:]),
+            timeout=PATIENCE,
+        )
+
+    def rests(self) -> None:
+        """Wait until the actuator is at rest and nobody drives it any more."""
+        seen = [(len(self.states), time.monotonic())]
+
+        def still() -> bool:
+            if seen[-1][0] != len(self.states):
+                seen.append((len(self.states), time.monotonic()))
+            return time.monotonic() - seen[-1][1] > STILL
+
+        self.listener.until(still)
+        assert abs(self.states[-1].voltage) < 1e-3
+
+    def safe(self) -> None:
+        """Check that no voltage and no change of it ever was beyond the limits."""
+        sample = np.array([state.sample for state in self.states], dtype=np.int64)
+        voltage = np.array([state.voltage for state in self.states])
+        assert np.abs(voltage).max() <= REACH + 1e-9
+        follows = np.diff(sample) == 1  # an actuator that was started anew counts anew, from 0 V
+        assert np.count_nonzero(~follows) <= np.count_nonzero(sample == 0)
+        change = np.abs(np.diff(voltage))[follows] * RATE
+        assert change.max() <= SLEW * (1.0 + 1e-9)
