@@ -25,7 +25,7 @@ class Actuator:
 
     def __init__(self, lasts=100, **effects):
         self.plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
-        self.lasts, self.used = lasts, []
+        self.lasts, self.used, self.clock = lasts, [], 0.3
 
     def run(self, experiment, bag):
         if self.lasts == 0:
@@ -33,7 +33,10 @@ class Actuator:
         self.lasts -= 1
         self.plant.run(np.zeros(300))
         voltage = experiment.voltage(RATE)
-        write_bag(bag, [Record('r', 1.0 / RATE, voltage, self.plant.run(voltage))])
+        record = Record('r', 1.0 / RATE, voltage, self.plant.run(voltage), start=self.clock)
+        self.clock += 0.3 + voltage.size / RATE
+        write_bag(bag, [record])
+        return True
 
     def apply(self, model):
         self.used.append(model)

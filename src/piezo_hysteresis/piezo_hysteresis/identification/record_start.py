@@ -39,7 +39,8 @@ class RecordStart:
     Attributes
     ----------
     kind : str
-        ``step``: at rest at 0 V until the first sample; ``rest``: at rest at its first voltage;
+        ``step``: at rest at 0 V until the first sample, or until what is known of the voltage
+        before it; ``rest``: at rest at its first voltage;
         ``settled``: in the steady cycle of its own period; ``estimate``: after the `levels`, on
         its way, with the states of its dynamics unknown.
     levels : tuple of float
@@ -153,6 +154,8 @@ def deepened(start: RecordStart, record: Record) -> Iterator[RecordStart]:
 
 def lead_in(record: Record, start: RecordStart) -> FloatArray:
     """Return the voltage that brings a virgin model to where the record begins [V]."""
+    if start.kind == 'step' and record.before is not None:
+        return np.concatenate([np.zeros(_EDGE), record.before])
     if start.kind == 'settled':
         cycle = record.voltage[: cycle_of(record)]
         return np.tile(cycle, max(2, ceil(SETTLING / (cycle.size * record.dt))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -82,6 +82,25 @@ def choices(
     ]
     found = [_judged(each, belief, hidden, done) for each in possible]
     return sorted(found, key=lambda each: (-each.rate, each.experiment.name))
+
+
+def unseen(
+    outlooks: Sequence[Outlook],
+    belief: Belief,
+    hidden: Hidden,
+    done: Sequence[str],
+    seconds: float,
+) -> list[ExperimentChoice]:
+    """Return what has not been run yet, as if nothing had: what shows most per second first.
+
+    Where something is seen that nobody can name, none of the rivals is right, and what tells them
+    apart says little. Then more of what is seen, under other circumstances, leads on.
+    """
+    new = [each for each in outlooks if each.experiment.name not in done]
+    return [
+        replace(each, why='shows what has no name yet under other circumstances')
+        for each in choices(new, replace(belief, rivals=()), hidden, (), seconds)
+    ]
 
 
 def _judged(

@@ -16,7 +16,13 @@ from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
-from piezo_hysteresis.investigation.journal import Journal, Setup, line_of, record_of
+from piezo_hysteresis.investigation.journal import (
+    Journal,
+    Setup,
+    belief_from,
+    line_of,
+    record_of,
+)
 from piezo_hysteresis.investigation.session import Investigation, Stop
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
@@ -28,8 +34,11 @@ FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 class Actuator(Protocol):
     """Whoever can run an experiment and use a model."""
 
-    def run(self, experiment: PlannedExperiment, bag: Path) -> None:
-        """Run an experiment and record it in a new bag; at rest at 0 V afterwards."""
+    def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
+        """Run an experiment and record it in a new bag; at rest at 0 V afterwards.
+
+        Returns whether the actuator rested until then, since the experiment before.
+        """
 
     def apply(self, model: ModelFile) -> str:
         """Use a model from now on; return in words who does."""
@@ -151,11 +160,14 @@ class _Course:
         self._actuator, self._told = actuator, told
 
     def go_on(self) -> None:
-        """Take in what has been done already."""
-        for line in self._journal.lines:
-            experiment = self._now.experiment(line['experiment'])
-            self._tell('judge', line['number'], line['experiment'], line['why'])
-            self._now.take(experiment, record_of(self._journal.bag(line['number'])))
+        """Take in what has been done already; what was believed on the way is in the journal."""
+        lines = self._journal.lines
+        for line in lines:
+            taken_in(self._now, self._journal, line)
+        if lines:
+            self._tell('judge', len(lines), lines[-1]['experiment'], lines[-1]['why'])
+            self._now.judge()
+            self._now.history.forget()
 
     def to_the_end(self) -> Stop:
         """Run experiments until it is settled."""
@@ -166,20 +178,23 @@ class _Course:
             number = len(self._now.answers) + 1
             name = choice.experiment.name
             self._tell('run', number, name, choice.why)
-            record = self._run(choice.experiment, self._journal.cleared(number))
+            record, follows = self._run(choice.experiment, self._journal.cleared(number))
             self._tell('judge', number, name, choice.why)
             answer = self._now.take(choice.experiment, record)
-            self._journal.add(choice, answer)
+            self._journal.add(choice, answer, follows)
 
-    def _run(self, experiment: PlannedExperiment, bag: Path) -> Record:
-        self._actuator.run(experiment, bag)
+    def _run(self, experiment: PlannedExperiment, bag: Path) -> tuple[Record, bool]:
+        """Return the record of an experiment, and whether it follows the one before at rest."""
+        follows = self._actuator.run(experiment, bag) and self._now.history.known
+        if not follows:
+            self._now.history.forget()
         record = record_of(bag)
         if abs(record.rate / self._now.rate - 1.0) > 1e-6:
             raise RecordError(
                 f'{bag}: it was recorded at {record.rate:g} Hz, not at {self._now.rate:g} Hz: '
                 'give the excitation the rate of the actuator'
             )
-        return record
+        return record, follows
 
     def concluded(self, stop: Stop, apply: bool) -> Result:
         """Write the verdict, use the model, and look how far it is away now."""
@@ -197,7 +212,8 @@ class _Course:
             self._tell('apply', last, experiment.name, 'shows the gap shrink')
             applied = self._actuator.apply(better) if apply else ''
             bag = self._journal.cleared(last + 1)
-            record = experiment.record(AFTERWARDS, self._run(experiment, bag))
+            measured, _ = self._run(experiment, bag)
+            record = now.history.following(experiment.record(AFTERWARDS, measured))
             gaps = (
                 gap_in_floors(now.model, record, found.floor),
                 gap_in_floors(better, record, found.floor),
@@ -240,6 +256,14 @@ class _Course:
                 stage, number, experiment, why, answer, chances, now.spent, share
             )
         )
+
+
+def taken_in(now: Investigation, journal: Journal, line: dict[str, Any]) -> None:
+    """Take in a record that the journal tells of, and what was believed after it."""
+    if not line.get('follows', False):
+        now.history.forget()
+    experiment = now.experiment(line['experiment'])
+    now.keep(experiment, record_of(journal.bag(line['number'])), belief_from(line['after']))
 
 
 def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
@@ -290,8 +314,11 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
             differences.append(f'experiment {line["number"]} would not be chosen now')
             break
         told(InvestigationProgress('judge', line['number'], line['experiment'], line['why']))
+        follows = line.get('follows', False)
+        if not follows:
+            now.history.forget()
         answer = now.take(choice.experiment, record_of(journal.bag(line['number'])))
-        lines.append(line_of(line['number'], choice, answer))
+        lines.append(line_of(line['number'], choice, answer, follows))
         if lines[-1]['after']['names'] != line['after']['names']:
             differences.append(f'experiment {line["number"]} leads to other names')
     end = now.next()

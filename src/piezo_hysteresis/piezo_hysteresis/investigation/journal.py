@@ -146,9 +146,9 @@ class Journal:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
-    def add(self, choice: ExperimentChoice, answer: ExperimentAnswer) -> None:
-        """Write down an experiment and what it led to."""
-        self.lines.append(line_of(len(self.lines) + 1, choice, answer))
+    def add(self, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool) -> None:
+        """Write down an experiment and what it led to; it `follows` the one before at rest."""
+        self.lines.append(line_of(len(self.lines) + 1, choice, answer, follows))
         self._write()
 
     def _write(self) -> None:
@@ -160,8 +160,13 @@ class Journal:
             os.fsync(file.fileno())
 
 
-def line_of(number: int, choice: ExperimentChoice, answer: ExperimentAnswer) -> dict[str, Any]:
-    """Return an experiment and what it led to, as it stands in the journal."""
+def line_of(
+    number: int, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool
+) -> dict[str, Any]:
+    """Return an experiment and what it led to, as it stands in the journal.
+
+    It `follows` the one before where the actuator rested in between.
+    """
     return {
         'number': number,
         'experiment': choice.experiment.name,
@@ -170,6 +175,7 @@ def line_of(number: int, choice: ExperimentChoice, answer: ExperimentAnswer) -> 
         'told_apart_nats': choice.told_apart,
         'news': choice.news,
         'bag': f'{BAGS}/{number:02}',
+        'follows': follows,
         'answer': answer.words,
         'before': believed(answer.before),
         'after': believed(answer.after),
@@ -187,12 +193,26 @@ def believed(belief: Belief) -> dict[str, Any]:
     }
 
 
+def belief_from(content: dict[str, Any]) -> Belief:
+    """Return a belief from what `believed` made of it: what rivals there were it does not say."""
+    chances = dict(content['chances'])
+    return Belief(
+        content['verdict'],
+        tuple(content['names']),
+        chances,
+        next(iter(chances.items())),
+        (),
+        content['left'],
+        float('nan'),
+    )
+
+
 def record_of(bag: Path) -> Record:
-    """Return the record of a bag, at the beginning of time.
+    """Return the record of a bag, on the clock of the actuator.
 
     Raises
     ------
     PiezoError
         If it holds none that counts.
     """
-    return replace(load([bag])[-1], start=0.0)
+    return load([bag])[-1]

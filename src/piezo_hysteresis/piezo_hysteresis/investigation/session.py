@@ -14,9 +14,10 @@ from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
 from piezo_hysteresis.investigation.belief import Belief, belief_of, nothing_known
 from piezo_hysteresis.investigation.catalogue import catalogue
-from piezo_hysteresis.investigation.choose import ExperimentChoice, choices
+from piezo_hysteresis.investigation.choose import ExperimentChoice, choices, unseen
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.hidden import hidden_effects
+from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.predict import Outlook, outlook, within
 from piezo_hysteresis.models import ModelFile
@@ -40,6 +41,8 @@ class Rules:
     least : float
         By how much an experiment must lower the entropy of the rivals to be worth running for
         that [nats].
+    nameless : int
+        Experiments in a row after which what has no name is given up [1].
     seed : int
         Of every random choice.
     """
@@ -49,6 +52,7 @@ class Rules:
     confirmed: int = 1
     quiet: float = 0.03
     least: float = 0.02
+    nameless: int = 6
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -142,6 +146,8 @@ class Investigation:
         What each experiment led to.
     found : Discovery or None
         The newest one.
+    history : History
+        What the actuator has gone through.
     """
 
     model: ModelFile
@@ -179,6 +185,7 @@ class Investigation:
         self.records: list[Record] = []
         self.answers: list[ExperimentAnswer] = []
         self.found: Discovery | None = None
+        self.history = History()
 
     @property
     def done(self) -> list[str]:
@@ -221,9 +228,25 @@ class Investigation:
             return Stop('budget', 'the budget is spent')
         if telling or not self.answers or self._confirming():
             return ranked[0]
+        if self._nameless() and (others := self._unseen()):
+            return others[0]
         if self.belief.verdict == 'none':
             return Stop('nothing', 'nothing is missing that an allowed experiment could show')
         return Stop('exhausted', 'no allowed experiment is expected to tell more')
+
+    def _unseen(self) -> list[ExperimentChoice]:
+        left = self.rules.budget - self.spent
+        return unseen(self.outlooks, self.belief, self.hidden, self.done, left)
+
+    def _nameless(self) -> bool:
+        """Return whether something is seen that has no name, and it is too early to give up."""
+        last = [answer.after.verdict for answer in self.answers[-self.rules.nameless :]]
+        unknown = [verdict == 'unknown' for verdict in last]
+        return (
+            bool(unknown)
+            and unknown[-1]
+            and not (len(last) == self.rules.nameless and all(unknown))
+        )
 
     def _tells(self, choice: ExperimentChoice) -> bool:
         """Return whether an experiment is expected to tell enough to be worth running."""
@@ -263,12 +286,15 @@ class Investigation:
         self.keep(experiment, measured)
         return self.judge(progress)
 
-    def keep(self, experiment: PlannedExperiment, measured: Record) -> None:
-        """Take in a record; what is believed changes with `judge`."""
+    def keep(
+        self, experiment: PlannedExperiment, measured: Record, after: Belief | None = None
+    ) -> None:
+        """Take in a record; what is believed changes with `judge`, unless it is known already."""
         name = f'{len(self.records) + 1:02} {experiment.name}'
-        self.records.append(experiment.record(name, measured))
-        spent = self.spent + experiment.seconds
-        self.answers.append(ExperimentAnswer(experiment, self.belief, self.belief, spent))
+        self.records.append(self.history.following(experiment.record(name, measured)))
+        spent, before = self.spent + experiment.seconds, self.belief
+        self.belief = after or before
+        self.answers.append(ExperimentAnswer(experiment, before, self.belief, spent))
 
     def judge(
         self, progress: Callable[[float, str], None] = lambda fraction, words: None

@@ -65,6 +65,9 @@ class Record:
         Desired displacement [m] where there was one.
     info : RecordInfo
         What is known about the experiment.
+    before : ndarray, shape (m,), or None
+        Commanded input of the ticks before the first sample, from a rest at 0 V on, where that is
+        known: models of a record that begins by ``step`` go through it first.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Record:
     start: float = 0.0
     reference: FloatArray | None = None
     info: RecordInfo = field(default_factory=RecordInfo)
+    before: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0):
@@ -148,4 +152,7 @@ class Record:
             displacement=self.displacement[cut],
             reference=None if self.reference is None else self.reference[cut],
             start=self.start + first * self.dt,
+            before=None
+            if self.before is None
+            else np.concatenate([self.before, self.voltage[:first]]),
         )

@@ -1,0 +1,70 @@
+"""What went before a record of an investigation: known, limited, and carried into the next one."""
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.investigation.history import LONGEST, History
+from piezo_hysteresis.models import candidates, named
+from piezo_hysteresis.records import Record
+
+DT = 1e-3
+
+
+def record(voltage, start, name='r'):
+    return Record(name, DT, voltage, 1e-6 * np.asarray(voltage), start=start)
+
+
+def test_a_record_that_follows_at_rest_has_all_that_went_before():
+    history = History()
+    first = history.following(record([0.0, 1.0, 0.5], 100.0))
+    assert first.before is None
+    assert (first.start, first.info.start) == (0.0, 'auto')
+    second = history.following(record([0.0, 2.0], 100.005))
+    np.testing.assert_array_equal(second.before, [0.0, 1.0, 0.5, 0.0, 0.0])
+    assert second.start == pytest.approx(0.005)
+    assert second.info.start == 'step'
+    third = history.following(record([3.0], 100.007))
+    np.testing.assert_array_equal(third.before, [0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 2.0])
+
+
+def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew():
+    history = History()
+    history.following(record([0.0, 1.0], 5.0))
+    assert history.following(record([0.0, 1.0], 0.0)).before is None
+    assert history.following(record([0.0, 1.0], 0.01)).before is not None
+    history.forget()
+    assert not history.known
+    assert history.following(record([0.0, 1.0], 0.02)).before is None
+
+
+def test_what_is_long_ago_is_left_out():
+    history, ticks = History(), round(LONGEST / DT)
+    history.following(record(np.ones(ticks), 0.0))
+    second = history.following(record([0.0, 1.0], LONGEST + 0.002))
+    assert second.before.size == ticks
+    np.testing.assert_array_equal(second.before[-3:], [1.0, 0.0, 0.0])
+    third = history.following(record([0.0], 1e6))
+    np.testing.assert_array_equal(third.before, np.zeros(ticks))
+
+
+def test_a_section_knows_what_went_before_it():
+    history = History()
+    history.following(record([1.0], 0.0))
+    part = history.following(record([2.0, 3.0, 4.0], DT)).section(1, 3)
+    np.testing.assert_array_equal(part.before, [1.0, 2.0])
+
+
+def test_creep_goes_on_from_one_record_into_the_next():
+    base = named('classical')
+    creep = next(c for c in candidates(base, 1.0, 1e-4) if c.effect.variant == 'creep')
+    values = creep.values(base.defaults(), creep.starts[0])
+    swing = np.sin(2 * np.pi * 5.0 * DT * np.arange(2000))
+    course = np.concatenate([[0.0], np.ones(1999), np.zeros(300), swing])
+    whole = free_run(creep.model, values, record(course, 0.0))
+    history = History()
+    history.following(record(course[:2000], 0.0))
+    second = history.following(record(swing, 2.3))
+    np.testing.assert_allclose(free_run(creep.model, values, second), whole[2300:], atol=1e-12)
+    alone = free_run(creep.model, values, record(swing, 2.3))
+    assert np.max(np.abs(alone - whole[2300:])) > 1e-3 * np.ptp(whole)
