@@ -7,7 +7,8 @@ Actuators of `piezo_sim` with random numbers are identified, then one effect of 
 switched on (in a null actuator none). Three ways to find out what changed see the same actuator,
 each from its own beginning: `designed` runs what the investigation chooses, `random` runs the same
 experiments in random order under the same rule to stop, `battery` runs the records of "Records
-that make a verdict sharp" and looks once. Rows that are there already are not run again.
+that make a verdict sharp" and looks once. For all three a record knows what went before it. Rows
+that are there already are not run again.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from bench.investigate_table import page, table
 from bench.investigate_worlds import Bench, Changed, changed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.investigation.choose import ExperimentChoice
+from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.limits import ExperimentLimits
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
-from piezo_hysteresis.records import RecordInfo
+from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
 
 WAYS = ('designed', 'random', 'battery')
@@ -94,7 +96,7 @@ def by_choice(world: Changed, way: str, seed: int) -> dict[str, Any]:
 
 def by_battery(world: Changed) -> dict[str, Any]:
     """Run the fixed battery and look once."""
-    bench, records = Bench(world), []
+    bench, history, records = Bench(world), History(), list[Record]()
     for number, spec in enumerate(BATTERY):
         record = bench.measured(f'{number:02} {spec["kind"]}', from_spec(spec))
         info = RecordInfo(
@@ -103,7 +105,7 @@ def by_battery(world: Changed) -> dict[str, Any]:
             amplitude=spec.get('amplitude', 0.0),
             warm_up=0.2,
         )
-        records.append(replace(record, info=info))
+        records.append(history.following(replace(record, info=info)))
     found = tuple(effect.name for effect in discover(records, world.model).verdict.effects)
     return {
         'found': found,
