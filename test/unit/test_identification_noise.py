@@ -4,10 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.noise import floor_of, noise_of, noises_of
+from piezo_hysteresis.identification.noise import (
+    density,
+    floor_of,
+    independent,
+    noise_of,
+    noises_of,
+)
+from piezo_hysteresis.identification.repeats import repeat_of
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -119,3 +127,67 @@ def test_a_converter_adds_nothing_to_noise_that_fills_its_steps():
     read = 0.1 * NOISE * np.round(seen.displacement / (0.1 * NOISE))
     plain, stepped = (noise_of(each).rms for each in (seen, replace(seen, displacement=read)))
     assert stepped == pytest.approx(plain, rel=0.01)
+
+
+def slow_noise(count, seed, share=0.9):
+    """Return noise of rms 1 of which each sample keeps a share of the last."""
+    white = np.random.default_rng(seed).normal(size=count)
+    return lfilter([np.sqrt(1.0 - share**2)], [1.0, -share], white)
+
+
+def driven(period, count=6000, *, seed=4, jump=0, before=0, slow=True):
+    """Return a record of a loop that settles, of a period that may be no whole number."""
+    u = np.concatenate([np.zeros(before), np.sin(2 * np.pi * np.arange(count) / period)])
+    u = np.roll(u, -jump)
+    y = lfilter([0.02], [1.0, -0.98], u + 0.2 * u**2)
+    noise = slow_noise(u.size, seed) if slow else np.random.default_rng(seed).normal(size=u.size)
+    return Record('any', 1.0 / RATE, u, 1e-4 * y + NOISE * noise)
+
+
+@pytest.mark.parametrize('jump', [0, 123])
+@pytest.mark.parametrize('slow', [False, True])
+@pytest.mark.parametrize('period', [131.4, 611.88, 1277.3])
+def test_a_period_need_not_be_a_whole_number_of_samples(period, slow, jump):
+    found = noise_of(driven(period, slow=slow, jump=jump))
+    # few lines hold most of slow noise
+    assert found.rms == pytest.approx(NOISE, rel=4.0 * found.doubt / 2.0)
+    assert found.doubt < 0.2
+    assert found.colour == pytest.approx(0.9 if slow else 0.0, abs=0.06)
+
+
+def test_the_period_is_found_between_samples_beside_a_jump():
+    repeat = repeat_of(driven(611.88, jump=123))
+    assert repeat.period == pytest.approx(611.88, abs=1e-3)
+    assert repeat.first == 0
+    assert repeat.last == pytest.approx(6000 - 123, abs=15)
+
+
+@pytest.mark.parametrize('kind', ['chirp', 'growing', 'rest'])
+def test_a_drive_that_does_not_repeat_has_no_period(kind):
+    t = np.arange(6000) / RATE
+    u = {
+        'chirp': np.sin(2 * np.pi * (1.0 + 2.0 * t) * t),
+        'growing': t * np.sin(2 * np.pi * 7.3 * t),
+        'rest': np.zeros(t.size),
+    }[kind]
+    assert repeat_of(bent(u)) is None
+
+
+def test_a_record_that_does_not_repeat_has_the_colour_of_the_others():
+    t = np.arange(6000) / RATE
+    u = np.sin(2 * np.pi * (1.0 + 0.5 * t) * t)
+    chirp = Record('c', 1.0 / RATE, u, 1e-4 * u + NOISE * slow_noise(t.size, 8))
+    assert noise_of(chirp).rms < 0.5 * NOISE
+    found = noises_of([driven(131.4), chirp, driven(150.7, seed=5)])[1]
+    assert found.rms == pytest.approx(NOISE, rel=0.15)
+
+
+def test_slow_noise_says_less_than_its_samples():
+    whites = [np.random.default_rng(k).normal(size=4000) for k in range(200)]
+    slows = [slow_noise(4000, k) for k in range(200)]
+    for share, signals in ((0.0, whites), (0.9, slows)):
+        scatter = np.std([np.mean(x**2) for x in signals])
+        assert scatter == pytest.approx(np.sqrt(2.0 / independent(4000, share)), rel=0.2)
+    lines = np.array([np.abs(np.fft.rfft(x)) ** 2 / x.size for x in slows]).mean(axis=0)[1:]
+    expected = density(0.9, 2.0 * np.pi * np.arange(1, lines.size + 1) / 4000)
+    assert np.median(lines / expected) == pytest.approx(1.0, abs=0.02)

@@ -10,6 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.checks import main_frequency
+from piezo_hysteresis.identification.noise import density
 from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Condition, Discrepancy, Model
@@ -18,6 +19,8 @@ from piezo_hysteresis.records import Record
 
 # Lines and bands with less than this of the power of a residual are not told.
 _LEAST_POWER = 1e-3
+# Places in an octave, over its lowest frequency, at which the spectrum of noise is read.
+_WITHIN = np.linspace(1.0, 2.0, 9)
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class RecordResidual:
         Range of the measured displacement [m].
     noise : float
         Rms of the noise in it [m]; NaN where it is not known.
+    noise_colour : float
+        Correlation of the noise from one sample to the next.
     """
 
     name: str
@@ -49,6 +54,7 @@ class RecordResidual:
     amplitude: float
     stroke: float
     noise: float = nan
+    noise_colour: float = 0.0
 
 
 def residuals_of(
@@ -85,6 +91,7 @@ def residuals_of(
                 amplitude=0.5 * float(np.ptp(record.voltage)),
                 stroke=float(np.ptp(view.kept(view.measured))),
                 noise=view.noise,
+                noise_colour=view.noise_colour,
             )
         )
     return found
@@ -140,15 +147,20 @@ def _harmonics(residual: RecordResidual, least: float) -> dict[int, float]:
 
 
 def _beside(residual: RecordResidual, least: float) -> dict[float, float]:
-    """Return the rms in octaves of what is on no harmonic, beyond white noise."""
+    """Return the rms in octaves of what is on no harmonic, beyond the noise."""
     orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
     turn = 2j * np.pi * residual.frequency * residual.dt * np.arange(residual.error.size)
     left = residual.error.copy()
     for order, phasor in zip(orders, phasors, strict=True):
         left -= np.real(phasor * np.exp(order * turn))
     white = residual.noise**2 * 2.0 * residual.dt if isfinite(residual.noise) else 0.0
+
+    def noise(low: float) -> float:
+        angle = 2.0 * np.pi * residual.dt * low * _WITHIN
+        return white * low * float(np.mean(density(residual.noise_colour, angle)))
+
     found = _octaves(left, residual.dt, 0.0)
-    beyond = {low: rms**2 - white * low for low, rms in found.items() if low > 0.0}
+    beyond = {low: rms**2 - noise(low) for low, rms in found.items() if low > 0.0}
     return {low: sqrt(square) for low, square in beyond.items() if square > least}
 
 

@@ -10,14 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import comb, sqrt
+from math import comb, isfinite, sqrt
 
 import numpy as np
+from scipy.linalg import toeplitz
 from scipy.ndimage import median_filter
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.outliers import mended, outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from, remembered
+from piezo_hysteresis.identification.repeats import (
+    Repeat,
+    gain_of_difference,
+    less_the_period_before,
+    repeat_of,
+)
 from piezo_hysteresis.records import Record
 
 # Lines of a running median, and that of a windowed spectrum of white noise over its mean: half of
@@ -32,6 +39,8 @@ SPREAD = 0.72
 _ORDERS = (4, 6, 8)
 _WINDOWS = 40
 _SHORTEST_WINDOW = 64
+# Noise that follows itself more closely than this is a motion.
+_SLOWEST = 0.99
 _LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
 # Levels from which the smallest distance between two is the step of a converter, and none of a
 # drive that knows few levels.
@@ -48,21 +57,43 @@ class Noise:
     rms : float
         Of the noise [m]; NaN where it cannot be told.
     lines : int
-        Independent lines of the spectrum that it was taken from, half of those of a windowed one:
-        it is known to about ``0.72 / sqrt(lines)``.
+        Independent lines of the spectrum that it was taken from, half of those of a windowed one
+        where noise is white, less where few lines hold most of it: it is known to about
+        ``0.72 / sqrt(lines)``.
     colour : float
         Correlation of one sample with the next: 0 for white noise, towards 1 for slow noise; NaN
         where it cannot be told.
+    order : int
+        Of the differences from which `rms` was taken as if it were white; 0 for a spectrum.
     """
 
     rms: float
     lines: int
     colour: float = float('nan')
+    order: int = 0
 
     @property
     def doubt(self) -> float:
         """Standard deviation of the mean square, as a share of it."""
         return 2.0 * SPREAD / sqrt(self.lines)
+
+    @property
+    def memory(self) -> float:
+        """Share of one sample that the next one keeps, 0 where `colour` is not known."""
+        return min(max(self.colour, 0.0), _SLOWEST) if isfinite(self.colour) else 0.0
+
+
+def density(memory: float, angle: FloatArray) -> FloatArray:
+    """Return the spectrum of noise over that of white noise as large, at `angle` [rad/sample].
+
+    It is that of noise of which each sample keeps the share `memory` of the last.
+    """
+    return np.asarray((1.0 - memory**2) / (1.0 + memory**2 - 2.0 * memory * np.cos(angle)))
+
+
+def independent(samples: int, memory: float) -> float:
+    """Return how many independent numbers say as much of the mean square as `samples` of noise."""
+    return samples * (1.0 - memory**2) / (1.0 + memory**2)
 
 
 NOT_TOLD = Noise(float('nan'), 0)
@@ -76,8 +107,10 @@ def noise_of(record: Record) -> Noise:
     moves by less than a step, does not show.
     """
     seen = _seen_noise(record)
-    rms = max(seen.rms, converter_step(record.displacement) / sqrt(12.0))
-    return replace(seen, rms=rms) if seen.lines and rms > 0.0 else NOT_TOLD
+    least = converter_step(record.displacement) / sqrt(12.0)
+    if not seen.lines or not max(seen.rms, least) > 0.0:
+        return NOT_TOLD
+    return seen if seen.rms >= least else replace(seen, rms=least, order=0)
 
 
 def converter_step(measured: FloatArray) -> float:
@@ -96,7 +129,19 @@ def _seen_noise(record: Record) -> Noise:
     steady = _steady(record, measured, period) if period else measured[:0]
     if period and steady.size >= 2 * period:
         return robust_noise(steady[period:] - steady[:-period], period)
+    repeat = repeat_of(record)
+    if repeat is not None:
+        return _between_samples(measured, repeat, record.warm_up_samples)
     return differences_noise(measured[record.warm_up_samples :])
+
+
+def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> Noise:
+    """Return the noise where the drive repeats after a period that is no whole number."""
+    first = max(repeat.first, warm_up)
+    if repeat.last - first >= 4 * repeat.period:  # a transient is over after a period
+        first += round(repeat.period)
+    steady = measured[first : repeat.last]
+    return robust_noise(less_the_period_before(steady, repeat.period), repeat.period)
 
 
 def noises_of(records: Sequence[Record]) -> list[Noise]:
@@ -105,9 +150,30 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     Nothing says that two records are equally noisy. But where most of them are, as far as each
     can tell, together they tell it better.
     """
-    found = [noise_of(record) for record in records]
+    found = _of_one_colour(records)
     alike, middle = consensus(found)
     return [alike if not noise.lines or _agrees(noise, middle) else noise for noise in found]
+
+
+def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
+    """Return the noise of every record, those that do not tell its colour by that of the others.
+
+    One sensor made them all. Differences see only what is fast, so of slow noise too little.
+    """
+    found = [noise_of(record) for record in records]
+    known = pooled(found)
+    if not isfinite(known.colour):
+        return found
+    return [_coloured(noise, known) if noise.order else noise for noise in found]
+
+
+def _coloured(noise: Noise, known: Noise) -> Noise:
+    """Return noise that was taken for white, were it of the colour of what is `known`."""
+    order = noise.order
+    taps = np.array([(-1) ** k * comb(order, k) for k in range(order + 1)], dtype=np.float64)
+    follows = toeplitz(known.memory ** np.arange(order + 1))
+    share = float(taps @ follows @ taps) / comb(2 * order, order)
+    return replace(noise, rms=noise.rms / sqrt(share), colour=known.colour)
 
 
 def consensus(found: Sequence[Noise]) -> tuple[Noise, float]:
@@ -131,7 +197,7 @@ def _agrees(noise: Noise, rms: float) -> bool:
 
 def floor_of(records: Sequence[Record]) -> Noise:
     """Return the noise on which most records agree, what reports call the noise floor."""
-    return consensus([noise_of(record) for record in records])[0]
+    return consensus(_of_one_colour(records))[0]
 
 
 def pooled(found: Sequence[Noise]) -> Noise:
@@ -149,49 +215,38 @@ def pooled(found: Sequence[Noise]) -> Noise:
 def _steady(record: Record, measured: FloatArray, period: int) -> FloatArray:
     """Return the part of the displacement in which the input repeats and transients are over."""
     first = max(periodic_from(record.voltage, period), record.warm_up_samples)
-    if first > record.warm_up_samples and len(record) - first >= 4 * period:
+    if len(record) - first >= 4 * period:  # a transient is over after a period
         first += period
     return measured[first:]
 
 
-def robust_noise(signal: FloatArray, lag: int = 0) -> Noise:
+def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     """Return the noise in `signal`, blind to lines and to slow changes.
 
     Parameters
     ----------
     signal : ndarray, shape (n,)
         What does not repeat [m].
-    lag : int
+    period : float
         Samples after which it was subtracted from itself; 0 where it was not.
     """
     if signal.size < 4 * WIDTH:
         if signal.size <= 8:
             return NOT_TOLD
         # Too short for a running median; half the median of squares is robust enough.
-        mean_square = np.median(signal**2) / 0.4549 / (2.0 if lag else 1.0)
+        mean_square = np.median(signal**2) / 0.4549 / (2.0 if period else 1.0)
         return Noise(float(np.sqrt(mean_square)), signal.size // 4)
     # without a window, a tone between two lines would leak into all of them
     window = np.hanning(signal.size)
     power = np.abs(np.fft.rfft(window * (signal - signal.mean()))) ** 2 / np.sum(window**2)
-    gain = _gain_of_difference(window, lag, power.size)
+    gain = gain_of_difference(window, period) if period else np.ones(power.size)
     # where the difference cancels everything there is nothing to see
     kept = np.flatnonzero(gain > 0.3)[2:]
-    smooth = median_filter(power[kept] / gain[kept], WIDTH, mode='nearest') / RUNNING_MEDIAN
+    smooth = median_filter(power[kept] / gain[kept], WIDTH, mode='reflect') / RUNNING_MEDIAN
     turn = np.cos(2.0 * np.pi * kept / signal.size)
     colour = float(smooth @ turn) / max(float(smooth.sum()), 1e-300)
-    return Noise(float(np.sqrt(np.mean(smooth))), kept.size // 2, colour)
-
-
-def _gain_of_difference(window: FloatArray, lag: int, lines: int) -> FloatArray:
-    """Return the mean square of every line of a windowed difference, for white noise of rms 1."""
-    if lag == 0:
-        return np.ones(lines)
-    if lag < window.size:
-        alike = float(window[lag:] @ window[:-lag]) / float(window @ window)
-    else:
-        alike = 0.0
-    angle = 2.0 * np.pi * lag * np.arange(lines) / window.size
-    return np.asarray(2.0 * (1.0 - alike * np.cos(angle)))
+    alike = float(smooth.mean()) ** 2 / max(float(np.mean(smooth**2)), 1e-300)
+    return Noise(float(np.sqrt(np.mean(smooth))), int(alike * kept.size / 2), colour)
 
 
 def differences_noise(measured: FloatArray) -> Noise:
@@ -212,5 +267,6 @@ def differences_noise(measured: FloatArray) -> Noise:
             float(np.median(np.abs(change[k * length : (k + 1) * length]))) for k in range(count)
         ]
         quiet = np.sort(sizes)[: max(count // 2, 1)]
-        found.append(_MAD * float(np.median(quiet)) / sqrt(comb(2 * order, order)))
-    return Noise(min(found) / (1.0 - _LOWER_HALF / sqrt(length)), measured.size // 4)
+        found.append((_MAD * float(np.median(quiet)) / sqrt(comb(2 * order, order)), order))
+    rms, order = min(found)
+    return Noise(rms / (1.0 - _LOWER_HALF / sqrt(length)), measured.size // 4, order=order)

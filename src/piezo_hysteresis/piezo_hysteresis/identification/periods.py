@@ -14,7 +14,7 @@ from piezo_hysteresis.records import Record
 
 Remembered = TypeVar('Remembered')
 
-_PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
+PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
 
 
 def remembered(function: Callable[[Record], Remembered]) -> Callable[[Record], Remembered]:
@@ -50,10 +50,8 @@ def period_of(record: Record) -> int:
     # mean of (u[k+N] - u[k])^2 for every lag N at once
     energy = squares[n - lags] + squares[n] - squares[lags]
     change = (energy - 2 * correlation[lags]) / (n - lags)
-    exact = _smallest(centred, lags[change < _PERIODIC**2 * power], 1e-9 * sqrt(power))
-    return exact or _smallest(
-        centred, lags[change < _PERIODIC**2 * power], _PERIODIC * sqrt(power)
-    )
+    exact = _smallest(centred, lags[change < PERIODIC**2 * power], 1e-9 * sqrt(power))
+    return exact or _smallest(centred, lags[change < PERIODIC**2 * power], PERIODIC * sqrt(power))
 
 
 def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
@@ -66,6 +64,6 @@ def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
 def periodic_from(u: FloatArray, period: int) -> int:
     """First sample from which the voltage repeats itself to the end."""
     change = np.abs(u[period:] - u[:-period])
-    limit = 6 * _PERIODIC * float(np.std(u[u.size // 2 :]))
+    limit = 6 * PERIODIC * float(np.std(u[u.size // 2 :]))
     broken = np.flatnonzero(change > limit)
     return int(broken[-1]) + 1 if broken.size else 0

@@ -9,7 +9,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.noise import noise_of, noises_of
+from piezo_hysteresis.identification.noise import Noise, independent, noise_of, noises_of
 from piezo_hysteresis.identification.outliers import mended, outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.record_start import (
@@ -50,6 +50,8 @@ class Target:
         Periods that `measured` is the mean of; 1 where nothing was folded.
     noise : float
         Rms noise of one sample [m], see `noise.noises_of`; NaN where it is not known.
+    noise_colour : float
+        Correlation of its noise from one sample to the next; 0 for white noise.
     period : int
         Samples per folded period; 0 where nothing was folded.
     start : float
@@ -84,6 +86,7 @@ class Target:
     begins: RecordStart = STEP
     own_zero: bool = False
     precision: float = 1.0
+    noise_colour: float = 0.0
     valid: FloatArray | None = None
     influence: FloatArray | None = None
 
@@ -91,6 +94,11 @@ class Target:
     def weight(self) -> float:
         """Factor by which a residual counts: it stands for `repeats` periods, and by its noise."""
         return sqrt(self.repeats) * self.precision
+
+    @property
+    def independent(self) -> float:
+        """Independent numbers in the noise of the compared samples."""
+        return independent(self.measured.size, self.noise_colour)
 
     @property
     def lost(self) -> int:
@@ -201,6 +209,11 @@ def _drive(record: Record, period: int, first: int, settling: float) -> tuple[Fl
     return np.ascontiguousarray(voltage), start
 
 
+def with_noise(target: Target, noise: Noise) -> Target:
+    """Return a target whose noise is told by more than its own record."""
+    return replace(target, noise=noise.rms, noise_colour=noise.memory)
+
+
 def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target:
     """Return the record as it is, compared from its warm-up on, at every `stride`-th sample.
 
@@ -228,6 +241,7 @@ def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target
         frequency=record.info.frequency,
         repeats=1,
         noise=noise_of(record).rms,
+        noise_colour=noise_of(record).memory,
         period=0,
         start=record.start,
         valid=np.where(bad[first::stride], 0.0, 1.0) if np.any(bad) else None,
@@ -276,5 +290,5 @@ def targets_of(
     for record, noise in zip(records, noises_of(records), strict=True):
         parts = fold(record) if folded else []
         parts = parts or [whole(record, stride, first_guess(record, start))]
-        targets += [replace(each, noise=noise.rms) for each in parts]
+        targets += [with_noise(each, noise) for each in parts]
     return [replace(t, own_zero=True) for t in targets] if zero == 'record' else targets

@@ -15,7 +15,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.record_start import first_guess
-from piezo_hysteresis.identification.targets import Target, led_in, whole
+from piezo_hysteresis.identification.targets import Target, led_in, whole, with_noise
 from piezo_hysteresis.records import Record
 
 # Share of the records, and of what is left of records that cannot be spared, that is held out.
@@ -95,7 +95,7 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     training: list[Target] = []
     held_out: list[Target] = []
     for record, noise in zip(records, noises, strict=True):
-        view = replace(whole(record, begins=first_guess(record, start)), noise=noise.rms)
+        view = with_noise(whole(record, begins=first_guess(record, start)), noise)
         if record.name in spared:
             held_out.append(view)
             continue

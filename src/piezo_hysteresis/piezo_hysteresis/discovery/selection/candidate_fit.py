@@ -17,6 +17,7 @@ from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model
 
+_Numbers = tuple[float, ...]
 Values = Mapping[str, float]
 
 
@@ -101,6 +102,8 @@ class CandidateFit(ModelSpec):
         Noise of every view [m].
     precisions : tuple of float
         Weight of every view.
+    independent : tuple of float
+        Independent numbers in the noise of every view.
     parameters : int
         Number of fitted parameters.
     fitted : FitResult or None
@@ -110,6 +113,7 @@ class CandidateFit(ModelSpec):
     errors: tuple[FloatArray, ...] = ()
     noises: tuple[float, ...] = ()
     precisions: tuple[float, ...] = ()
+    independent: tuple[float, ...] = ()
     parameters: int = 0
     fitted: FitResult | None = None
 
@@ -274,8 +278,12 @@ def _of_result(result: FitResult, added: tuple[Added, ...]) -> CandidateFit | No
     )
 
 
-def _weights(views: Sequence[Target]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    return tuple(view.noise for view in views), tuple(view.precision for view in views)
+def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers]:
+    return (
+        tuple(view.noise for view in views),
+        tuple(view.precision for view in views),
+        tuple(view.independent for view in views),
+    )
 
 
 # A time that ends within this factor of the shortest one is none.

@@ -19,6 +19,7 @@ from scipy.signal.windows import tukey
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Discrepancy
@@ -132,11 +133,13 @@ def expectation(
     octave_of[1:] += np.floor(np.log2(np.arange(1, frequency.size))).astype(np.int64)
     parts = int(octave_of.max()) + 1
     density = missed.density(frequency) * (frequency[1] * stroke**2)
-    expected: FloatArray = np.asarray(
-        np.bincount(octave_of, density + noise**2 / frequency.size, parts), dtype=np.float64
-    )
+    angle = 2.0 * np.pi * dt
+    density += noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, angle * frequency)
+    expected: FloatArray = np.bincount(octave_of, density, parts).astype(np.float64)
     ranks = np.bincount(line_of, minlength=parts)
-    expected += ranks * noise**2 / count
+    orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
+    at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, angle * orders)
+    expected[:_ORDERS] += ranks[:_ORDERS] * at_lines
     known_lines = {n: (share * stroke) ** 2 for n, share in missed.harmonics.items()}
     for order, square in known_lines.items():
         if ranks[order]:

@@ -13,7 +13,7 @@ from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 
 
 def shows_a_gap(
-    excess: float, by_record: Sequence[float], sizes: Sequence[int], doubt: float,
+    excess: float, by_record: Sequence[float], sizes: Sequence[float], doubt: float,
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
     """Return whether a gap is above the noise by more than anybody would accept.
@@ -24,8 +24,8 @@ def shows_a_gap(
         Over all records.
     by_record : sequence of float
         Of each record.
-    sizes : sequence of int
-        Samples of each record.
+    sizes : sequence of float
+        Independent numbers in the noise of each record.
     doubt : float
         Standard deviation of the noise's own mean square [1].
     policy : SelectionPolicy
