@@ -131,8 +131,9 @@ def _integrated(held, numbers, sizes, others):  # type: ignore[no-untyped-def]
             u = tanh(limit * u) / limit
         if band > 0.0:
             u = max(abs(u) - band, 0.0) * np.sign(u)
-        step = (u - last) / 4
-        for _ in range(4):
+        parts = 4 + int(abs(u - last) / 0.002)  # a loop follows the whole way of a jump
+        step = (u - last) / parts
+        for _ in range(parts):
             middle = h + 0.5 * (step - beta * abs(step) * h - gamma * step * abs(h))
             h += step - beta * abs(step) * middle - gamma * step * abs(middle)
         warm += dt / 3000.0 * (u * u - warm)

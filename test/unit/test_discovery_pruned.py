@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
-from piezo_hysteresis.discovery.selection.baseline import baselines
+from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
 from piezo_hysteresis.discovery.selection.elimination import pruned
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_sim.sweep import simulate
 
@@ -30,7 +31,8 @@ def scene() -> Scene:
     ]
     data = split(simulate('generic_bouc_wen', plan, HIDDEN, 2))
     evaluator = FreeEvaluator(data, 0, 1)
-    return evaluator, baselines(data, named('classical')).joint
+    base, _ = fitted_baselines(data, named('classical'), Choices())
+    return evaluator, base.joint
 
 
 def given(

@@ -28,12 +28,12 @@ from piezo_hysteresis.errors import IdentificationError
     ],
 )
 def test_a_gap_is_more_than_noise(excess: float, by_record: list[float], gap: bool) -> None:
-    assert rules.shows_a_gap(excess, by_record, [5000, 5000], 0.0, POLICY) is gap
+    assert rules.shows_a_gap(excess, by_record, [0.02, 0.02], 0.0, POLICY) is gap
 
 
 def test_a_noise_that_is_badly_known_opens_no_gap() -> None:
-    assert rules.shows_a_gap(0.1, [0.1], [5000], 0.01, POLICY)
-    assert not rules.shows_a_gap(0.1, [0.1], [5000], 0.03, POLICY)
+    assert rules.shows_a_gap(0.1, [0.1], [0.02], 0.01, POLICY)
+    assert not rules.shows_a_gap(0.1, [0.1], [0.02], 0.03, POLICY)
 
 
 def test_the_coarsest_law_says_what_is_left_of_the_actuator() -> None:

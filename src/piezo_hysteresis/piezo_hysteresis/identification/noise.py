@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import comb, isfinite, sqrt
+from math import comb, hypot, isfinite, sqrt
 
 import numpy as np
 from scipy.linalg import toeplitz
@@ -41,6 +41,8 @@ _WINDOWS = 40
 _SHORTEST_WINDOW = 64
 # Noise that follows itself more closely than this is a motion.
 _SLOWEST = 0.99
+# Standard deviations within which what may be is taken to lie.
+SURE = 3.0
 _LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
 # Levels from which the smallest distance between two is the step of a converter, and none of a
 # drive that knows few levels.
@@ -65,17 +67,21 @@ class Noise:
         where it cannot be told.
     order : int
         Of the differences from which `rms` was taken as if it were white; 0 for a spectrum.
+    rounding : float
+        Share of its mean square that the rounding of a converter has. It may repeat with the drive
+        and not be seen, or not repeat and be seen, so by as much the noise may be larger.
     """
 
     rms: float
     lines: int
     colour: float = float('nan')
     order: int = 0
+    rounding: float = 0.0
 
     @property
     def doubt(self) -> float:
         """Standard deviation of the mean square, as a share of it."""
-        return 2.0 * SPREAD / sqrt(self.lines)
+        return hypot(2.0 * SPREAD / sqrt(self.lines), self.rounding / SURE)
 
     @property
     def memory(self) -> float:
@@ -110,7 +116,9 @@ def noise_of(record: Record) -> Noise:
     least = converter_step(record.displacement) / sqrt(12.0)
     if not seen.lines or not max(seen.rms, least) > 0.0:
         return NOT_TOLD
-    return seen if seen.rms >= least else replace(seen, rms=least, order=0)
+    rms = max(seen.rms, least)
+    order = seen.order if seen.rms == rms else 0
+    return replace(seen, rms=rms, order=order, rounding=(least / rms) ** 2)
 
 
 def converter_step(measured: FloatArray) -> float:
@@ -209,7 +217,8 @@ def pooled(found: Sequence[Noise]) -> Noise:
     square = float(np.average([noise.rms**2 for noise in known], weights=lines))
     colours = [noise.colour for noise in known if np.isfinite(noise.colour)]
     colour = float(np.mean(colours)) if colours else float('nan')
-    return Noise(sqrt(square), int(lines.sum()), colour)
+    rounding = float(np.average([noise.rounding for noise in known], weights=lines))
+    return Noise(sqrt(square), int(lines.sum()), colour, rounding=rounding)
 
 
 def _steady(record: Record, measured: FloatArray, period: int) -> FloatArray:

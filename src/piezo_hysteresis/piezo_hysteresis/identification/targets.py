@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, sqrt
+from math import ceil, hypot, nan, sqrt
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.noise import Noise, independent, noise_of, noises_of
+from piezo_hysteresis.identification.noise import (
+    SURE,
+    Noise,
+    independent,
+    noise_of,
+    noises_of,
+)
 from piezo_hysteresis.identification.outliers import mended, outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.record_start import (
@@ -51,7 +57,9 @@ class Target:
     noise : float
         Rms noise of one sample [m], see `noise.noises_of`; NaN where it is not known.
     noise_colour : float
-        Correlation of its noise from one sample to the next; 0 for white noise.
+        Correlation of its noise from one compared sample to the next; 0 for white noise.
+    rounding : float
+        Share of the mean square of its noise that may not be seen, see `noise.Noise`.
     period : int
         Samples per folded period; 0 where nothing was folded.
     start : float
@@ -87,6 +95,7 @@ class Target:
     own_zero: bool = False
     precision: float = 1.0
     noise_colour: float = 0.0
+    rounding: float = 0.0
     valid: FloatArray | None = None
     influence: FloatArray | None = None
 
@@ -96,9 +105,10 @@ class Target:
         return sqrt(self.repeats) * self.precision
 
     @property
-    def independent(self) -> float:
-        """Independent numbers in the noise of the compared samples."""
-        return independent(self.measured.size, self.noise_colour)
+    def doubt(self) -> float:
+        """Standard deviation of the mean square that noise leaves, as a share of it."""
+        numbers = independent(self.measured.size, self.noise_colour)
+        return hypot(sqrt(2.0 / numbers), self.rounding / SURE)
 
     @property
     def lost(self) -> int:
@@ -211,7 +221,8 @@ def _drive(record: Record, period: int, first: int, settling: float) -> tuple[Fl
 
 def with_noise(target: Target, noise: Noise) -> Target:
     """Return a target whose noise is told by more than its own record."""
-    return replace(target, noise=noise.rms, noise_colour=noise.memory)
+    colour = noise.memory**target.stride
+    return replace(target, noise=noise.rms, noise_colour=colour, rounding=noise.rounding)
 
 
 def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target:
@@ -240,13 +251,12 @@ def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target
         dt=record.dt,
         frequency=record.info.frequency,
         repeats=1,
-        noise=noise_of(record).rms,
-        noise_colour=noise_of(record).memory,
+        noise=nan,
         period=0,
         start=record.start,
         valid=np.where(bad[first::stride], 0.0, 1.0) if np.any(bad) else None,
     )
-    return led_in(target, record, begins)
+    return with_noise(led_in(target, record, begins), noise_of(record))
 
 
 def led_in(target: Target, record: Record, begins: RecordStart) -> Target:

@@ -6,7 +6,7 @@ model file was given, one that saw the slowest records only, and the joint fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, thinned
@@ -26,6 +26,8 @@ from piezo_hysteresis.records import Record
 SLOWEST = 3
 START_SAMPLES = 60_000
 EVALUATIONS = 60
+# Starts that are followed, and how often a fit may tell anew how the records began.
+_COUNT, _REVISIONS = 4, 4
 TOLERANCE = 1e-7  # a tenth of that of later fits: every gain is counted from here
 
 
@@ -48,43 +50,10 @@ class Baselines:
     nominal: CandidateFit | None
 
 
-def baselines(data: Dataset, given: Model | ModelFile, workers: int = 1) -> Baselines:
-    """Fit the baseline in its versions, with so many threads.
-
-    Raises
-    ------
-    IdentificationError
-        If it cannot be fitted to the records at all.
-    """
-    views = data.training
-    nominal, slow = None, None
-    if isinstance(given, ModelFile):
-        model, values = given.model, dict(given.values)
-        nominal = judged_on(ModelSpec(model, values), views)
-        starts = [values, *_from_data(data, suited(model, list(data.records)), workers)]
-    else:
-        model = suited(given, list(data.records))
-        starts = _from_data(data, model, workers)
-    short = thinned(views, START_SAMPLES, data.periods)
-    tried = [_fitted(model, start, short, workers) for start in starts]
-    found = [fit for fit in tried if fit is not None]
-    if not found:
-        raise IdentificationError(
-            f'the baseline {model.name} cannot be fitted to these records: choose another one'
-        )
-    best = min(found, key=lambda fit: fit.square)
-    joint = _fitted(model, best.values, views, workers) or best
-    slowest = _slowest(views)
-    if len(slowest) < len(views):
-        fit = _fitted(model, best.values, slowest, workers)
-        slow = judged_on(ModelSpec(model, fit.values), views) if fit is not None else None
-    return Baselines(joint, slow, nominal)
-
-
 def fitted_baselines(
     data: Dataset, given: Model | ModelFile, choices: Choices, workers: int = 1
 ) -> tuple[Baselines, Dataset]:
-    """Fit the baseline, and let it tell how each record began before it is fitted again.
+    """Fit the baseline, and let it tell how each record began, until that rests, in so many threads.
 
     Returns
     -------
@@ -98,15 +67,51 @@ def fitted_baselines(
     IdentificationError
         If the model cannot be fitted to the records at all.
     """
-    base = baselines(data, given, workers)
-    seen = told_by(base.joint, data, choices)
-    if all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in _pairs(data, seen)):
-        return base, seen
-    return baselines(seen, given, workers), seen
+    model = given.model if isinstance(given, ModelFile) else suited(given, list(data.records))
+    specs = [ModelSpec(model, values) for values in _from_data(data, model, choices, workers)]
+    nominal = None
+    if isinstance(given, ModelFile):
+        nominal = ModelSpec(model, dict(given.values))
+        specs = [nominal, *specs]
+    begun = [_begun(spec, data, choices, workers) for spec in specs]
+    found = [each for each in begun if each is not None]
+    if not found:
+        raise IdentificationError(
+            f'the baseline {model.name} cannot be fitted to these records: choose another one'
+        )
+    joint, seen = _rested(*min(found, key=lambda each: each[0].floors), data, choices, workers)
+    views = seen.training
+    as_given = None if nominal is None else judged_on(nominal, views)
+    return Baselines(joint, _slow(joint, views, workers), as_given), seen
 
 
-def _pairs(one: Dataset, other: Dataset) -> Iterator[tuple[Target, Target]]:
-    return zip((*one.training, *one.held_out), (*other.training, *other.held_out), strict=True)
+def _begun(
+    spec: ModelSpec, data: Dataset, choices: Choices, workers: int
+) -> tuple[CandidateFit, Dataset] | None:
+    """Return a fit to some of the samples, of the records as `spec` tells that they began."""
+    seen = told_by(spec, data, choices)
+    fit = _fitted(spec, thinned(seen.training, START_SAMPLES, data.periods), workers)
+    return None if fit is None else (fit, seen)
+
+
+def _rested(
+    fit: CandidateFit, seen: Dataset, data: Dataset, choices: Choices, workers: int
+) -> tuple[CandidateFit, Dataset]:
+    """Return the fit to all samples, and the records as it tells that they began."""
+    for _ in range(_REVISIONS):
+        fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
+        renewed = told_by(fit, data, choices)
+        pairs = zip(seen.training, renewed.training, strict=True)
+        if all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs):
+            break
+        seen = renewed
+    return fit, seen
+
+
+def _slow(joint: CandidateFit, views: Sequence[Target], workers: int) -> CandidateFit | None:
+    slowest = _slowest(views)
+    fit = _fitted(joint, slowest, workers) if len(slowest) < len(views) else None
+    return None if fit is None else judged_on(ModelSpec(joint.model, fit.values), views)
 
 
 def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = False) -> Dataset:
@@ -125,14 +130,19 @@ def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = F
     return beginning_like(data, renewed)
 
 
-def _from_data(data: Dataset, model: Model, workers: int) -> list[dict[str, float]]:
+def _from_data(
+    data: Dataset, model: Model, choices: Choices, workers: int
+) -> list[dict[str, float]]:
     """Start values from output error on the training records, jointly and on the slowest."""
     names = {v.name for v in data.training}
     records = [r for r in data.records if r.name in names]
     starts = []
     for chosen in (records, _slow_records(records)):
         try:
-            result = output_error(model, chosen, count=4, sampling_offset=False, workers=workers)
+            result = output_error(
+                model, chosen, count=_COUNT, sampling_offset=False,
+                begins=choices.start, zero=choices.zero, workers=workers,
+            )  # fmt: skip
         except IdentificationError:
             continue
         starts.append(dict(result.values))
@@ -149,8 +159,5 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
     return tuple(sorted(driven, key=lambda v: v.frequency)[:SLOWEST]) or tuple(views)
 
 
-def _fitted(
-    model: Model, start: Mapping[str, float], views: Sequence[Target], workers: int
-) -> CandidateFit | None:
-    spec = ModelSpec(model, dict(start))
+def _fitted(spec: ModelSpec, views: Sequence[Target], workers: int) -> CandidateFit | None:
     return fitted_to(spec, views, evaluations=EVALUATIONS, tolerance=TOLERANCE, workers=workers)

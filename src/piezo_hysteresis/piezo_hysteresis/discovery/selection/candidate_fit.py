@@ -102,8 +102,8 @@ class CandidateFit(ModelSpec):
         Noise of every view [m].
     precisions : tuple of float
         Weight of every view.
-    independent : tuple of float
-        Independent numbers in the noise of every view.
+    doubts : tuple of float
+        Standard deviation of the mean square that noise leaves of every view, as a share of it.
     parameters : int
         Number of fitted parameters.
     fitted : FitResult or None
@@ -113,7 +113,7 @@ class CandidateFit(ModelSpec):
     errors: tuple[FloatArray, ...] = ()
     noises: tuple[float, ...] = ()
     precisions: tuple[float, ...] = ()
-    independent: tuple[float, ...] = ()
+    doubts: tuple[float, ...] = ()
     parameters: int = 0
     fitted: FitResult | None = None
 
@@ -282,7 +282,7 @@ def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers]:
     return (
         tuple(view.noise for view in views),
         tuple(view.precision for view in views),
-        tuple(view.independent for view in views),
+        tuple(view.doubt for view in views),
     )
 
 

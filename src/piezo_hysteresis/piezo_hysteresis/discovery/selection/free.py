@@ -100,7 +100,7 @@ class FreeEvaluator(Evaluator):
         return rules.shows_a_gap(
             self.excess(fit),
             [float(e @ e) / e.size / noise**2 - 1.0 for e, noise in pairs],
-            fit.independent,
+            fit.doubts,
             self.data.noise.doubt,
             self.policy,
         )

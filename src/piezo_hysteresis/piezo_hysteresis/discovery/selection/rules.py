@@ -7,13 +7,13 @@ numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import inf
 
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 
 
 def shows_a_gap(
-    excess: float, by_record: Sequence[float], sizes: Sequence[float], doubt: float,
+    excess: float, by_record: Sequence[float], doubts: Sequence[float], doubt: float,
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
     """Return whether a gap is above the noise by more than anybody would accept.
@@ -24,8 +24,8 @@ def shows_a_gap(
         Over all records.
     by_record : sequence of float
         Of each record.
-    sizes : sequence of float
-        Independent numbers in the noise of each record.
+    doubts : sequence of float
+        Standard deviation by which each may lie off by chance.
     doubt : float
         Standard deviation of the noise's own mean square [1].
     policy : SelectionPolicy
@@ -34,8 +34,8 @@ def shows_a_gap(
     if not excess <= policy.negligible + policy.noise_doubts * doubt:
         return True
     return any(
-        not each <= policy.negligible_in_record + policy.noise_doubts * sqrt(2.0 / size)
-        for each, size in zip(by_record, sizes, strict=True)
+        not each <= policy.negligible_in_record + policy.noise_doubts * chance
+        for each, chance in zip(by_record, doubts, strict=True)
     )
 
 
