@@ -9,6 +9,7 @@ from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import find_tone, on_one_clock, phasor
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import harmonics, phase_of
+from piezo_hysteresis.numerics.spectrum import beside_the_drive
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, TONE, SIZE = 1e-3, 41.7, 3e-7
@@ -62,3 +63,20 @@ def test_where_nothing_stands_out_no_clock_is_moved() -> None:
     generator = np.random.default_rng(6)
     noise = [generator.normal(0.0, 1e-8, v.measured.size) for v in data.training]
     assert on_one_clock(data, noise, (), ()) is data
+
+
+@pytest.mark.parametrize('hum', [50.0, 50.13, 13.0, 5.0, 0.0])
+def test_a_tone_on_a_high_harmonic_of_a_slow_drive_is_seen(hum: float) -> None:
+    t = DT * np.arange(8000)
+    noise = np.random.default_rng(2).normal(0.0, 1e-8, t.size)
+    triangle = 1e-6 * np.abs((t + 0.25) % 1.0 - 0.5)  # of 1 Hz: odd harmonics fall as a square law
+    frequency, lines = beside_the_drive(
+        triangle + SIZE * np.sin(phase_of(hum, DT, t.size)) + noise, DT, 1.0
+    )
+    # of the fifth harmonic nobody can tell whose it is
+    expected = hum if hum > 12.0 else 0.0
+    top = frequency[np.argmax(lines)]
+    if expected:
+        assert top == pytest.approx(expected, abs=0.13)
+    else:
+        assert np.max(lines) < 10.0 * np.median(lines[lines > 0.0])

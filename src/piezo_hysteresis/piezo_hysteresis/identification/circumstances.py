@@ -24,7 +24,7 @@ ZEROS = ('auto', 'record', 'common')
 
 # A zero of its own must take more than half of what is left: a shifted sensor does, hardly a model
 # that is a little wrong.
-_ZERO_SHARE = 0.5
+ZERO_SHARE = 0.5
 # Residuals beyond so many robust standard deviations of their record pull no harder than these:
 # what a model misses in a few moments (a ring-down) shall not bend it everywhere else.
 _FAR = 4.0
@@ -133,7 +133,7 @@ def _zeroed(
         samples = sum(each.size for each in errors)
         shared = sum(float(each.sum()) for each in errors) / samples
         errors = [each - shared for each in errors]
-    apart = sum(map(_square, map(left, own))) < (1.0 - _ZERO_SHARE) * sum(map(_square, errors))
+    apart = sum(map(_square, map(left, own))) < (1.0 - ZERO_SHARE) * sum(map(_square, errors))
     return own if apart else common
 
 

@@ -103,6 +103,8 @@ def solve_linear(
             )
             if not np.all(np.isfinite(part)):
                 return dict(values)
+            if target.own_zero:
+                part -= part.mean(axis=1, keepdims=True)
             blocks.append(triangle(target.weight * part))
     full = triangle(np.ascontiguousarray(np.vstack(blocks).T))
     norms = np.linalg.norm(full[:p, :p], axis=0)

@@ -37,6 +37,10 @@ class Prior:
     std: float
 
 
+# Share of a sensitivity below which what is left of it is rounding.
+_ROUNDING = 1e-8
+
+
 class Objective:
     """Half the weighted sum of squared free-run errors of a model over targets.
 
@@ -204,4 +208,12 @@ def _without(own: FloatArray, prior: FloatArray, pull: FloatArray, seen: FloatAr
     held = np.zeros((q + len(seen), q))
     held[:q] = np.diag(prior)
     held[-1] = prior * pull
-    return triangle(np.hstack([np.vstack([own, seen]), held]))[q:, q:]
+    full = triangle(np.hstack([np.vstack([own, seen]), held]))
+    left, sizes = full[q:, q:], np.linalg.norm(full[:, q:], axis=0)
+    # what the record's own numbers do as well (an offset beside a zero) is left as rounding, which
+    # a solver would take for a direction: it is as uncertain, and moves nowhere
+    alike = np.flatnonzero(np.linalg.norm(left, axis=0) <= _ROUNDING * sizes)
+    left[:, alike] = 0.0
+    unmoved = np.zeros((alike.size, left.shape[1]))
+    unmoved[np.arange(alike.size), alike] = _ROUNDING * sizes[alike]
+    return np.vstack([left, unmoved])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.circumstances import Choices, revised
+from piezo_hysteresis.identification.circumstances import ZERO_SHARE, Choices, revised
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.result import FitResult
@@ -120,35 +121,67 @@ def output_error(
         given = {**chain.defaults(), **known}
         targets = revised(chain, given, late[SAMPLING_OFFSET], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
-    best = _followed(
-        [
-            *(Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses),
-            *starts(chain, targets, names, known, count=count),
-        ],
-        lambda values: _attempt(
+
+    def follow(seen: Sequence[Target], begins: Sequence[Start]) -> FitResult:
+        def attempt(values: Mapping[str, float]) -> FitResult:
+            begin, evaluations = {**late, **values}, max_evaluations // 6
+            return _attempt(
+                chain, seen, begin, names, weights, sampling_offset, evaluations, workers
+            )
+
+        told = [Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses]
+        return _followed([*told, *begins], attempt)
+
+    def end(seen: Sequence[Target], best: FitResult) -> FitResult:
+        return refined(
             chain,
-            few,
-            {**late, **values},
-            names,
-            weights,
-            sampling_offset,
-            max_evaluations // 6,
-            workers,
-        ),
-    )
-    return refined(
-        chain,
-        targets,
-        records,
-        _with_offset(best),
-        choices=choices,
-        free=names,
-        weights=weights,
-        sampling_offset=sampling_offset,
-        max_evaluations=max_evaluations,
-        workers=workers,
-        progress=progress,
-    )
+            seen,
+            records,
+            _with_offset(best),
+            choices=choices,
+            free=names,
+            weights=weights,
+            sampling_offset=sampling_offset,
+            max_evaluations=max_evaluations,
+            workers=workers,
+            progress=progress,
+        )
+
+    found = starts(chain, few, names, known, count=count)
+    best = follow(few, found)
+    result = end(targets, best)
+    apart = _by_own_zeros(chain, few, names, known, found, choices)
+    if apart is None or leaves_noise(result):
+        return result
+    best = follow(*apart)
+    # told by this model first, or a fit to all of it would make a loop of the zeros again
+    seen = revised(chain, best.values, best.sampling_offset, targets, records, choices)
+    other = end(seen, best)
+    return other if _is_apart(_left(other), _left(result)) else result
+
+
+def _by_own_zeros(
+    model: Model,
+    targets: Sequence[Target],
+    names: Sequence[str],
+    known: Mapping[str, float],
+    found: Sequence[Start],
+    choices: Choices,
+) -> tuple[list[Target], list[Start]] | None:
+    """Return targets with zeros of their own and starts for them, where these explain far more.
+
+    Records whose zeros lie apart look like another loop to a model that has one zero for all.
+    """
+    if choices.zero != 'auto' or len(targets) < 2:
+        return None
+    own = [replace(target, own_zero=True) for target in targets]
+    others = starts(model, own, names, known, count=len(found))
+    return (own, others) if _is_apart(others[0].cost, found[0].cost) else None
+
+
+def _is_apart(own: float, shared: float) -> bool:
+    """Return whether zeros of their own leave so much less that records must have them."""
+    return own < (1.0 - ZERO_SHARE) * shared
 
 
 def _followed(
@@ -170,14 +203,15 @@ def _followed(
 
 def leaves_noise(result: FitResult) -> bool:
     """Return whether a fit leaves no more than the noise of its records, all together."""
-    if not np.isfinite(result.cost):
-        return False
-    squares = [
-        result.residuals[t.name] ** 2 * t.repeats / t.noise**2
-        for t in result.targets
-        if t.noise > 0.0
-    ]
-    return len(squares) == len(result.targets) and bool(np.mean(np.concatenate(squares)) <= _NOISE)
+    return _left(result) <= _NOISE
+
+
+def _left(result: FitResult) -> float:
+    """Return the mean square of what a fit leaves over that of the noise, infinite if unknown."""
+    if not np.isfinite(result.cost) or not all(t.noise > 0.0 for t in result.targets):
+        return float('inf')
+    squares = [result.residuals[t.name] ** 2 * t.repeats / t.noise**2 for t in result.targets]
+    return float(np.mean(np.concatenate(squares)))
 
 
 def refined(

@@ -1,10 +1,15 @@
-"""Lines of a signal beside those of its drive."""
+"""Lines of a signal beside those of its drive.
+
+A slow drive has a harmonic near every line, at 50 Hz as well. High ones hardly differ from each
+other, so one that stands far above its neighbours is none of the drive's.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 from piezo_hysteresis.numerics.linalg import straight_line
 
 # Lines nearer to a harmonic of the drive than so many bins belong to it: two are half the main
@@ -12,6 +17,10 @@ from piezo_hysteresis.numerics.linalg import straight_line
 BINS = 3.0
 # The mean and what its window spreads.
 _SLOW = 3
+# A line on a harmonic above the highest that is told stands alone where it is so many times as
+# large as any of the four harmonics beside it: ten harmonics that fall as a square law differ by
+# half from one to the next.
+_ALONE = 5.0
 
 
 def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:
@@ -37,6 +46,8 @@ def beside_the_drive(
 ) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and magnitudes of the lines that are no harmonic of the drive.
 
+    The others are 0, but those of high orders that stand alone.
+
     Parameters
     ----------
     signal : ndarray, shape (n,)
@@ -53,6 +64,16 @@ def beside_the_drive(
     lines[:_SLOW] = 0.0
     if drive > 0.0:
         order = frequency / drive
-        near = np.abs(order - np.round(order)) * drive
-        lines[near < BINS / (signal.size * dt)] = 0.0
+        near = np.abs(order - np.round(order)) * drive < BINS / (signal.size * dt)
+        lines[near & ~_alone(lines, near, np.round(order).astype(np.int64))] = 0.0
     return frequency, lines
+
+
+def _alone(lines: FloatArray, near: BoolArray, order: IntArray) -> BoolArray:
+    """Return which lines belong to a harmonic that stands far above those beside it."""
+    peaks = np.zeros(int(order[-1]) + 5)
+    np.maximum.at(peaks, order[near] + 2, lines[near])
+    beside = np.max([peaks[:-4], peaks[1:-3], peaks[3:-1], peaks[4:]], axis=0)
+    alone = peaks[2:-2] > _ALONE * beside
+    alone[: HIGHEST_ORDER + 1] = False
+    return np.asarray(alone[order])

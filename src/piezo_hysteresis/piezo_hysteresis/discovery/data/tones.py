@@ -16,7 +16,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.harmonics import line_amplitudes, phase_of
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, line_amplitudes, phase_of
 from piezo_hysteresis.numerics.spectrum import BINS, beside_the_drive
 
 # A line stands out from this many times the local median of the spectrum.
@@ -86,14 +86,13 @@ _Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
 
 
 def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
-    """Return the views of which `tone` is no harmonic."""
+    """Return the views of which `tone` is no harmonic, or one so high that it is hardly there."""
     kept = []
     for row in seen:
         view, error = row[0], row[1]
         order = tone / view.frequency if view.frequency > 0 else 0.5
-        if abs(order - round(order)) * view.frequency * error.size * view.dt >= BINS or not (
-            view.frequency > 0
-        ):
+        away = abs(order - round(order)) * view.frequency * error.size * view.dt
+        if view.frequency <= 0 or away >= BINS or order > HIGHEST_ORDER + 0.5:
             kept.append(row)
     return kept
 
