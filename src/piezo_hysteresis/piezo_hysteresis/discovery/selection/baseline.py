@@ -53,7 +53,7 @@ class Baselines:
 def fitted_baselines(
     data: Dataset, given: Model | ModelFile, choices: Choices, workers: int = 1
 ) -> tuple[Baselines, Dataset]:
-    """Fit the baseline, and let it tell how each record began, until that rests, in so many threads.
+    """Fit the baseline, and let it tell how each record began, until that rests.
 
     Returns
     -------
