@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from math import comb, hypot, isfinite, sqrt
 
 import numpy as np
-from scipy.linalg import toeplitz
 from scipy.ndimage import median_filter
 
 from piezo_hysteresis.arrays import FloatArray
@@ -179,8 +178,8 @@ def _coloured(noise: Noise, known: Noise) -> Noise:
     """Return noise that was taken for white, were it of the colour of what is `known`."""
     order = noise.order
     taps = np.array([(-1) ** k * comb(order, k) for k in range(order + 1)], dtype=np.float64)
-    follows = toeplitz(known.memory ** np.arange(order + 1))
-    share = float(taps @ follows @ taps) / comb(2 * order, order)
+    follows = known.memory ** np.abs(np.arange(-order, order + 1))
+    share = float(np.convolve(taps, taps[::-1]) @ follows) / comb(2 * order, order)
     return replace(noise, rms=noise.rms / sqrt(share), colour=known.colour)
 
 

@@ -129,8 +129,8 @@ def output_error(
                 chain, seen, begin, names, weights, sampling_offset, evaluations, workers
             )
 
-        told = [Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses]
-        return _followed([*told, *begins], attempt)
+        guessed = [Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses]
+        return _followed([*guessed, *begins], attempt)
 
     def end(seen: Sequence[Target], best: FitResult) -> FitResult:
         return refined(
