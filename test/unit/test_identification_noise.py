@@ -117,7 +117,7 @@ def test_the_steps_of_a_converter_are_noise(frequency):
     read = step * np.round(seen.displacement / step)
     noise = noise_of(replace(seen, displacement=read))
     if frequency:
-        assert noise.rms == pytest.approx(step / np.sqrt(12.0), rel=0.01)
+        assert noise.rms == pytest.approx(step * np.hypot(0.05, 1 / np.sqrt(12.0)), rel=0.015)
     else:  # it never leaves its step, so it does not tell
         assert noise.lines == 0
 
@@ -191,3 +191,17 @@ def test_slow_noise_says_less_than_its_samples():
     lines = np.array([np.abs(np.fft.rfft(x)) ** 2 / x.size for x in slows]).mean(axis=0)[1:]
     expected = density(0.9, 2.0 * np.pi * np.arange(1, lines.size + 1) / 4000)
     assert np.median(lines / expected) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize('share', [0.1, 0.2, 0.3, 0.5])
+@pytest.mark.parametrize('period', [200.0, 211.37])
+def test_rounding_that_repeats_with_the_drive_is_noise_all_the_same(share, period):
+    step = 1e-6
+    u = np.sin(2 * np.pi * np.arange(12000) / period)
+    noise = share * step * np.random.default_rng(9).normal(size=u.size)
+    read = step * np.round((1e-4 * u + noise) / step)
+    found = noise_of(Record('coarse', 1.0 / RATE, u, read))
+    true = np.mean((read - 1e-4 * u) ** 2)
+    assert found.rms**2 == pytest.approx(true, rel=found.rounding + 0.1)
+    assert found.rounding < 0.25
+    assert (found.rounding == 0.0) == (period == 200.0)

@@ -14,6 +14,7 @@ from math import comb, hypot, isfinite, sqrt
 
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.optimize import brentq
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.outliers import mended, outliers
@@ -40,6 +41,8 @@ _WINDOWS = 40
 _SHORTEST_WINDOW = 64
 # Noise that follows itself more closely than this is a motion.
 _SLOWEST = 0.99
+# Of a series that falls as the square of its index.
+_TERMS = 400
 # Standard deviations within which what may be is taken to lie.
 SURE = 3.0
 _LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
@@ -67,8 +70,8 @@ class Noise:
     order : int
         Of the differences from which `rms` was taken as if it were white; 0 for a spectrum.
     rounding : float
-        Share of its mean square that the rounding of a converter has. It may repeat with the drive
-        and not be seen, or not repeat and be seen, so by as much the noise may be larger.
+        Share by which its mean square may be larger or smaller, as nobody can tell how much of the
+        rounding of a converter repeats with the drive and was not seen.
     """
 
     rms: float
@@ -111,13 +114,34 @@ def noise_of(record: Record) -> Noise:
     It is at least that of the steps of its converter, which a record that repeats exactly, or
     moves by less than a step, does not show.
     """
-    seen = _seen_noise(record)
-    least = converter_step(record.displacement) / sqrt(12.0)
-    if not seen.lines or not max(seen.rms, least) > 0.0:
+    seen, repeats = _seen_noise(record)
+    step = converter_step(record.displacement)
+    if not seen.lines or not max(seen.rms, step) > 0.0:
         return NOT_TOLD
-    rms = max(seen.rms, least)
-    order = seen.order if seen.rms == rms else 0
-    return replace(seen, rms=rms, order=order, rounding=(least / rms) ** 2)
+    with_repeated = _with_repeated_rounding(seen.rms, step)
+    least = with_repeated if repeats else max(seen.rms**2, step**2 / 12.0)
+    mean = 0.5 * (least + with_repeated)
+    order = seen.order if seen.rms**2 >= step**2 / 12.0 else 0
+    return replace(seen, rms=sqrt(mean), order=order, rounding=(with_repeated - mean) / mean)
+
+
+def _with_repeated_rounding(seen: float, step: float) -> float:
+    """Return the mean square [m^2] of noise and rounding, where what repeats was not `seen`.
+
+    By the characteristic function of the noise, after Widrow 1956: where x repeats, so does the
+    mean error of its rounding, ``sum_k step/(pi k) exp(-2 (pi k std/step)^2) sin(2 pi k x/step)``,
+    and only the rest was seen.
+    """
+    if seen <= 0.0 or step <= 0.0:
+        return seen**2 + step**2 / 12.0
+    k = np.arange(1, _TERMS)
+
+    def unseen(std: float) -> float:
+        return float(np.sum(np.exp(-((2.0 * np.pi * k * std / step) ** 2)) / k**2)) * share
+
+    share = step**2 / (2.0 * np.pi**2)
+    std = brentq(lambda x: x**2 + step**2 / 12.0 - unseen(x) - seen**2, 0.0, seen)
+    return float(std) ** 2 + step**2 / 12.0
 
 
 def converter_step(measured: FloatArray) -> float:
@@ -126,20 +150,21 @@ def converter_step(measured: FloatArray) -> float:
     return float(np.diff(levels).min()) if levels.size >= _LEVELS else 0.0
 
 
-def _seen_noise(record: Record) -> Noise:
+def _seen_noise(record: Record) -> tuple[Noise, bool]:
+    """Return what does not repeat, and whether all that repeats is missing in it."""
     period = period_of(record)
     first = periodic_from(record.voltage, period) if period else 0
     bad = outliers(record.displacement, period, first)
     measured = mended(record.displacement, bad, period)
     if float(np.ptp(record.voltage)) == 0.0:
-        return robust_noise(measured[record.warm_up_samples :])
+        return robust_noise(measured[record.warm_up_samples :]), True
     steady = _steady(record, measured, period) if period else measured[:0]
     if period and steady.size >= 2 * period:
-        return robust_noise(steady[period:] - steady[:-period], period)
+        return robust_noise(steady[period:] - steady[:-period], period), True
     repeat = repeat_of(record)
     if repeat is not None:
-        return _between_samples(measured, repeat, record.warm_up_samples)
-    return differences_noise(measured[record.warm_up_samples :])
+        return _between_samples(measured, repeat, record.warm_up_samples), False
+    return differences_noise(measured[record.warm_up_samples :]), False
 
 
 def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> Noise:
