@@ -20,7 +20,7 @@ from piezo_hysteresis.identification.beginnings import (
     start_rows,
 )
 from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.reading import samples_late, shifted, simulated
+from piezo_hysteresis.identification.reading import Begun, samples_late, shifted, simulated
 from piezo_hysteresis.identification.tails import Moved
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
@@ -162,11 +162,16 @@ def _settled(
 
 
 def _from(
-    begun: Opening, model: Model, packed: FloatArray, target: Target, sampling_offset: float
+    begun: Opening,
+    model: Model,
+    packed: FloatArray,
+    target: Target,
+    sampling_offset: float,
+    known: Begun | None = None,
 ) -> FloatArray:
     """Return what the model says at every tick of the drive from where the record begins [m]."""
     if begun.motion is None:
-        return simulated(model, packed, target, sampling_offset)
+        return simulated(model, packed, target, sampling_offset, known)
     late = samples_late(model, packed, target.dt, sampling_offset)
     return shifted(begun.motion.signals[-1], late)
 
@@ -202,6 +207,7 @@ def misfit(
     sampling_offset: float = 0.0,
     *,
     weighted: bool = False,
+    known: Begun | None = None,
 ) -> FloatArray:
     """Return measured less simulated of a target, its nuisances at their best, shape (m,) [m].
 
@@ -213,8 +219,10 @@ def misfit(
         As in `simulated`.
     weighted : bool
         Times the influence that each residual has in a fit.
+    known : Begun, optional
+        Where other models have been already.
     """
-    return _split(model, packed, target, sampling_offset, weighted=weighted)[0]
+    return _split(model, packed, target, sampling_offset, weighted=weighted, known=known)[0]
 
 
 def square(
@@ -236,11 +244,12 @@ def _split(
     sampling_offset: float,
     *,
     weighted: bool,
+    known: Begun | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return what is left with all nuisances at their best, and what their prior holds [m]."""
     factors = target.factors if weighted else target.valid
     begun = opened(model, packed, target, sampling_offset, factors)
-    y = _from(begun, model, packed, target, sampling_offset)
+    y = _from(begun, model, packed, target, sampling_offset, known)
     error, rows = target.measured - target.pick(y), begun.rows
     if factors is not None:
         error, rows = error * factors, rows * factors

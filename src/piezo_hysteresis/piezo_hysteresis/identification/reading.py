@@ -7,6 +7,7 @@ much the clock of a recording is off besides is its sampling offset, a nuisance 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor
 
 import numpy as np
@@ -17,6 +18,7 @@ from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model, answers_at_once
+from piezo_hysteresis.models.stages import TickStage
 
 
 def shifted(rows: FloatArray, samples: float) -> FloatArray:
@@ -84,16 +86,65 @@ def samples_late(
     return sampling_offset / dt - (1.0 if ahead else 0.0)
 
 
+class Begun:
+    """What a model makes of its targets stage by stage, for models that begin as it does.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    packed : ndarray, shape (p,)
+        Its parameters.
+    targets : sequence of Target
+        Whose drives are known.
+    """
+
+    def __init__(self, model: Model, packed: FloatArray, targets: Sequence[Target]) -> None:
+        self._stages, self._packed = model.stages, packed
+        self._signals: dict[int, list[FloatArray]] = {}
+        self._targets = tuple(targets)  # or one that is gone could leave its id to another
+        for target in targets:
+            states, signal = model.initial_state(target.dt, target.start), target.voltage
+            known = self._signals[id(target)] = [signal]
+            for stage, state in zip(model.stages, states, strict=True):
+                if not isinstance(stage, TickStage):
+                    break
+                p = packed[stage.columns]
+                signal = stage.respond(
+                    signal, p, target.dt, state=state, frequency=target.frequency
+                )
+                known.append(signal)
+
+    def of(self, model: Model, packed: FloatArray, target: Target) -> tuple[int, FloatArray]:
+        """Return the first stage of a model that is not known, and what goes into it."""
+        known, first = self._signals.get(id(target), [target.voltage]), 0
+        for mine, other in zip(self._stages[: len(known) - 1], model.stages, strict=False):
+            if not (isinstance(mine, TickStage) and isinstance(other, TickStage)):
+                break
+            if mine.block is not other.block or mine.ahead is not other.ahead:
+                break
+            if not np.array_equal(self._packed[mine.columns], packed[other.columns]):
+                break
+            first += 1
+        return first, known[first]
+
+
 def simulated(
-    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
+    model: Model,
+    packed: FloatArray,
+    target: Target,
+    sampling_offset: float = 0.0,
+    begun: Begun | None = None,
 ) -> FloatArray:
     """Return what the model says at every tick of the drive of `target` [m], shape (n,)."""
+    first, drive = (0, target.voltage) if begun is None else begun.of(model, packed, target)
     y = model.respond(
-        target.voltage,
+        drive,
         packed,
         target.dt,
         state=model.initial_state(target.dt, target.start),
         frequency=target.frequency,
+        first=first,
     )
     return shifted(y, samples_late(model, packed, target.dt, sampling_offset))
 
@@ -131,7 +182,7 @@ def differentiated(
     )
     if motion is not None:
         y = motion.signals[-1]
-        for place, more in motion.derivatives(free).items():
+        for place, more in motion.derivatives(free, rows).items():
             rows[place] += more
     late = samples_late(model, packed, target.dt, sampling_offset)
     slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)

@@ -185,6 +185,7 @@ class Model:
         *,
         state: State | None = None,
         frequency: float = 0.0,
+        first: int = 0,
     ) -> FloatArray:
         """Free run: answer the displacement [m] to `voltage` [V], held from tick to tick.
 
@@ -203,10 +204,12 @@ class Model:
             Memory to go on from, updated in place; at rest where it is not given.
         frequency : float
             Fundamental frequency of the excitation [Hz], for blocks that depend on it.
+        first : int
+            Stage at which to begin, `voltage` being what goes into it.
         """
         state = self.initial_state(dt) if state is None else state
         signal = np.ascontiguousarray(voltage, dtype=np.float64)
-        for stage, memory in zip(self.stages, state, strict=True):
+        for stage, memory in zip(self.stages[first:], state[first:], strict=True):
             signal = stage.respond(
                 signal, packed[stage.columns], dt, state=memory, frequency=frequency
             )

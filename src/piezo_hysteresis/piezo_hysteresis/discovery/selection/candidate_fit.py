@@ -13,6 +13,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.opening import misfit
+from piezo_hysteresis.identification.reading import Begun
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model
@@ -146,8 +147,12 @@ class CandidateFit(ModelSpec):
         return float(np.sqrt(sum(float(e @ e) for e in self.errors) / max(self.samples, 1)))
 
 
-def errors_of(spec: ModelSpec, views: Sequence[Target]) -> tuple[FloatArray, ...]:
+def errors_of(
+    spec: ModelSpec, views: Sequence[Target], known: Begun | None = None
+) -> tuple[FloatArray, ...]:
     """Return measured minus simulated of every view [m]; infinite where a model diverges.
+
+    What a model like it made of the views may be `known`.
 
     Raises
     ------
@@ -156,7 +161,9 @@ def errors_of(spec: ModelSpec, views: Sequence[Target]) -> tuple[FloatArray, ...
     """
     packed = spec.model.pack(spec.values)
     with np.errstate(over='ignore', invalid='ignore'):
-        errors = [misfit(spec.model, packed, view, spec.sampling_offset) for view in views]
+        errors = [
+            misfit(spec.model, packed, view, spec.sampling_offset, known=known) for view in views
+        ]
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 

@@ -19,7 +19,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, Mod
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.crew import of_each
 from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.reading import differentiated, simulated
+from piezo_hysteresis.identification.reading import Begun, differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Candidate, Model
@@ -110,8 +110,9 @@ class Screen:
         self._free = fit.model.free_names if free is None else tuple(free)
         self._views = views
         packed, late = fit.model.pack(fit.values), fit.sampling_offset
-        self._simulated = [simulated(fit.model, packed, v, late) for v in views]
-        self._errors = errors_of(fit, views)
+        self._known = Begun(fit.model, packed, views)
+        self._simulated = [simulated(fit.model, packed, v, late, self._known) for v in views]
+        self._errors = errors_of(fit, views, self._known)
         self._residual = np.concatenate(self._errors)
         self._basis = self._own_basis(workers)
         self._left = self._project(self._residual)
@@ -136,7 +137,7 @@ class Screen:
         return moved / size if np.isfinite(size) and size > 0 else None
 
     def _flat(self, values: dict[str, float]) -> FloatArray:
-        errors = errors_of(self._with(self._fit.model, values), self._views)
+        errors = errors_of(self._with(self._fit.model, values), self._views, self._known)
         return np.asarray(self._residual - np.concatenate(errors))
 
     def _with(self, model: Model, values: dict[str, float]) -> ModelSpec:
@@ -230,7 +231,7 @@ class Screen:
 
     def _explained(self, candidate: Candidate, values: dict[str, float]) -> float:
         try:
-            errors = errors_of(self._with(candidate.model, values), self._views)
+            errors = errors_of(self._with(candidate.model, values), self._views, self._known)
         except PiezoError:
             return 0.0
         moved = self._residual - np.concatenate(errors)
