@@ -8,7 +8,12 @@ import pytest
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import find_tone, on_one_clock, phasor
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.harmonics import harmonics, phase_of
+from piezo_hysteresis.numerics.harmonics import (
+    harmonics,
+    line_amplitudes,
+    phase_of,
+    tone_amplitude,
+)
 from piezo_hysteresis.numerics.spectrum import beside_the_drive
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -38,6 +43,17 @@ def test_phases_count_from_sample_0_wherever_a_fit_begins() -> None:
     _, phasors, left = harmonics(np.cos(phase_of(25.0, DT, 400) + 0.4), 25.0, DT)
     assert np.angle(phasors[1]) == pytest.approx(0.4)
     assert left == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(('samples', 'frequency', 'first'), [(4000, 13.37, 0), (300, 4.1, 77)])
+def test_a_tone_is_that_of_a_fit_by_least_squares(
+    samples: int, frequency: float, first: int
+) -> None:
+    error = np.random.default_rng(3).standard_normal(samples) + 2.0
+    phase = phase_of(frequency, 1e-3, samples, first)
+    fitted = line_amplitudes(error, phase, (1,))[1][0]
+    assert tone_amplitude(error, frequency, 1e-3, first) == pytest.approx(fitted, abs=1e-10)
+    assert tone_amplitude(np.ones(8), 0.0, 1e-3) == 0.0
 
 
 def test_a_tone_gets_one_phase_on_the_clock_of_all_records() -> None:

@@ -215,11 +215,13 @@ def bags() -> None:
 
 
 def screening() -> None:
-    """Hold a sensitivity against others, and an error against the lines of a drive."""
+    """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
     from piezo_hysteresis.discovery.selection.expectation import orthonormal, taken_out
     from piezo_hysteresis.discovery.selection.screen import without
+    from piezo_hysteresis.numerics.harmonics import tone_amplitude
 
     without(np.ones(8), np.zeros((1, 8)))
+    tone_amplitude(np.arange(8.0), 100.0, DT)
     taken_out(np.ones(8), orthonormal(np.eye(3, 8))[1:])
 
 

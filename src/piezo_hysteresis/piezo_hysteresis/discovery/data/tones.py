@@ -16,7 +16,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, line_amplitudes, phase_of
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
 from piezo_hysteresis.numerics.spectrum import BINS, beside_the_drive
 
 # A line stands out from this many times the local median of the spectrum.
@@ -51,9 +51,7 @@ def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
     """Return the complex amplitude of a tone [m], its phase that at the first driven sample."""
-    phase = phase_of(frequency, view.dt, error.size, view.first)
-    (amplitude,) = line_amplitudes(error, phase, (1,))[1]
-    return complex(amplitude)
+    return tone_amplitude(error, frequency, view.dt, view.first)
 
 
 def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | None:
