@@ -25,6 +25,7 @@ from piezo_hysteresis.records import Record
 
 SLOWEST = 3
 START_SAMPLES = 60_000
+RECORDS_SAMPLES = 240_000  # of records from which starts are found; what is fitted next sees fewer
 EVALUATIONS = 60
 # Starts that are followed, and how often a fit may tell anew how the records began.
 _COUNT, _REVISIONS = 4, 4
@@ -134,10 +135,14 @@ def _from_data(
     data: Dataset, model: Model, choices: Choices, workers: int
 ) -> list[dict[str, float]]:
     """Start values from output error on the training records, jointly and on the slowest."""
-    names = {v.name for v in data.training}
-    records = [r for r in data.records if r.name in names]
-    starts = []
-    for chosen in (records, _slow_records(records)):
+    known = {r.name: r for r in data.records}
+    short = thinned(data.training, RECORDS_SAMPLES, data.periods)
+    records = [
+        known[view.name] if few is view else known[view.name].section(0, few.voltage.size)
+        for view, few in zip(data.training, short, strict=True)
+    ]
+    slow, starts = _slow_records(records), []
+    for chosen in (records, slow) if len(slow) < len(records) else (records,):
         try:
             result = output_error(
                 model, chosen, count=_COUNT, sampling_offset=False,
