@@ -31,6 +31,8 @@ _LEVEL = 3e-3
 # time, and down to which share of its largest.
 _PIECE = 512
 _FADED = 1e-7
+# The same for what derivatives change by it: they only say where a fit goes next.
+_PASSED = 1e-4
 # Rows whose effect is smaller than this share of the stroke do nothing.
 _NOTHING = 1e-11
 
@@ -171,8 +173,15 @@ class Motion:
         rest = range(first, len(self.model.stages))
         return first if all(self._tails.affine(k, 0) for k in rest) else 0
 
-    def derivatives(self, free: Sequence[str]) -> dict[int, FloatArray]:
+    def derivatives(self, free: Sequence[str], led: FloatArray) -> dict[int, FloatArray]:
         """Return by how much the derivatives are others than those of the run as led in.
+
+        Parameters
+        ----------
+        free : sequence of str
+            Parameters to differentiate by.
+        led : ndarray, shape (len(free), n)
+            Derivatives of the run as led in.
 
         Returns
         -------
@@ -184,8 +193,8 @@ class Motion:
         first = self._first if self._others else count
         tail = min((each.stage for each in self.moved if self._tails.holds(each)), default=count)
         begun = self._tails.response(self._packed, self.moved)
-        head = slice(self.target.origin, self._end)
-        usual = (self.signals[-1] - begun - self._led[-1])[head]
+        usual = self.signals[-1] - begun
+        head = slice(self.target.origin, self._head_end(usual))
         for k in range(min(first, tail), count):
             stage = self.model.stages[k]
             for j in np.arange(self._packed.size)[stage.columns]:
@@ -196,28 +205,34 @@ class Motion:
                 packed = self._packed.copy()
                 packed[j] += step
                 row = np.zeros(self.target.voltage.size)
+                size, place = packed[j] - self._packed[j], free.index(q.name)
                 if k >= first:
-                    row[head] = self._parted(k, packed) - usual
+                    row[head] = (self._parted(k, packed, head) - usual[head]) / size - led[
+                        place, head
+                    ]
                 if k >= tail:
-                    row += self._tails.response(packed, self.moved) - begun
-                found[free.index(q.name)] = row / (packed[j] - self._packed[j])
+                    row += (self._tails.response(packed, self.moved) - begun) / size
+                found[place] = row
         return found
 
-    def _parted(self, first: int, packed: FloatArray) -> FloatArray:
-        """Return the difference that the moved states make with other parameters of a stage."""
+    def _head_end(self, usual: FloatArray) -> int:
+        """Return the sample up to which `usual`, without tails, is other than as led in."""
         origin = self.target.origin
-        before = self._led[first][:origin]
-        led, moved = (each[first][origin : self._end] for each in (self._led, self.signals))
+        change = np.abs(usual - self._led[-1])[origin : self._end]
+        left = np.flatnonzero(change > _PASSED * float(change.max(initial=0.0)))
+        return origin + (int(left[-1]) + 1 if left.size else 0)
+
+    def _parted(self, first: int, packed: FloatArray, head: slice) -> FloatArray:
+        """Return the run from the moved states with other parameters of a stage."""
+        before, moved = self._led[first][: head.start], self.signals[first][head]
         for k in range(first, len(self.model.stages)):
             state = self.model.stages[k].initial_state(self.target.dt, self.target.start)
             before = self._through(k, before, packed, state)
-            other = state.copy()
             for each in self._others:
                 if each.stage == k:
-                    other[each.place] += each.amount
-            led = self._through(k, led, packed, state)
-            moved = self._through(k, moved, packed, other)
-        return moved - led
+                    state[each.place] += each.amount
+            moved = self._through(k, moved, packed, state)
+        return moved
 
 
 def start_rows(motion: Motion) -> tuple[list[FloatArray], list[Moved]]:
