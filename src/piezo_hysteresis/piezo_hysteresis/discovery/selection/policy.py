@@ -63,19 +63,21 @@ class SelectionPolicy:
     first_tolerance: float = number(
         1e-4,
         '1',
-        'Relative decrease of the sum of squares that counts as none in trials and first fits.',
+        'Relative decrease of the sum of squares that counts as none in trials and first fits; of '
+        'what is beyond the noise, also in fits to all samples.',
         'effort: they only rank, and what a name asks for is hundreds of times as much',
     )
     final_tolerance: float = number(
         1e-6,
         '1',
-        'The same in fits to all samples.',
+        'The same in fits to all samples, where only noise is left.',
         'effort: a tenth of a standard error where 10 000 samples count',
     )
     final_within: float = number(
         4.0,
         '1',
-        'Sum of squares of a first fit, over that of the best, up to which it gets a final one.',
+        'Sum of squares of a first fit, over that of the best, up to which it gets a final one; '
+        'one that does not promise half of the way there is given up.',
         'effort',
     )
     promising: float = number(
@@ -174,7 +176,7 @@ class SelectionPolicy:
         2.0,
         '1',
         'Sum of squares of another effect, over that of the winner, up to which it gets a second '
-        'chance once the others are known.',
+        'chance once the others are known; final fits that promise no such thing are given up.',
         'effort',
     )
     explained_gap: float = number(
