@@ -3,8 +3,9 @@
     python bench/discovery_speed.py [--against COMMIT] [--large]
 
 Each case is made by `piezo_sim`, hides creep and is given to the `discover` of this checkout, and
-of the commit where one is named, one after the other, each in a process of its own, after one run
-that compiles. `--large` adds 12 million samples with a time limit.
+of the commit where one is named, one after the other, each in a process of its own, after one on
+a few short records that compiles. `--large` adds 12 million samples with a time limit, `--cases`
+says how many of the others.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ CASES = (
     Case('180 400 samples, 22 records', tuple(_sweep(range(1, 34, 3), '.5,1', 8.2, 1000.0))),
     Case('87 000 samples at 10 kHz', tuple(_sweep((20, 40, 100), '1', 2.9, 10_000.0))),
 )
+SHORT = Case('few short records', tuple(_sweep((3, 7, 12, 19, 27, 40), '.5,1', 1.0, 1000.0)))
 LARGE = Case(
     '12 million samples, 12 records',
     tuple(_sweep((0.5, 1, 2, 3, 5, 8, 11, 13, 17, 19, 23, 29), '1', 1000.0, 1000.0)),
@@ -99,6 +101,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--against', help='a commit')
     parser.add_argument('--large', action='store_true')
+    parser.add_argument('--cases', type=int, default=len(CASES))
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
@@ -108,19 +111,22 @@ def main() -> None:
         print(
             '| records | checkout | s | processor s | GiB | named |\n|---|---|---:|---:|---:|---|'
         )
-        for place, case in enumerate((*CASES, *([LARGE] if arguments.large else []))):
+        cases = (*CASES[: arguments.cases], *([LARGE] if arguments.large else []))
+        for place, case in enumerate((SHORT, *cases)):
             bag, out = folder / f'bag{place}', folder / f'out{place}'
             run(ROOT, ['piezo_sim', 'sweep', *case.sweep, '--seed', '1', '--out', str(bag)])
             for name, root in roots.items():
                 found = out / name
                 asked = ['discover', str(bag), '--baseline', 'bouc_wen_mode', *case.words]
-                if not place:
-                    run(root, ['piezo_hysteresis', *asked, '--out', str(out / f'first {name}')])
-                _measure(case.name, name, root, [*asked, '--out', str(found)], found)
+                words = ['piezo_hysteresis', *asked, '--out', str(found)]
+                if case is SHORT:
+                    run(root, words)
+                else:
+                    _measure(case.name, name, root, words, found)
 
 
 def _measure(case: str, name: str, root: Path, words: Sequence[str], out: Path) -> None:
-    seconds, spent, most, code = run(root, ['piezo_hysteresis', *words])
+    seconds, spent, most, code = run(root, words)
     told = f'exit code {code}'
     if code == 0:
         verdict = json.loads((out / 'verdict.json').read_text(encoding='utf-8'))
