@@ -85,6 +85,10 @@ def test_who_follows_need_only_come_near_the_one_that_goes_ahead() -> None:
     assert FreeEvaluator.raced(evaluator, gone_on, fits[2:], 2.0, fits[0]) == [fits[2]]
     assert asked == [2.0 * fits[0].square]
     assert FreeEvaluator.raced(evaluator, gone_on, [], 2.0) == []
+    # one that is no effect sets no measure
+    asked.clear()
+    FreeEvaluator.raced(evaluator, gone_on, fits, 4.0, wins=lambda best: best is not fits[0])
+    assert asked == [np.inf, np.inf, np.inf]
 
 
 def test_final_fits_are_for_different_effects_that_came_near() -> None:

@@ -242,6 +242,7 @@ class Evaluator(ABC):
         fits: Sequence[CandidateFit],
         within: float,
         best: CandidateFit | None = None,
+        wins: Callable[[CandidateFit], bool] = lambda fit: True,
     ) -> list[CandidateFit]:
         """Return fits gone on with, those that fail left out.
 
@@ -258,10 +259,14 @@ class Evaluator(ABC):
             Sum of squares over that of the best that is still of use.
         best : CandidateFit, optional
             Of the same kind as what comes out.
+        wins : callable
+            Whether the best is such that the others have to come near it.
         """
         ahead = [function(fit, inf) for fit in fits[:1]] if best is None else []
         first = ahead[0] if ahead else best
-        enough = inf if first is None else self.enough(first, within)
+        enough = inf
+        if first is not None and len(fits) > len(ahead) and wins(first):
+            enough = self.enough(first, within)
         others = self.map(lambda fit: function(fit, enough), fits[len(ahead) :])
         return [fit for fit in (*ahead, *others) if fit is not None]
 

@@ -93,7 +93,7 @@ def select(
     )
     fitted = ranked(evaluator, first)
     progress(0.6, f'{len(fitted)} first fits')
-    finalists = _finalists(evaluator, before, fitted, start)
+    finalists = _finalists(evaluator, before, fitted, start, len(every))
     if not finalists:
         return None
     progress(1.0, f'{len(finalists)} finalists')
@@ -105,6 +105,7 @@ def _finalists(
     before: CandidateFit,
     fitted: Sequence[CandidateFit],
     start: CandidateFit,
+    tried: int,
 ) -> list[CandidateFit]:
     """Return the best first fits ended on all samples, best first.
 
@@ -114,13 +115,18 @@ def _finalists(
     if not hopeful:
         nearest = of_different_places(fitted, evaluator.policy)
         return ranked(evaluator, _finite(evaluator, evaluator.map(evaluator.judged, nearest)))
-    leaders = _final_fits(evaluator, of_different_places(hopeful, evaluator.policy))
+
+    def wins(fit: CandidateFit) -> bool:
+        worthy = evaluator.stays_finite(fit) and evaluator.is_worthy(before, fit, start)
+        return worthy and evaluator.is_sure(before, fit, tried)
+
+    leaders = _final_fits(evaluator, of_different_places(hopeful, evaluator.policy), wins)
     if not leaders:
         return []
     variants = [
         _nearer(evaluator, before, fit, leaders[0]) for fit in _other_variants(leaders, fitted)
     ]
-    others = _final_fits(evaluator, variants, leaders[0])
+    others = _final_fits(evaluator, variants, wins, leaders[0])
     return ranked(evaluator, [*leaders, *others])
 
 
@@ -213,12 +219,16 @@ def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> Cand
 
 
 def _final_fits(
-    evaluator: Evaluator, fits: Sequence[CandidateFit], best: CandidateFit | None = None
+    evaluator: Evaluator,
+    fits: Sequence[CandidateFit],
+    wins: Callable[[CandidateFit], bool],
+    best: CandidateFit | None = None,
 ) -> list[CandidateFit]:
-    """Fit on all of the training records; return what survives, best first.
+    """Return what survives of fits on all of the training records, best first.
 
-    One that cannot become a rival of the best is not followed to its end, nor one beside a `best`
-    of the same effect that cannot become better. Where the time is over, they are only judged.
+    Where the best of them wins, one that cannot become a rival is not followed to its end, nor one
+    beside a `best` of the same effect that cannot become better. Where the time is over, they are
+    only judged.
     """
 
     def ended(fit: CandidateFit, enough: float) -> CandidateFit | None:
@@ -227,7 +237,7 @@ def _final_fits(
         return evaluator.fit(fit, enough=enough)
 
     within = evaluator.policy.rival_within if best is None else 1.0
-    final = evaluator.raced(ended, fits, within, best)
+    final = evaluator.raced(ended, fits, within, best, wins)
     return ranked(evaluator, _finite(evaluator, final))
 
 
