@@ -205,3 +205,14 @@ def test_rounding_that_repeats_with_the_drive_is_noise_all_the_same(share, perio
     assert found.rms**2 == pytest.approx(true, rel=found.rounding + 0.1)
     assert found.rounding < 0.25
     assert (found.rounding == 0.0) == (period == 200.0)
+
+
+@pytest.mark.parametrize('ratio', [1e-3, 0.1, 1.0, 10.0, 1e3, 1e9])
+def test_noise_far_from_the_step_of_its_converter_is_told_all_the_same(ratio: float) -> None:
+    step, count, t = 1e-9, 4000, np.arange(4000)
+    noise = ratio * step * np.random.default_rng(8).standard_normal(count)
+    clean = 1e3 * step * np.sin(2 * np.pi * t / 400)
+    measured = clean + noise if ratio > 1e3 else step * np.round((clean + noise) / step)
+    record = Record('r', 1e-3, np.sin(2 * np.pi * t / 400), measured)
+    told = noise_of(record).rms
+    assert 0.2 * max(ratio, 0.29) * step < told < 2.0 * max(ratio, 0.29) * step

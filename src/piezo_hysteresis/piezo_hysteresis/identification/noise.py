@@ -140,7 +140,14 @@ def _with_repeated_rounding(seen: float, step: float) -> float:
         return float(np.sum(np.exp(-((2.0 * np.pi * k * std / step) ** 2)) / k**2)) * share
 
     share = step**2 / (2.0 * np.pi**2)
-    std = brentq(lambda x: x**2 + step**2 / 12.0 - unseen(x) - seen**2, 0.0, seen)
+
+    def missed(std: float) -> float:
+        # differences first: a step may be lost beside the noise, or the noise beside the step
+        return (std**2 - seen**2) + (step**2 / 12.0 - unseen(std))
+
+    if missed(0.0) >= 0.0:
+        return step**2 / 12.0
+    std = brentq(missed, 0.0, seen) if missed(seen) > 0.0 else seen
     return float(std) ** 2 + step**2 / 12.0
 
 
