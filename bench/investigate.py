@@ -29,7 +29,7 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.discovery import load
-from bench.investigate_table import page, table
+from bench.investigate_table import goals, page, table
 from bench.investigate_worlds import Bench, Changed, changed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.investigation.choose import ExperimentChoice
@@ -166,6 +166,7 @@ def main() -> int:
     add('--out', type=Path, default=Path('out/investigate'))
     add('--table', action='store_true', help='only print what is there')
     add('--page', type=Path, help='write the table as a page of documentation, too')
+    add('--remarks', default='', help='sentences for that page')
     words = parser.parse_args()
     words.out.mkdir(parents=True, exist_ok=True)
     results = words.out / f'results_{words.seed}.jsonl'
@@ -180,7 +181,8 @@ def main() -> int:
     rows = load(results)
     print(table(rows))
     if words.page:
-        words.page.write_text(page(rows, words.seed), encoding='utf-8')
+        aims = goals(rows, BUDGET, (LIMITS.low, LIMITS.high, LIMITS.slew))
+        words.page.write_text(page(rows, words.seed, aims, words.remarks), encoding='utf-8')
     return 0
 
 

@@ -34,8 +34,55 @@ def _line(kind: str, way: str, rows: Rows) -> str:
     return f'| {name} | {len(rows)} | {right} | {wrong} | {spent:.1f} s | {first} |'
 
 
-def page(rows: Rows, seed: int) -> str:
-    """Return the page of documentation."""
+def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
+    """Return what was aimed at beside what came out.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        What came out.
+    budget : float
+        Actuator time that might be spent [s].
+    limits : (float, float, float)
+        Least and greatest voltage [V], and fastest change [V/s], that were allowed.
+    """
+    chosen, fixed = (
+        {row['key']: row for row in rows if row['way'] == way and row['kind'] == 'single'}
+        for way in ('designed', 'battery')
+    )
+    both = sorted(chosen.keys() & fixed.keys())
+    right = [sum(way[key]['right'] for key in both) for way in (chosen, fixed)]
+    spent = [median(way[key]['seconds'] for key in both) for way in (chosen, fixed)]
+    nulls = [r['seconds'] for r in rows if r['kind'] == 'null' and r['way'] == 'designed']
+    early = sum(seconds <= 0.1 * budget for seconds in nulls)
+    driven = [row['extremes'] for row in rows if 'extremes' in row]
+    worst = min(e[0] for e in driven), max(e[1] for e in driven), max(e[2] for e in driven)
+    return '\n'.join(
+        (
+            '| goal | came out |',
+            '|---|---|',
+            (
+                f'| a third of the time of the battery | {spent[0]:.1f} s of {spent[1]:.1f} s: '
+                f'{spent[0] / spent[1]:.0%}, median over {len(both)} actuators |'
+            ),
+            (
+                f'| as often right as the battery, or more often | {right[0]} of {len(both)}; the '
+                f'battery {right[1]} |'
+            ),
+            (
+                f'| nothing hidden: over in the first tenth of {budget:g} s | {early} of '
+                f'{len(nulls)}; the longest took {max(nulls):.1f} s |'
+            ),
+            (
+                f'| commands within {limits[0]:g} .. {limits[1]:g} V and {limits[2]:g} V/s | '
+                f'{worst[0]:.3g} .. {worst[1]:.3g} V, at most {worst[2]:.3g} V/s |'
+            ),
+        )
+    )
+
+
+def page(rows: Rows, seed: int, aims: str, remarks: str = '') -> str:
+    """Return the page of documentation: what was aimed at, every row, and remarks."""
     each = [
         '| hidden | way | named | time | end |\n|---|---|---|---:|---|',
         *(
@@ -49,8 +96,7 @@ def page(rows: Rows, seed: int) -> str:
         f'Written by `python bench/investigate.py --table --seed {seed} --page '
         'docs/investigate_study.md`, which says what was done. Simulated actuators of random '
         'numbers; times are seconds for which it is driven, conditioning included.\n\n'
-        f'{table(rows)}\n\n'
-        'Right: what changed is named, and nothing else. Every actuator, misses included:\n\n'
-        + '\n'.join(each)
-        + '\n'
+        f'{aims}\n\n{table(rows)}\n\n'
+        'Right: what changed is named, and nothing else. '
+        f'{remarks}Every actuator, misses included:\n\n' + '\n'.join(each) + '\n'
     )
