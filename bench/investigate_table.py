@@ -51,9 +51,11 @@ def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
         for way in ('designed', 'battery')
     )
     both = sorted(chosen.keys() & fixed.keys())
+    nulls = [r['seconds'] for r in rows if r['kind'] == 'null' and r['way'] == 'designed']
+    if not (both and nulls):
+        return 'Rows of designed, battery and null actuators are needed to judge the goals.'
     right = [sum(way[key]['right'] for key in both) for way in (chosen, fixed)]
     spent = [median(way[key]['seconds'] for key in both) for way in (chosen, fixed)]
-    nulls = [r['seconds'] for r in rows if r['kind'] == 'null' and r['way'] == 'designed']
     early = sum(seconds <= 0.1 * budget for seconds in nulls)
     driven = [row['extremes'] for row in rows if 'extremes' in row]
     worst = min(e[0] for e in driven), max(e[1] for e in driven), max(e[2] for e in driven)
