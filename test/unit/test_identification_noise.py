@@ -216,3 +216,16 @@ def test_noise_far_from_the_step_of_its_converter_is_told_all_the_same(ratio: fl
     record = Record('r', 1e-3, np.sin(2 * np.pi * t / 400), measured)
     told = noise_of(record).rms
     assert 0.2 * max(ratio, 0.29) * step < told < 2.0 * max(ratio, 0.29) * step
+
+
+def test_a_section_that_hardly_repeats_behind_its_warm_up_shows_what_differences_do():
+    time = np.arange(256) * 1e-3
+    voltage = np.sin(2 * np.pi * 50.0 * time) * np.minimum(time / 0.2, 1.0)
+    noise = 1e-8 * np.random.default_rng(1).standard_normal(time.size)
+    info = RecordInfo(excitation='sine', frequency=50.0, warm_up=0.25)
+    record = Record('way in', 1e-3, voltage, 1e-4 * voltage + noise, info=info)
+    assert repeat_of(record).last - record.warm_up_samples < 10
+    shown = noise_of(record)
+    assert shown.lines == 0 or shown.rms > 0.0
+    longer = replace(record, info=replace(info, warm_up=0.1))
+    assert noise_of(longer).rms == pytest.approx(1e-8, rel=0.5)

@@ -169,7 +169,7 @@ def _seen_noise(record: Record) -> tuple[Noise, bool]:
     if period and steady.size >= 2 * period:
         return robust_noise(steady[period:] - steady[:-period], period), True
     repeat = repeat_of(record)
-    if repeat is not None:
+    if repeat is not None and repeat.shows_from(record.warm_up_samples):
         return _between_samples(measured, repeat, record.warm_up_samples), False
     return differences_noise(measured[record.warm_up_samples :]), False
 

@@ -50,6 +50,11 @@ class Repeat:
     first: int
     last: int
 
+    def shows_from(self, sample: int) -> bool:
+        """Return whether enough of the stretch lies behind a sample to be compared with itself."""
+        left = self.last - max(self.first, sample)
+        return left >= max(_PERIODS * self.period, 4 * _HALF)
+
 
 @remembered
 def repeat_of(record: Record) -> Repeat | None:
