@@ -26,8 +26,10 @@ def end():
     if sys.argv[1] == 'ends':
         time.sleep(0.5)
 """
+# as from a terminal: whoever runs these tests in the background has switched interrupts off
 RUN = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from piezo_common.interrupts import run_command_line
 sys.exit(run_command_line('tale'))
 """

@@ -28,7 +28,7 @@ START_SAMPLES = 60_000
 RECORDS_SAMPLES = 240_000  # of records from which starts are found; what is fitted next sees fewer
 EVALUATIONS = 60
 # Starts that are followed, and how often a fit may tell anew how the records began.
-_COUNT, _REVISIONS = 4, 4
+_COUNT, _REVISIONS = 4, 3
 TOLERANCE = 1e-7  # a tenth of that of later fits: every gain is counted from here
 
 
@@ -99,13 +99,14 @@ def _rested(
     fit: CandidateFit, seen: Dataset, data: Dataset, choices: Choices, workers: int
 ) -> tuple[CandidateFit, Dataset]:
     """Return the fit to all samples, and the records as it tells that they began."""
+    fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     for _ in range(_REVISIONS):
-        fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
         renewed = told_by(fit, data, choices)
         pairs = zip(seen.training, renewed.training, strict=True)
         if all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs):
             break
         seen = renewed
+        fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     return fit, seen
 
 
