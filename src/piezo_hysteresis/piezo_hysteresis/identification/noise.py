@@ -170,17 +170,19 @@ def _seen_noise(record: Record) -> tuple[Noise, bool]:
         return robust_noise(steady[period:] - steady[:-period], period), True
     repeat = repeat_of(record)
     if repeat is not None and repeat.shows_from(record.warm_up_samples):
-        return _between_samples(measured, repeat, record.warm_up_samples), False
+        left = _between_samples(measured, repeat, record.warm_up_samples)
+        if left.size >= 4 * WIDTH:  # without a spectrum creep would pass for noise
+            return robust_noise(left, repeat.period), False
     return differences_noise(measured[record.warm_up_samples :]), False
 
 
-def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> Noise:
-    """Return the noise where the drive repeats after a period that is no whole number."""
+def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> FloatArray:
+    """Return what differs from a period before, where that is no whole number of samples."""
     first = max(repeat.first, warm_up)
     if repeat.last - first >= 4 * repeat.period:  # a transient is over after a period
         first += round(repeat.period)
     steady = measured[first : repeat.last]
-    return robust_noise(less_the_period_before(steady, repeat.period), repeat.period)
+    return less_the_period_before(steady, repeat.period)
 
 
 def noises_of(records: Sequence[Record]) -> list[Noise]:
