@@ -150,8 +150,10 @@ def output_error(
     found = starts(chain, few, names, known, count=count)
     best = follow(few, found)
     result = end(targets, best)
+    if leaves_noise(result):
+        return result
     apart = _by_own_zeros(chain, few, names, known, found, choices)
-    if apart is None or leaves_noise(result):
+    if apart is None:
         return result
     best = follow(*apart)
     # told by this model first, or a fit to all of it would make a loop of the zeros again
