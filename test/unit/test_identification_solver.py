@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from piezo_hysteresis.identification.solver import Problem, solve
+from piezo_hysteresis.identification.solver import Problem, bounded_step, solve
 
 
 class Rosenbrock(Problem):
@@ -83,3 +83,15 @@ def test_the_solver_gives_up_what_cannot_be_of_use() -> None:
     assert not left.converged
     assert 'gave up' in left.message
     assert left.evaluations == 1
+
+
+def test_the_unit_of_an_unknown_does_not_matter() -> None:
+    """Beside volts a curve in 1/m^2 acts by columns a million million times as small."""
+    random = np.random.default_rng(3)
+    matrix, wanted = random.standard_normal((40, 3)), np.array([1.0, -2.0, 0.5])
+    for unit in (1e-18, 1.0, 1e18):
+        sizes = np.array([1.0, 1.0, unit])
+        factor = np.linalg.qr(matrix * sizes, mode='r')
+        rhs = -factor @ (wanted / sizes)
+        step = bounded_step(factor, rhs, np.zeros(3), np.full(3, -np.inf), np.full(3, np.inf))
+        assert step * sizes == pytest.approx(wanted, rel=1e-9)

@@ -106,10 +106,12 @@ def bounded_step(
         known = rhs + factor[:, ~free] @ step[~free]
         stacked = np.vstack([factor[:, free], np.diag(damping[free])])
         target = np.concatenate([-known, np.zeros(int(free.sum()))])
-        solved = solve_least_squares(stacked, target)
+        # of one size: beside volts a curve of the sensor in 1/m^2 would count as rounding
+        sizes = _nonzero(column_norms(stacked))
+        solved = solve_least_squares(stacked / sizes, target)
         if not solved.sound:
             return np.full(p, np.nan)
-        step[free] = solved.values
+        step[free] = solved.values / sizes
         out: BoolArray = free & ((step < low) | (step > high))
         if not np.any(out):
             break
@@ -262,7 +264,10 @@ def _usable(factor: FloatArray, rhs: FloatArray, cost: float) -> bool:
 
 
 def _norms(factor: FloatArray) -> FloatArray:
-    norms = column_norms(factor)
+    return _nonzero(column_norms(factor))
+
+
+def _nonzero(norms: FloatArray) -> FloatArray:
     return np.where(norms > 0, norms, 1.0)
 
 
