@@ -64,13 +64,14 @@ def between_ticks() -> None:
 
 
 def derivatives() -> None:
-    """Differentiate every block, by its kernel where it has one."""
+    """Differentiate every block, by its kernel where it has one, and chains that need a path."""
     from piezo_hysteresis.blocks import BLOCKS
     from piezo_hysteresis.identification.sensitivities import sensitivities
     from piezo_hysteresis.models import Model
+    from piezo_hysteresis.models.named import FOLLOWED
 
-    for block in BLOCKS.values():
-        model = Model(block.name, (block,))
+    for blocks in (*((name,) for name in BLOCKS), *FOLLOWED):
+        model = Model('differentiated', tuple(BLOCKS[name] for name in blocks))
         packed, signal = model.pack(model.defaults()), np.linspace(0.0, 1.0, 8)
         # those that follow the range are differenced, and hide the kernel of their block
         names = [q.name for q in model.parameters if not (q.held or q.follows_range)]

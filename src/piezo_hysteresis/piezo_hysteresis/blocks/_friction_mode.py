@@ -14,13 +14,28 @@ _BRIEF = 1e-6  # share of a step that is not worth one of its own
 
 Transition = tuple[float, float, float, float]
 """Of position and velocity over a time, (a11, a12, a21, a22), see `hold`."""
+Triple = tuple[float, float, float]
+"""Position, velocity and bristles, or the input at start, middle and end of a step."""
+Law = tuple[float, float, float, float, float, float, float, float]
+"""The parameters of the block, and to how much of the linear stiffness a spring is followed."""
 
 
 @jit
-def transitions(p: FloatArray, h: float) -> tuple[Transition, Transition]:
+def law_of(p: FloatArray, h: float) -> Law:
+    """Return what rules steps of `h` [s].
+
+    Numbers and not an array: the compiler keeps them in registers, where an array would be read
+    anew after every write to another. That is a factor of 4 in time.
+    """
+    stiffest = 1.0 / (2.0 * pi * p[0] * h) ** 2
+    return p[0], p[1], p[2], p[3], p[4], p[5], p[6], stiffest
+
+
+@jit
+def transitions(law: Law, h: float) -> tuple[Transition, Transition]:
     """Return the transitions of the linear mode over half a step of `h` [s] and over the whole."""
-    omega = 2.0 * pi * p[0]
-    return hold(omega, p[1], 0.5 * h), hold(omega, p[1], h)
+    omega = 2.0 * pi * law[0]
+    return hold(omega, law[1], 0.5 * h), hold(omega, law[1], h)
 
 
 @jit
@@ -49,71 +64,61 @@ def spring(position: float, cubic: float, stiffest: float) -> float:
 
 
 @jit
-def pull(
-    x: float, v: float, begun: tuple[float, float], time: float, p: FloatArray, stiffest: float
-) -> float:
-    """Return the force that acts back at `x`, `time` after the bristles were at `begun`.
+def pull(x: float, begun: Triple, time: float, law: Law) -> float:
+    """Return the force that acts back at `x`, `time` after the mode was at `begun`.
 
-    `begun` is position and deflection at the start of the step; on the way they are told by the
-    move since then, exactly as long as it goes one way.
+    The bristles on the way are told by the move since then, exactly as long as it goes one way.
     """
-    force = spring(x, p[2], stiffest)
-    if p[3] > 0.0:
-        bristle = begun[1]
+    force = spring(x, law[2], law[7])
+    if law[3] > 0.0:
+        bristle = begun[2]
         if time > 0.0:
-            bristle = friction_state(bristle, x - begun[0], time, p[4], p[5], p[6])
-        force += p[3] * bristle
+            bristle = friction_state(bristle, x - begun[0], time, law[4], law[5], law[6])
+        force += law[3] * bristle
     return force
 
 
 @jit
 def advance(
-    f: tuple[float, float, float],
-    state: FloatArray,
-    p: FloatArray,
-    h: float,
-    over: tuple[Transition, Transition],
-    stiffest: float,
-) -> None:
-    """Move `state` on by `h` [s] with the input `f` at its start, middle and end.
+    f: Triple, begun: Triple, law: Law, h: float, over: tuple[Transition, Transition]
+) -> Triple:
+    """Return where the mode is `h` [s] after `begun` with the input `f`.
 
     The linear part is exact, by its transition over half and the whole of the step; what the
     input does within the step and the forces that act back are carried by a Runge-Kutta scheme of
     fourth order in coordinates that move with the linear part (Lawson).
     """
     half, full = over
-    square = (2.0 * pi * p[0]) ** 2
-    begun = (state[0], state[2])
-    x, v = state[0] - f[1], state[1]
-    a1 = square * (f[0] - f[1] - pull(state[0], v, begun, 0.0, p, stiffest))
-    xh, vh = half[0] * x + half[1] * v, half[2] * x + half[3] * v
-    x2, v2 = xh + 0.5 * h * half[1] * a1, vh + 0.5 * h * half[3] * a1
-    a2 = -square * pull(x2 + f[1], v2, begun, 0.5 * h, p, stiffest)
-    a3 = -square * pull(xh + f[1], vh + 0.5 * h * a2, begun, 0.5 * h, p, stiffest)
+    square = (2.0 * pi * law[0]) ** 2
+    x, v = begun[0] - f[1], begun[1]
+    a1 = square * (f[0] - f[1] - pull(begun[0], begun, 0.0, law))
+    xh = half[0] * x + half[1] * v
+    a2 = -square * pull(xh + 0.5 * h * half[1] * a1 + f[1], begun, 0.5 * h, law)
+    a3 = -square * pull(xh + f[1], begun, 0.5 * h, law)
     xf, vf = full[0] * x + full[1] * v, full[2] * x + full[3] * v
-    x4, v4 = xf + h * half[1] * a3, vf + h * half[3] * a3
-    a4 = square * (f[2] - f[1] - pull(x4 + f[1], v4, begun, h, p, stiffest))
+    a4 = square * (f[2] - f[1] - pull(xf + h * half[1] * a3 + f[1], begun, h, law))
     moved = xf + h / 6.0 * (full[1] * a1 + 2.0 * half[1] * (a2 + a3)) + f[1]
-    state[1] = vf + h / 6.0 * (full[3] * a1 + 2.0 * half[3] * (a2 + a3) + a4)
-    if p[3] > 0.0:
-        state[2] = friction_state(state[2], moved - state[0], h, p[4], p[5], p[6])
-    state[0] = moved
+    speed = vf + h / 6.0 * (full[3] * a1 + 2.0 * half[3] * (a2 + a3) + a4)
+    bristle = begun[2]
+    if law[3] > 0.0:
+        bristle = friction_state(bristle, moved - begun[0], h, law[4], law[5], law[6])
+    return moved, speed, bristle
 
 
 @jit
-def turn(before: float, after: float, p: FloatArray) -> float:
+def turn(before: float, after: float, law: Law) -> float:
     """Return the share of a step at which what rubs turns round; 0 where it does not.
 
     `before` and `after` are the velocities at its ends.
     """
-    if p[3] == 0.0 or before * after >= 0.0:
+    if law[3] == 0.0 or before * after >= 0.0:
         return 0.0
     share = before / (before - after)
     return 0.0 if share < _BRIEF or share > 1.0 - _BRIEF else share
 
 
 @jit
-def within(f: tuple[float, float, float], begin: float, end: float) -> tuple[float, float, float]:
+def within(f: Triple, begin: float, end: float) -> Triple:
     """Return the input at start, middle and end of a part of a step."""
     slope, bend = -3.0 * f[0] + 4.0 * f[1] - f[2], 2.0 * (f[0] - 2.0 * f[1] + f[2])
     middle = 0.5 * (begin + end)
@@ -125,41 +130,25 @@ def within(f: tuple[float, float, float], begin: float, end: float) -> tuple[flo
 
 
 @jit
-def in_two(
-    f: tuple[float, float, float],
-    state: FloatArray,
-    p: FloatArray,
-    h: float,
-    share: float,
-    stiffest: float,
-) -> None:
-    """Move `state` on by `h` [s] in two parts, the first as long as `share` says."""
-    for begin, end in ((0.0, share), (share, 1.0)):
-        part = (end - begin) * h
-        advance(within(f, begin, end), state, p, part, transitions(p, part), stiffest)
+def in_two(f: Triple, begun: Triple, law: Law, h: float, share: float) -> Triple:
+    """Return where the mode is after a step in two parts, the first as long as `share` says."""
+    first, second = share * h, (1.0 - share) * h
+    there = advance(within(f, 0.0, share), begun, law, first, transitions(law, first))
+    return advance(within(f, share, 1.0), there, law, second, transitions(law, second))
 
 
 @jit
 def turning(
-    f: tuple[float, float, float],
-    state: FloatArray,
-    p: FloatArray,
-    h: float,
-    over: tuple[Transition, Transition],
-    stiffest: float,
-) -> None:
-    """Move `state` on as `advance` does; where it rubs and turns round, in two parts.
+    f: Triple, begun: Triple, law: Law, h: float, over: tuple[Transition, Transition]
+) -> Triple:
+    """Return where the mode is as `advance` does; where it rubs and turns round, in two parts.
 
     The force of the bristles has a corner there. The turn is where the velocity, as far as the
     whole step tells, runs through zero.
     """
-    x, v, bristle = state[0], state[1], state[2]
-    advance(f, state, p, h, over, stiffest)
-    share = turn(v, state[1], p)
-    if share == 0.0:
-        return
-    state[0], state[1], state[2] = x, v, bristle
-    in_two(f, state, p, h, share, stiffest)
+    there = advance(f, begun, law, h, over)
+    share = turn(begun[1], there[1], law)
+    return there if share == 0.0 else in_two(f, begun, law, h, share)
 
 
 @jit
@@ -177,13 +166,21 @@ def kernel(
     """Return the position; state is (position [m], velocity [m/s], bristle)."""
     parts = parts_of_a_tick(p, dt)
     h = dt / parts
-    over = transitions(p, h)
-    stiffest = 1.0 / (2.0 * pi * p[0] * h) ** 2
+    law = law_of(p, h)
+    over = transitions(law, h)
+    now = (state[0], state[1], state[2])
     for k in range(x.size):
-        y[k] = state[0]
+        y[k] = now[0]
         held = (x[k], x[k], x[k])
         for _ in range(parts):
-            turning(held, state, p, h, over, stiffest)
+            now = turning(held, now, law, h, over)
+    state[0], state[1], state[2] = now
+
+
+@jit
+def parts_of_a_step(p: FloatArray, dt: float, steps: int) -> int:
+    """Return into how many parts, an even number, one of `steps` per tick is divided."""
+    return 2 * max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))
 
 
 @jit
@@ -193,23 +190,17 @@ def along(
 ) -> None:  # fmt: skip
     """Return the position along a path, three points to a step; state as in the kernel."""
     steps = points // 3
-    middle = max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))
-    parts = 2 * middle
+    parts = parts_of_a_step(p, dt, steps)
     h = dt / (steps * parts)
-    over = transitions(p, h)
-    stiffest = 1.0 / (2.0 * pi * p[0] * h) ** 2
+    law = law_of(p, h)
+    over = transitions(law, h)
+    now = (state[0], state[1], state[2])
     for k in range(0, x.size, 3):
-        slope = -3.0 * x[k] + 4.0 * x[k + 1] - x[k + 2]
-        bend = 2.0 * (x[k] - 2.0 * x[k + 1] + x[k + 2])
-        y[k] = state[0]
+        whole = (x[k], x[k + 1], x[k + 2])
+        y[k] = now[0]
         for i in range(parts):
-            t0, t1, t2 = i / parts, (i + 0.5) / parts, (i + 1) / parts
-            f = (
-                x[k] + t0 * (slope + t0 * bend),
-                x[k] + t1 * (slope + t1 * bend),
-                x[k] + t2 * (slope + t2 * bend),
-            )
-            turning(f, state, p, h, over, stiffest)
-            if i + 1 == middle:
-                y[k + 1] = state[0]
-        y[k + 2] = state[0]
+            now = turning(within(whole, i / parts, (i + 1) / parts), now, law, h, over)
+            if 2 * (i + 1) == parts:
+                y[k + 1] = now[0]
+        y[k + 2] = now[0]
+    state[0], state[1], state[2] = now

@@ -1,8 +1,8 @@
 """Compiled sensitivities of a mode that is not linear: the derivative of every step.
 
-Position, velocity and bristles are three numbers. So the derivatives of one tick by them, by the
-input and by the block's own parameters are eleven columns, whatever is carried along from
-upstream, and are carried from step to step beside the state.
+Position, velocity and bristles of every row of derivatives are carried from step to step beside
+the state: those of the input with respect to whatever comes from upstream, and those by the
+block's own parameters, as many of them as are wanted.
 """
 
 from __future__ import annotations
@@ -11,11 +11,14 @@ from math import exp, pi
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks._friction_mode import (
+    Law,
     Transition,
-    advance,
+    Triple,
     in_two,
+    law_of,
+    parts_of_a_step,
     parts_of_a_tick,
     transitions,
     turn,
@@ -26,235 +29,272 @@ from piezo_hysteresis.jit import jit
 
 _STATES = 3
 _OWN = 7
-# Directions: states, input, own parameters.
-_INPUT = _STATES
-_FIRST = _STATES + 1
-_DIRECTIONS = _FIRST + _OWN
+# Places of the parameters without which the bristles do nothing, and are as Dahl's law has them,
+# and how much of them counts then.
+_FRICTION, _BREAKAWAY = 3, 5
+_NONE, _DAHL, _STRIBECK = 0, 1, 2
 _STEP = 1e-6  # of a difference, in units of what is usual; sqrt of the rounding, times some
-# Rows of what a step knows, a column per direction: transitions over half and the whole of it,
-# and the squared pace, relative to itself.
-_HALF, _FULL, _SQUARE = 0, 4, 8
-_ROWS = 9
-# Rows of the forces that act back, at start, middle, middle and end, and of the bristles at the
-# end: a column per direction that the force names itself, then by position, by that at the start
-# of the step, and by the bristles there.
-_FORCES = 5
-_BY_X, _BY_START, _BY_BRISTLE = _DIRECTIONS, _DIRECTIONS + 1, _DIRECTIONS + 2
-_COLUMNS = _DIRECTIONS + 3
+# What a step knows of each parameter, and in the last row of none: transitions over half and the
+# whole of it, and the squared pace, relative to itself; the forces that act back at start, middle,
+# middle and end, and the bristles at the end.
+_FULL, _SQUARE, _FORCES, _LAST = 4, 8, 9, 13
+_COLUMNS = 14
 
-Triple = tuple[float, float, float]
+Slope = tuple[float, float, float, float]
+"""A force, and its derivatives by position, by that at the start of the step, by the bristles."""
+Four = tuple[float, float, float, float]
+Step = tuple[Triple, Four, tuple[Slope, Slope, Slope, Slope], tuple[float, float]]
+"""Where a step ends; its accelerations, its forces; bristles at its end by bristles and move."""
 
 
 @jit
-def _timing(p: FloatArray, h: float, rows: FloatArray) -> None:
-    """Write the derivatives of the transitions by frequency and damping, shape (9, 11)."""
-    omega = 2.0 * pi * p[0]
+def _timing(law: Law, h: float, direct: FloatArray) -> None:
+    """Write the derivatives of the transitions by frequency and damping, shape (8, 14)."""
+    omega = 2.0 * pi * law[0]
     for j in range(2):
         for part in range(2):
             step = 0.5 * h if part == 0 else h
-            size = _STEP * (omega if j == 0 else max(p[1], 1e-3))
-            up = hold(omega + size, p[1], step) if j == 0 else hold(omega, p[1] + size, step)
-            low = hold(omega - size, p[1], step) if j == 0 else hold(omega, p[1] - size, step)
+            size = _STEP * (omega if j == 0 else max(law[1], 1e-3))
+            up = hold(omega + size, law[1], step) if j == 0 else hold(omega, law[1] + size, step)
+            low = hold(omega - size, law[1], step) if j == 0 else hold(omega, law[1] - size, step)
             unit = 2.0 * pi if j == 0 else 1.0
-            for i in range(4):
-                rows[4 * part + i, _FIRST + j] = unit * (up[i] - low[i]) / (2.0 * size)
-    rows[_SQUARE, _FIRST] = 2.0 * omega * 2.0 * pi / omega**2
+            first = _FULL * part
+            direct[j, first] = unit * (up[0] - low[0]) / (2.0 * size)
+            direct[j, first + 1] = unit * (up[1] - low[1]) / (2.0 * size)
+            direct[j, first + 2] = unit * (up[2] - low[2]) / (2.0 * size)
+            direct[j, first + 3] = unit * (up[3] - low[3]) / (2.0 * size)
+    direct[0, _SQUARE] = 2.0 / law[0]
 
 
 @jit
 def _bristle(
-    begun: float, move: float, time: float, p: FloatArray
+    begun: float, move: float, time: float, law: Law, rubs: int
 ) -> tuple[float, float, float, float, float, float]:
     """Return `friction_state`; its derivatives by bristle, move and last three parameters."""
     sign = 1.0 if move > 0.0 else -1.0
     if time == 0.0:
         return begun, 1.0, 0.0, 0.0, 0.0, 0.0
-    speed = move / time / p[6]
-    peak = exp(-(speed**2))
-    limit = sign * (1.0 + (p[5] - 1.0) * peak)
-    reach = p[4] * abs(limit)
+    peak = speed = 0.0
+    if rubs == _STRIBECK:
+        speed = move / time / law[6]
+        peak = exp(-(speed**2))
+    limit = sign * (1.0 + (law[5] - 1.0) * peak)
+    reach = law[4] * abs(limit)
     left = exp(-abs(move) / reach)
     apart = (begun - limit) * left
     by_limit = 1.0 - left + apart * abs(move) / reach / limit
-    slope = -2.0 * sign * (p[5] - 1.0) * peak * speed
+    slope = -2.0 * sign * (law[5] - 1.0) * peak * speed
     return (
         limit + apart,
         left,
-        by_limit * slope / (time * p[6]) - apart * sign / reach,
-        apart * abs(move) / (reach * p[4]),
+        by_limit * slope / (time * law[6]) - apart * sign / reach,
+        apart * abs(move) / (reach * law[4]),
         by_limit * sign * peak,
-        -by_limit * slope * speed / p[6],
+        -by_limit * slope * speed / law[6],
     )
 
 
 @jit
 def _pull(
-    row: FloatArray, x: float, begun: tuple[float, float], time: float, p: FloatArray,
-    stiffest: float,
-) -> float:  # fmt: skip
-    """Return `pull`, and its derivatives in `row`, shape (14,)."""
-    share = p[2] * x * x
-    inside = -1.0 < share < stiffest
-    force = min(max(share, -1.0), stiffest) * x
-    by_x = 3.0 * share if inside else min(max(share, -1.0), stiffest)
-    found = _bristle(begun[1], x - begun[0], time, p)
-    row[_FIRST + 2] = x**3 if inside else 0.0
-    row[_FIRST + 3] = found[0]
-    for j in range(3):
-        row[_FIRST + 4 + j] = p[3] * found[3 + j]
-    by_move = p[3] * found[2]
-    row[_BY_X], row[_BY_START], row[_BY_BRISTLE] = by_x + by_move, -by_move, p[3] * found[1]
-    force += p[3] * found[0]
-    return float(force)
+    x: float, begun: Triple, time: float, law: Law, rubs: int, direct: FloatArray, place: int
+) -> Slope:
+    """Return `pull` and its derivatives; those by parameters go to the column `place`."""
+    share = law[2] * x * x
+    inside = -1.0 < share < law[7]
+    held = min(max(share, -1.0), law[7])
+    force, by_x = held * x, 3.0 * share if inside else held
+    direct[2, place] = x**3 if inside else 0.0
+    if rubs == _NONE:
+        return force, by_x, 0.0, 0.0
+    found = _bristle(begun[2], x - begun[0], time, law, rubs)
+    by_move = law[3] * found[2]
+    direct[3, place] = found[0]
+    direct[4, place] = law[3] * found[3]
+    direct[5, place] = law[3] * found[4]
+    direct[6, place] = law[3] * found[5]
+    return force + law[3] * found[0], by_x + by_move, -by_move, law[3] * found[1]
+
+
+@jit
+def _change(slope: Slope, x: float, start: float, bristle: float, own: float) -> float:
+    """Return how a force moves with position, start, bristles and a parameter."""
+    return slope[1] * x + slope[2] * start + slope[3] * bristle + own
 
 
 @jit
 def _stages(
-    f: Triple, begun: Triple, p: FloatArray, h: float, over: tuple[Transition, Transition],
-    stiffest: float, forces: FloatArray,
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """Return the four accelerations of the step that `advance` takes from the state `begun`.
-
-    Derivatives of the forces behind them, and of the bristles at the end, are in `forces`,
-    shape (5, 14).
-    """
+    f: Triple, begun: Triple, law: Law, h: float, over: tuple[Transition, Transition], rubs: int,
+    direct: FloatArray,
+) -> Step:  # fmt: skip
+    """Take a step as `advance` does; the derivatives by parameters go to `direct`."""
     half, full = over
-    square = (2.0 * pi * p[0]) ** 2
-    x, v, start = begun[0] - f[1], begun[1], (begun[0], begun[2])
-    a1 = square * (f[0] - f[1] - _pull(forces[0], begun[0], start, 0.0, p, stiffest))
-    xh, xf = half[0] * x + half[1] * v, full[0] * x + full[1] * v
-    x2 = xh + 0.5 * h * half[1] * a1
-    a2 = -square * _pull(forces[1], x2 + f[1], start, 0.5 * h, p, stiffest)
-    a3 = -square * _pull(forces[2], xh + f[1], start, 0.5 * h, p, stiffest)
-    x4 = xf + h * half[1] * a3
-    a4 = square * (f[2] - f[1] - _pull(forces[3], x4 + f[1], start, h, p, stiffest))
+    square = (2.0 * pi * law[0]) ** 2
+    x, v = begun[0] - f[1], begun[1]
+    s1 = _pull(begun[0], begun, 0.0, law, rubs, direct, _FORCES)
+    a1 = square * (f[0] - f[1] - s1[0])
+    xh = half[0] * x + half[1] * v
+    middle = xh + 0.5 * h * half[1] * a1 + f[1]
+    s2 = _pull(middle, begun, 0.5 * h, law, rubs, direct, _FORCES + 1)
+    s3 = _pull(xh + f[1], begun, 0.5 * h, law, rubs, direct, _FORCES + 2)
+    a2, a3 = -square * s2[0], -square * s3[0]
+    xf, vf = full[0] * x + full[1] * v, full[2] * x + full[3] * v
+    s4 = _pull(xf + h * half[1] * a3 + f[1], begun, h, law, rubs, direct, _FORCES + 3)
+    a4 = square * (f[2] - f[1] - s4[0])
     end = xf + h / 6.0 * (full[1] * a1 + 2.0 * half[1] * (a2 + a3)) + f[1]
-    _, by_bristle, by_move, by_4, by_5, by_6 = _bristle(begun[2], end - begun[0], h, p)
-    last = forces[4]
-    last[_FIRST + 4], last[_FIRST + 5], last[_FIRST + 6] = by_4, by_5, by_6
-    last[_BY_X], last[_BY_BRISTLE] = by_move, by_bristle
-    return a1, a2, a3, a4
+    speed = vf + h / 6.0 * (full[3] * a1 + 2.0 * half[3] * (a2 + a3) + a4)
+    last = (begun[2], 1.0, 0.0)
+    if rubs != _NONE:
+        found = _bristle(begun[2], end - begun[0], h, law, rubs)
+        direct[4, _LAST], direct[5, _LAST], direct[6, _LAST] = found[3], found[4], found[5]
+        last = (found[0] if law[3] > 0.0 else begun[2], found[1], found[2])
+    return (end, speed, last[0]), (a1, a2, a3, a4), (s1, s2, s3, s4), (last[1], last[2])
 
 
 @jit
-def _column(
-    d: int, begun: Triple, f: Triple, a: tuple[float, float, float, float], p: FloatArray,
-    h: float, over: tuple[Transition, Transition], timing: FloatArray, forces: FloatArray,
-    moved: FloatArray,
+def _columns(
+    step: Step, x: float, v: float, law: Law, h: float, over: tuple[Transition, Transition],
+    direct: FloatArray, wanted: IntArray, inputs: FloatArray, moved: FloatArray,
 ) -> None:  # fmt: skip
-    """Take the derivatives by direction `d` through the step whose `_stages` are `a`."""
+    """Take derivatives `moved`, shape (m + q, 3), through a step from position and velocity.
+
+    `inputs`, shape (m, 3), is by how much the input moves at start, middle and end; the position
+    is that from the input in the middle.
+    """
     (h0, h1, _, h3), (f0, f1, f2, f3) = over
-    square = (2.0 * pi * p[0]) ** 2
-    x, v, u = begun[0] - f[1], begun[1], 1.0 if d == _INPUT else 0.0
-    k1, k3 = timing[_HALF + 1, d], timing[_HALF + 3, d]
-    g1, g3 = timing[_FULL + 1, d], timing[_FULL + 3, d]
-    s = timing[_SQUARE, d]
-    x0, v0, b0 = moved[0, d], moved[1, d], moved[2, d]
-    dx = x0 - u
-    dxh = h0 * dx + h1 * v0 + (timing[_HALF, d] * x + k1 * v)
-    dxf = f0 * dx + f1 * v0 + (timing[_FULL, d] * x + g1 * v)
-    dvf = f2 * dx + f3 * v0 + (timing[_FULL + 2, d] * x + g3 * v)
-    d1 = s * a[0] - square * _slope(forces[0], x0, 0.0, b0, d)
-    d2 = s * a[1] - square * _slope(
-        forces[1], dxh + 0.5 * h * (h1 * d1 + k1 * a[0]) + u, x0, b0, d
-    )
-    d3 = s * a[2] - square * _slope(forces[2], dxh + u, x0, b0, d)
-    d4 = s * a[3] - square * _slope(forces[3], dxf + h * (h1 * d3 + k1 * a[2]) + u, x0, b0, d)
-    both, dboth = a[1] + a[2], d2 + d3
-    inner1, inner3 = h1 * dboth + k1 * both, h3 * dboth + k3 * both
-    end = dxf + u + h / 6.0 * (f1 * d1 + g1 * a[0] + 2.0 * inner1)
-    moved[0, d] = end
-    moved[1, d] = dvf + h / 6.0 * (f3 * d1 + g3 * a[0] + 2.0 * inner3 + d4)
-    moved[2, d] = forces[4, _BY_BRISTLE] * b0 + forces[4, _BY_X] * (end - x0) + forces[4, d]
+    _, (a1, a2, a3, a4), (s1, s2, s3, s4), (by_bristle, by_move) = step
+    square, both = (2.0 * pi * law[0]) ** 2, a2 + a3
+    m = inputs.shape[0]
+    for j in range(moved.shape[0]):
+        own = direct[_OWN if j < m else wanted[j - m]]
+        u0 = u1 = u2 = 0.0
+        if j < m:
+            u0, u1, u2 = inputs[j, 0], inputs[j, 1], inputs[j, 2]
+        x0, v0, b0 = moved[j, 0], moved[j, 1], moved[j, 2]
+        k1, k3, g1, g3, s = own[1], own[3], own[_FULL + 1], own[_FULL + 3], own[_SQUARE]
+        dx = x0 - u1
+        dxh = h0 * dx + h1 * v0 + (own[0] * x + k1 * v) + u1
+        dxf = f0 * dx + f1 * v0 + (own[_FULL] * x + g1 * v) + u1
+        dvf = f2 * dx + f3 * v0 + (own[_FULL + 2] * x + g3 * v)
+        d1 = s * a1 + square * (u0 - u1 - _change(s1, x0, 0.0, b0, own[_FORCES]))
+        x2 = dxh + 0.5 * h * (h1 * d1 + k1 * a1)
+        d2 = s * a2 - square * _change(s2, x2, x0, b0, own[_FORCES + 1])
+        d3 = s * a3 - square * _change(s3, dxh, x0, b0, own[_FORCES + 2])
+        x4 = dxf + h * (h1 * d3 + k1 * a3)
+        d4 = s * a4 + square * (u2 - u1 - _change(s4, x4, x0, b0, own[_FORCES + 3]))
+        sums, dboth = f1 * d1 + g1 * a1, d2 + d3
+        end = dxf + h / 6.0 * (sums + 2.0 * (h1 * dboth + k1 * both))
+        sums = f3 * d1 + g3 * a1
+        moved[j, 0] = end
+        moved[j, 1] = dvf + h / 6.0 * (sums + 2.0 * (h3 * dboth + k3 * both) + d4)
+        moved[j, 2] = by_bristle * b0 + by_move * (end - x0) + own[_LAST]
 
 
 @jit
-def _slope(row: FloatArray, dx: float, dx0: float, db: float, d: int) -> float:
-    """Return how a force of `_pull` moves with position, start, bristles and direction `d`."""
-    return float(row[_BY_X] * dx + row[_BY_START] * dx0 + row[_BY_BRISTLE] * db + row[d])
+def _part_of(inputs: FloatArray, begin: float, end: float, answer: FloatArray) -> None:
+    """Fill `answer` with rows of inputs at start, middle and end of a part of a step."""
+    for j in range(inputs.shape[0]):
+        part = within((inputs[j, 0], inputs[j, 1], inputs[j, 2]), begin, end)
+        answer[j, 0], answer[j, 1], answer[j, 2] = part
 
 
 @jit
-def _carried(
-    f: Triple, begun: Triple, p: FloatArray, h: float, over: tuple[Transition, Transition],
-    stiffest: float, timing: FloatArray, forces: FloatArray, moved: FloatArray,
-) -> None:  # fmt: skip
-    """Take derivatives, shape (3, 11), through the step that `advance` takes from `begun`."""
-    a = _stages(f, begun, p, h, over, stiffest, forces)
-    for d in range(_DIRECTIONS):
-        _column(d, begun, f, a, p, h, over, timing, forces, moved)
+def _turned(
+    f: Triple, begun: Triple, after: Triple, share: float, law: Law, h: float, rubs: int,
+    timed: FloatArray, wanted: IntArray, inputs: FloatArray, whole: FloatArray, moved: FloatArray,
+) -> Triple:  # fmt: skip
+    """Take derivatives through a step in two parts, of which the first takes a `share`.
 
-
-@jit
-def _taken(state: FloatArray, begun: Triple) -> Triple:
-    """Return what stands in `state`, and put `begun` there."""
-    found = (state[0], state[1], state[2])
-    state[0], state[1], state[2] = begun
-    return found
+    As one step it would end `after`, with the derivatives `whole`.
+    """
+    # where it turns is moved by all that moves the velocities at the ends of the step
+    fall, rows = begun[1] - after[1], moved.shape[0]
+    later = np.empty(rows)
+    for j in range(rows):
+        later[j] = (begun[1] * whole[j, 1] - after[1] * moved[j, 1]) / (fall * fall)
+    up = in_two(f, begun, law, h, share + _STEP)
+    low = in_two(f, begun, law, h, share - _STEP)
+    direct, part_of = timed.copy(), np.empty_like(inputs)
+    for part in range(2):
+        begin, end = (0.0, share) if part == 0 else (share, 1.0)
+        time, given = (end - begin) * h, within(f, begin, end)
+        shorter = transitions(law, time)
+        _timing(law, time, direct)
+        _part_of(inputs, begin, end, part_of)
+        step = _stages(given, begun, law, time, shorter, rubs, direct)
+        x, v = begun[0] - given[1], begun[1]
+        _columns(step, x, v, law, time, shorter, direct, wanted, part_of, moved)
+        begun = step[0]
+    for j in range(rows):
+        moved[j, 0] += (up[0] - low[0]) / (2.0 * _STEP) * later[j]
+        moved[j, 1] += (up[1] - low[1]) / (2.0 * _STEP) * later[j]
+        moved[j, 2] += (up[2] - low[2]) / (2.0 * _STEP) * later[j]
+    return begun
 
 
 @jit
 def _turning(
-    f: Triple, state: FloatArray, p: FloatArray, h: float, over: tuple[Transition, Transition],
-    stiffest: float, timing: FloatArray, forces: FloatArray, moved: FloatArray,
-) -> None:  # fmt: skip
+    f: Triple, begun: Triple, law: Law, h: float, over: tuple[Transition, Transition], rubs: int,
+    direct: FloatArray, wanted: IntArray, inputs: FloatArray, moved: FloatArray,
+) -> Triple:  # fmt: skip
     """Take state and derivatives through a step as `turning` does the state."""
-    begun = (state[0], state[1], state[2])
-    advance(f, state, p, h, over, stiffest)
-    share = turn(begun[1], state[1], p)
+    step = _stages(f, begun, law, h, over, rubs, direct)
+    after, x, v = step[0], begun[0] - f[1], begun[1]
+    share = turn(begun[1], after[1], law)
     if share == 0.0:
-        _carried(f, begun, p, h, over, stiffest, timing, forces, moved)
-        return
-    # where it turns is moved by all that moves the velocities at the ends of the step
-    after, whole = _taken(state, begun), moved.copy()
-    _carried(f, begun, p, h, over, stiffest, timing, forces, whole)
-    fall = begun[1] - after[1]
-    later = (begun[1] * whole[1] - after[1] * moved[1]) / (fall * fall)
-    in_two(f, state, p, h, share + _STEP, stiffest)
-    up = _taken(state, begun)
-    in_two(f, state, p, h, share - _STEP, stiffest)
-    low = _taken(state, begun)
-    part_timing = np.zeros((_ROWS, _DIRECTIONS))
-    for begin, end in ((0.0, share), (share, 1.0)):
-        part, given = (end - begin) * h, within(f, begin, end)
-        shorter = transitions(p, part)
-        _timing(p, part, part_timing)
-        begun = (state[0], state[1], state[2])
-        _carried(given, begun, p, part, shorter, stiffest, part_timing, forces, moved)
-        advance(given, state, p, part, shorter, stiffest)
-    for i in range(_STATES):
-        slope = (up[i] - low[i]) / (2.0 * _STEP)
-        for d in range(_DIRECTIONS):
-            moved[i, d] += slope * later[d]
+        _columns(step, x, v, law, h, over, direct, wanted, inputs, moved)
+        return after
+    whole = moved.copy()
+    _columns(step, x, v, law, h, over, direct, wanted, inputs, whole)
+    return _turned(f, begun, after, share, law, h, rubs, direct, wanted, inputs, whole, moved)
 
 
 @jit
-def nonlinear_mode(
-    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
-) -> None:
-    """Respond as the block does, with the derivatives of its own steps."""
-    m, parts = dx.shape[0], parts_of_a_tick(p, dt)
-    h = dt / parts
-    omega = 2.0 * pi * p[0]
-    over = transitions(p, h)
-    stiffest = 1.0 / (omega * h) ** 2
-    timing = np.zeros((_ROWS, _DIRECTIONS))
-    _timing(p, h, timing)
-    forces, moved = np.zeros((_FORCES, _COLUMNS)), np.empty((_STATES, _DIRECTIONS))
-    state, rows = np.zeros(_STATES), np.zeros((m + _OWN, _STATES))
-    for k in range(x.size):
-        y[k] = state[0]
-        for j in range(m + _OWN):
-            dy[j, k] = rows[j, 0]
-        moved[:] = 0.0
-        for i in range(_STATES):
-            moved[i, i] = 1.0
-        held = (x[k], x[k], x[k])
-        for _ in range(parts):
-            _turning(held, state, p, h, over, stiffest, timing, forces, moved)
-        for j in range(m + _OWN):
-            a, b, c = rows[j, 0], rows[j, 1], rows[j, 2]
-            for i in range(_STATES):
-                value = moved[i, 0] * a + moved[i, 1] * b + moved[i, 2] * c
-                value += moved[i, _INPUT] * dx[j, k] if j < m else moved[i, _FIRST + j - m]
-                rows[j, i] = value
+def _rubbing(law: Law, wanted: IntArray) -> int:
+    """Return how much of the friction counts."""
+    rubs, brakes = law[3] > 0.0, law[5] > 1.0
+    for place in wanted:
+        rubs = rubs or place == _FRICTION
+        brakes = brakes or place == _BREAKAWAY
+    return (_STRIBECK if brakes else _DAHL) if rubs else _NONE
+
+
+@jit
+def carry(
+    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, state: FloatArray,
+    moved: FloatArray, p: FloatArray, wanted: IntArray, dt: float, points: int,
+) -> None:  # fmt: skip
+    """Respond as the block does, with the derivatives of its own steps, see `Block.carry`."""
+    steps = max(1, points // 3)
+    parts = parts_of_a_step(p, dt, steps) if points else parts_of_a_tick(p, dt)
+    width = 3 if points else 1
+    h = dt / (steps * parts)
+    law = law_of(p, h)
+    over = transitions(law, h)
+    m, rows = dx.shape[0], moved.shape[0]
+    rubs = _rubbing(law, wanted)
+    direct = np.zeros((_OWN + 1, _COLUMNS))
+    _timing(law, h, direct)
+    inputs, given = np.empty((m, 3)), np.empty((m, 3))
+    now = (state[0], state[1], state[2])
+    for k in range(0, x.size, width):
+        middle, end = (k + 1, k + 2) if points else (k, k)
+        whole = (x[k], x[middle], x[end])
+        for j in range(m):
+            inputs[j, 0], inputs[j, 1], inputs[j, 2] = dx[j, k], dx[j, middle], dx[j, end]
+        y[k] = now[0]
+        for j in range(rows):
+            dy[j, k] = moved[j, 0]
+        for i in range(parts):
+            begin, after = i / parts, (i + 1) / parts
+            f = within(whole, begin, after) if points else whole
+            _part_of(inputs, begin, after, given)
+            now = _turning(f, now, law, h, over, rubs, direct, wanted, given, moved)
+            if points and 2 * (i + 1) == parts:
+                y[middle] = now[0]
+                for j in range(rows):
+                    dy[j, middle] = moved[j, 0]
+        if points:
+            y[end] = now[0]
+            for j in range(rows):
+                dy[j, end] = moved[j, 0]
+    state[0], state[1], state[2] = now

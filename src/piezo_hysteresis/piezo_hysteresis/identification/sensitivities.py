@@ -12,6 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Parameter
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.path_tangents import carried
 from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
 
 _MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
@@ -169,22 +170,61 @@ def _along(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a run of blocks: its own by differences, many others by ticks.
+    """Carry tangents through a run of blocks along its path, many of them by ticks.
 
     What is carried from tick to tick leaves out what happens between them. That changes the way
     of a fit a little, and not where it ends.
     """
-    many = tangent.shape[0]
-    if isinstance(stage, PathStage) and many >= _MANY:
+    if not isinstance(stage, PathStage):
+        return _differenced(stage, own, p, columns, signal, tangent, clock)
+    if tangent.shape[0] >= _MANY:
         near = _by_ticks(stage, own, p, signal, tangent, clock)
         largest = int(np.argmax(np.max(np.abs(near), axis=1)))
         probe = tangent[largest : largest + 1]
-        output, exact = _differenced(stage, own, p, columns, signal, probe, clock)
+        output, exact = _by_path(stage, own, p, columns, signal, probe, clock)
         missed = float(np.max(np.abs(near[largest] - exact[0]), initial=0.0))
         if missed <= _CLOSE * float(np.max(np.abs(exact[0]), initial=0.0)):
             near[largest] = exact[0]
             return output, np.vstack([near, exact[1:]])
-    return _differenced(stage, own, p, columns, signal, tangent, clock)
+    return _by_path(stage, own, p, columns, signal, tangent, clock)
+
+
+def _by_path(
+    stage: PathStage,
+    own: Sequence[Parameter],
+    p: FloatArray,
+    columns: Sequence[int],
+    signal: FloatArray,
+    tangent: FloatArray,
+    clock: _Clock,
+) -> tuple[FloatArray, FloatArray]:
+    """Carry tangents along the path; delays, and runs without steps, are differenced."""
+    if stage.run.steps(p, clock.dt) == 0 or stage.run.order(p) > 0.0:
+        return _differenced(stage, own, p, columns, signal, tangent, clock)
+    around = {j: _around(stage, own[j], float(p[j]), clock.dt) for j in columns}
+    late = [j for j in columns if j < stage.run.delays]
+    for j in late:
+        del around[j]
+    output, rows = carried(
+        stage.run, signal, tangent, p, around, clock.dt, start=clock.start,
+        frequency=clock.frequency,
+    )  # fmt: skip
+    if not late:
+        return output, rows
+    nothing = tangent[:0]
+    _, others = _differenced(stage, own, p, late, signal, nothing, clock, output)
+    # delays stand first among the parameters of a run
+    return output, np.vstack([rows[: len(tangent)], others, rows[len(tangent) :]])
+
+
+def _around(stage: Stage, parameter: Parameter, value: float, dt: float) -> tuple[float, float]:
+    """Return a parameter a little less and a little more, itself where a bound is in the way."""
+    step = abs(parameter_step(stage, parameter, value, dt))
+    below, above = value - step, value + step
+    return (
+        below if below >= parameter.low else value,
+        above if above <= parameter.high else value,
+    )
 
 
 def _by_ticks(
@@ -234,6 +274,12 @@ def _through(
         if len(columns) == len(own):
             return output, every
         return output, every[[*range(incoming), *(incoming + j for j in columns)]]
+    if block.carry is not None and (columns or incoming):
+        output, state = np.empty_like(signal), block.initial_state(clock.dt)
+        rows = np.empty((incoming + len(columns), signal.size))
+        moved, wanted = np.zeros((len(rows), state.size)), np.array(columns, dtype=np.int64)
+        block.carry(signal, output, tangent, rows, state, moved, p, wanted, clock.dt, 0)
+        return output, rows
     return _differenced(stage, own, p, columns, signal, tangent, clock)
 
 
@@ -245,8 +291,9 @@ def _differenced(
     signal: FloatArray,
     tangent: FloatArray,
     clock: _Clock,
+    output: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a stage by differences of the stage alone."""
+    """Carry tangents through a stage by differences of the stage alone, its `output` if known."""
     # on one grid, so that a difference is that of the parameter alone
     grid = {'steps': stage.run.steps(p, clock.dt)} if isinstance(stage, PathStage) else {}
 
@@ -254,7 +301,7 @@ def _differenced(
         state = stage.initial_state(clock.dt, clock.start)
         return stage.respond(x, values, clock.dt, state=state, frequency=clock.frequency, **grid)
 
-    output = run(signal, p)
+    output = run(signal, p) if output is None else output
     incoming = tangent.shape[0]
     result = np.empty((incoming + len(columns), signal.size))
     span = float(np.max(np.abs(signal), initial=0.0)) or 1.0

@@ -196,7 +196,7 @@ class PathRun:
             late = np.empty_like(signal)
             shift(signal, late, state[layout.ring], timing.ticks)
             signal = late
-        clock = _Clock(dt, frequency, points, timing.ahead)
+        clock = PathClock(dt, frequency, points, timing.ahead)
         output = np.empty_like(signal)
         pieces, made = self.pieces(layout), self.made(p, dt, steps)
         at_once = max(1, _VALUES // points)
@@ -208,8 +208,8 @@ class PathRun:
             else:
                 path = np.repeat(x, points)
             for piece, step in zip(pieces, made, strict=True):
-                path = _followed(piece, step, path, p, state[piece.memory], clock)
-            _read(path, output[first : first + at_once], state, points, timing.part)
+                path = followed(piece, step, path, p, state[piece.memory], clock)
+            read_ticks(path, output[first : first + at_once], state, points, timing.part)
         return output
 
     def timing(self, p: FloatArray, dt: float, is_joined: bool) -> Timing:
@@ -241,7 +241,7 @@ class Timing(NamedTuple):
     ahead: float
 
 
-class _Clock(NamedTuple):
+class PathClock(NamedTuple):
     """What blocks know of the time: interval [s], drive [Hz], points per tick, ticks ahead."""
 
     dt: float
@@ -256,14 +256,15 @@ def _pace(parts: Sequence[PlacedBlock], p: FloatArray) -> float:
     return max([fastest(systems_of(parts, p)), *inner])
 
 
-def _followed(
+def followed(
     piece: PathPiece,
     step: LinearStep | None,
     path: FloatArray,
     p: FloatArray,
     state: FloatArray,
-    clock: _Clock,
+    clock: PathClock,
 ) -> FloatArray:
+    """Return what a piece makes of a path, updating its `state` in place."""
     if step is not None:
         output = np.empty_like(path)
         run_path(path, output, state, *step)
@@ -282,7 +283,7 @@ def _followed(
     return follow(block, path, own, state, clock.dt, turns=turns)
 
 
-def _read(
+def read_ticks(
     path: FloatArray, output: FloatArray, state: FloatArray, points: int, part: float
 ) -> None:
     """Read every tick; the start of one is the end of the one before, kept in ``state[0]``."""

@@ -1,0 +1,149 @@
+"""Derivatives that are carried along the path between the ticks."""
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.linear_runs import run_path, run_path_four, step_of
+from piezo_hysteresis.models.path_runs import PathRun
+from piezo_hysteresis.models.path_tangents import carried
+from piezo_hysteresis.models.stages import PathStage
+
+DT = 1e-3
+# About where each lies; they are drawn around it.
+USUAL = {
+    'A1': 180e-6,
+    'A': 60e-6,
+    'A0': 3e-6,
+    'beta': 2.5,
+    'gamma': 1.0,
+    'natural_frequency': 68.0,
+    'damping_ratio': 0.03,
+    'mode_cubic': 4e6,
+    'mode_friction': 2e-6,
+    'presliding': 1e-6,
+    'breakaway': 1.3,
+    'stribeck_speed': 1e-3,
+    'lag_time': 7e-4,
+    'slew_rate': 30.0,
+    'widening': 0.05,
+    'widening_memory': 3e-3,
+    'sensor_lag_time': 5e-4,
+    'creep_share': 0.1,
+    'creep_time': 0.5,
+    'cubic_stiffness': 3e6,
+    'delay': 4.3e-4,
+    'gain_loss': 0.1,
+    'resonance_share': 0.1,
+    'slow_creep_share': 0.1,
+}
+CHAINS = (
+    ('bouc_wen_exact', 'nonlinear_mode', 'resonance', 'offset'),
+    ('bouc_wen_exact', 'nonlinear_mode', 'creep_pair'),
+    ('slew_limit', 'bouc_wen_exact', 'nonlinear_mode'),
+    ('amplifier_lag', 'bouc_wen_widening', 'mode'),
+    ('transport_delay', 'bouc_wen_exact', 'nonlinear_mode', 'sensor_lag'),
+    ('bouc_wen_exact', 'mode', 'stiffness', 'resonance'),
+    ('bouc_wen_exact', 'mode', 'stiffness', 'gain_decay', 'sensor_lag'),
+)
+
+
+def drawn(names: tuple[str, ...], seed: int) -> tuple[Model, np.ndarray]:
+    """Return a chain with parameters by lot."""
+    model = Model('drawn', tuple(named_block(name) for name in names))
+    rng = np.random.default_rng(seed)
+    values = model.defaults()
+    for name in sorted(set(values) & set(USUAL)):
+        values[name] = USUAL[name] * rng.uniform(0.8, 1.25)
+    values['breakaway'] = max(values.get('breakaway', 1.0), 1.1)
+    return model, model.pack({name: values[name] for name in model.parameter_names})
+
+
+def drive(count: int = 1200) -> np.ndarray:
+    t = np.arange(count) * DT
+    slow = np.sin(2 * np.pi * 7.0 * t) * np.minimum(5 * t, 1.0)
+    return slow + 0.3 * np.sin(2 * np.pi * 31.0 * t)
+
+
+def central(model: Model, p: np.ndarray, place: int, u: np.ndarray, share: float) -> np.ndarray:
+    """Return the derivative by central differences on one grid."""
+    q = model.parameters[place]
+    step = share * max(abs(p[place]), 0.1 * q.scale)
+    above, below = p.copy(), p.copy()
+    above[place], below[place] = min(p[place] + step, q.high), max(p[place] - step, q.low)
+    answers = []
+    for moved in (above, below):
+        signal = u
+        for stage, state in zip(model.stages, model.initial_state(DT), strict=True):
+            grid = {}
+            if isinstance(stage, PathStage):
+                grid = {'steps': stage.run.steps(p[stage.columns], DT)}
+            signal = stage.respond(
+                signal, moved[stage.columns], DT, state=state, frequency=0.0, **grid
+            )
+        answers.append(signal)
+    return (answers[0] - answers[1]) / (above[place] - below[place])
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+@pytest.mark.parametrize('names', CHAINS, ids=' '.join)
+def test_derivatives_along_a_path_equal_central_differences(names, seed):
+    model, p = drawn(names, seed)
+    assert any(isinstance(stage, PathStage) for stage in model.stages)
+    u = drive()
+    y, rows = sensitivities(model, p, model.free_names, u, DT)
+    expected = model.respond(u, p, DT)
+    np.testing.assert_allclose(y, expected, atol=1e-13 * np.ptp(expected))
+    for name, row in zip(model.free_names, rows, strict=True):
+        place = model.parameter_names.index(name)
+        # large differences bend, small ones round, and what rubs has corners
+        missed = []
+        for share in (1e-4, 1e-5, 1e-6):
+            difference = central(model, p, place, u, share)
+            missed.append(np.abs(row - difference).max() / np.abs(difference).max())
+        assert min(missed) < 5e-6, name
+
+
+def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(monkeypatch):
+    model, p = drawn(('bouc_wen_exact', 'nonlinear_mode', 'resonance'), 3)
+    (stage,) = (stage for stage in model.stages if isinstance(stage, PathStage))
+
+    def respond(*args, **kwargs):
+        raise AssertionError('the whole run was followed once more')
+
+    monkeypatch.setattr(PathRun, 'respond', respond)
+    u, own = drive(200), p[stage.columns]
+    around = {j: (own[j] * (1 - 1e-6), own[j] * (1 + 1e-6)) for j in (0, 1, 7, 8)}
+    _, rows = carried(
+        stage.run, u, np.ones((2, u.size)), own, around, DT, start=0.0, frequency=0.0
+    )
+    assert rows.shape == (6, u.size)
+    # a voltage that is higher throughout is told by that, whoever asks
+    np.testing.assert_array_equal(rows[0], rows[1])
+
+
+def test_chunks_of_a_record_go_on_from_each_other(monkeypatch):
+    model, p = drawn(('bouc_wen_exact', 'nonlinear_mode', 'stiffness', 'resonance'), 4)
+    whole = sensitivities(model, p, model.free_names, drive(), DT)
+    monkeypatch.setattr('piezo_hysteresis.models.path_tangents._VALUES', 700)
+    parts = sensitivities(model, p, model.free_names, drive(), DT)
+    for one, other in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize('many', [1, 3, 4, 6])
+def test_paths_side_by_side_have_the_bits_of_one(many):
+    block = named_block('creep_pair')
+    assert block.system is not None
+    step = step_of(block.system(block.pack({**block.defaults(), 'creep_share': 0.1})), DT / 8)
+    x = np.random.default_rng(many).normal(size=(many, 240))
+    single, together = np.empty_like(x), np.empty_like(x)
+    states = np.zeros((many, step.gamma.shape[0]))
+    apart = states.copy()
+    for row, answer, state in zip(x, single, apart, strict=True):
+        run_path(row, answer, state, *step)
+    run_path_four(x, together, states, *step)
+    np.testing.assert_array_equal(together, single)
+    np.testing.assert_array_equal(states, apart)
