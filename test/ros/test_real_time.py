@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import signal
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from listening import Listener
+from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
 
+from piezo_hysteresis.runtime.sweep_plan import Sweep
+from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
@@ -98,3 +103,39 @@ def test_real_time(processes: NodeProcesses, listener: Listener) -> None:
     times = [nanoseconds(each.clock) for each in clock]
     assert len(set(times) & set(stamps)) > 200
     assert times == sorted(set(times))
+
+
+def test_an_excitation_that_comes_late_moves_nothing_faster_than_planned(
+    processes: NodeProcesses, listener: Listener
+) -> None:
+    states = listener.listen(ActuatorState, 'actuator/state')
+    health = listener.watch_health()
+    settings = {'clock': 'real_time', 'rate': RATE, 'command_timeout': 10.0}
+    processes.start('piezo_sim', 'simulator', settings)
+    node = processes.start('piezo_hysteresis', 'excitation', {'rate': RATE})
+    client = ActionClient(listener.node, RunSweep, 'run_sweep')
+    listener.until(lambda: states and client.server_is_ready())
+    listener.matched('actuator/state')
+    words = {'frequencies': [5.0, 10.0], 'amplitudes': [1.0], 'seconds': 2.0}
+    future = client.send_goal_async(RunSweep.Goal(**words))
+    listener.until(future.done)
+    ended = future.result().get_result_async()
+    stops = 0
+    while not ended.done():
+        listener.serve(0.2)
+        node.signal(signal.SIGSTOP)  # for far longer than a tick
+        listener.serve(0.07)
+        node.signal(signal.SIGCONT)
+        stops += 1
+    assert ended.result().result.success, ended.result().result.message
+    assert stops > 5
+
+    sample = np.array([state.sample for state in states], dtype=np.int64)
+    voltage = np.array([state.voltage for state in states])
+    plan = Sweep(**words, rate=RATE)
+    fastest = np.abs(np.diff([plan.voltage(k) for k in range(plan.length)])).max()
+    follows = np.diff(sample) == 1
+    assert np.abs(voltage).max() > 0.5
+    assert np.abs(np.diff(voltage))[follows].max() <= fastest * (1.0 + 1e-9)
+    assert voltage[-1] == 0.0
+    listener.says(health, 'excitation', None, 'faster than planned')

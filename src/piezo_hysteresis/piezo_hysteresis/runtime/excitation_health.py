@@ -13,6 +13,10 @@ _SENTENCES: dict[str, Finding] = {
     'strays': (Level.WARN, 'states are numbered far from the others: is there a second actuator?'),
     'reordered': (Level.WARN, 'states come out of order: is there a second actuator?'),
     'stamp_jumps': (Level.WARN, 'time stamps of states jump: the numbers of the samples hold'),
+    'eased': (
+        Level.WARN,
+        'commands came late; no step is faster than planned',
+    ),
     'restarts': (Level.WARN, 'the actuator was started anew'),
     'sweeps_refused': (Level.WARN, 'a sweep was refused'),
     'sweeps_failed': (Level.ERROR, 'a sweep did not come to its end'),

@@ -23,6 +23,7 @@ from piezo_hysteresis.parameters.tables import EXCITATION
 from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
 from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, ExcitationHealth
 from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
+from piezo_hysteresis.runtime.steady_command import SteadyCommand
 from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.runtime.sweep_run import Pause
 from piezo_hysteresis.waveforms import Waveform
@@ -77,6 +78,7 @@ class Excitation(Node):
         # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
         self._intake = SequenceFilter(anew=False)
         self._times = ActuatorClock(self._rate)
+        self._steady = SteadyCommand()
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
         self._voltage_publisher = self.create_publisher(
             VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
@@ -119,6 +121,7 @@ class Excitation(Node):
         if sample <= self._newest_state:
             return
         self._newest_state = sample
+        self._steady.hear(sample, voltage)
         self._sweeps.note_state(voltage, unasked=sample > self._emitted)
         if not self._sweeps.waits:
             self._received = time.monotonic()
@@ -131,12 +134,14 @@ class Excitation(Node):
         self._newest_state = self._emitted = sample
         self._experiment = None
         self._last = None
+        self._steady.forget()
         self._sweeps.follow_restart()
 
     def _begin(self) -> None:
         """Reply to the newest state, in case the loop waits for it."""
         self._received = time.monotonic()
         self._given_up = ''
+        self._steady.begin()
         self._answer()
 
     def _answer(self) -> None:
@@ -175,7 +180,8 @@ class Excitation(Node):
         publisher.publish(payload)
 
     def _emit_sweep(self, sample: int) -> None:
-        voltage = self._sweeps.voltage(sample)
+        late = self._steady.behind and self._sweeps.over(sample)
+        voltage = 0.0 if late else self._sweeps.voltage(sample)
         if isinstance(voltage, Pause):
             self._last = None
             return
@@ -207,7 +213,8 @@ class Excitation(Node):
         self._last = (self._reference_publisher, payload)
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
-        payload = voltage_bytes(self._head(sample), sample, voltage)
+        command = self._steady.next(sample, voltage)
+        payload = voltage_bytes(self._head(sample), sample, command)
         self._voltage_publisher.publish(payload)
         self._last = (self._voltage_publisher, payload)
 
@@ -311,6 +318,7 @@ class Excitation(Node):
             **self._intake.counters(),
             'stamp_jumps': self._times.jumps,
             'restarts': self._restarts,
+            'eased': self._steady.eased,
             **self._sweeps.counters(),
         }
         return self._health.judge(self._doing(), counts, self._sweeps.last)

@@ -182,6 +182,10 @@ class SweepServer:
             self._newest = sample
         return voltage
 
+    def over(self, sample: int) -> bool:
+        """Return whether a sweep has begun and tick `sample` lies behind its end."""
+        return self._run is not None and self._first >= 0 and self._run.sweep.over(sample)
+
     def note_state(self, voltage: float, unasked: bool) -> None:
         """Note that a state has come; `unasked` where no command of ours was answered by it."""
         self._voltage = voltage
