@@ -129,7 +129,8 @@ def changed(kind: str, index: int, seed: int) -> Changed:
 def _drawn(kind: str, index: int, seed: int) -> Hidden:
     if kind != 'single':
         return draw(kind, index, seed)
-    # the table of effects is gone through in a random order, without those of other laws
+    # the table of effects is gone through in a random order, without those of other laws; where
+    # it is gone through again, the actuators are others
     order = np.random.default_rng([seed, 26]).permutation(len(EFFECTS))
     name = EFFECTS[int(order[index % len(EFFECTS)])]
-    return draw(kind, list(KNOBS).index(name), seed)
+    return draw(kind, list(KNOBS).index(name), seed + index // len(EFFECTS))
