@@ -63,7 +63,7 @@ class Bench:
 
     def ask(self, feedback: list[Any], **words: Any) -> Any:
         """Ask for an investigation; return the handle of the goal."""
-        goal = Investigate.Goal(out='out', apply=True, **LIMITS, **words)
+        goal = Investigate.Goal(out='out', apply=True, **{**LIMITS, **words})
         sent = self.client.send_goal_async(
             goal, feedback_callback=lambda message: feedback.append(message.feedback)
         )

@@ -48,3 +48,33 @@ def test_it_finds_an_effect_is_cancelled_goes_on_and_shows_the_gap_shrink(
     assert again.differences == ()
     assert again.stop is not None
     assert again.stop.reason == 'sure'
+
+
+def test_a_budget_that_is_spent_leaves_the_actuator_at_rest_and_a_larger_one_goes_on(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    bench = Bench(processes, listener, write_model(tmp_path))
+    refused = bench.ended(bench.ask([], budget=0.5))
+    assert refused.status == GoalStatus.STATUS_ABORTED
+    assert 'allow more seconds' in refused.result.message
+    assert not (tmp_path / 'out').exists()
+
+    feedback: list[Any] = []
+    spent = bench.ended(bench.ask(feedback, budget=2.0)).result
+    assert spent.success, spent.message
+    assert spent.stop == 'budget'
+    assert spent.seconds <= 2.0
+    assert {f.stage for f in feedback} == {'prepare', 'run', 'judge'}
+    assert feedback[-1].answer
+    bench.rests()
+    bench.safe()
+    done = [line['number'] for line in Journal.read(tmp_path / 'out').lines]
+    again = bench.ended(bench.ask([], budget=2.0)).result
+    assert (again.stop, again.experiments) == ('budget', spent.experiments)
+    feedback.clear()
+    handle = bench.ask(feedback)
+    listener.until(lambda: any(f.stage == 'run' for f in feedback), timeout=PATIENCE)
+    assert next(f.number for f in feedback if f.stage == 'run') == len(done) + 1
+    handle.cancel_goal_async()
+    assert bench.ended(handle).status == GoalStatus.STATUS_CANCELED
+    bench.rests()

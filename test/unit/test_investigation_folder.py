@@ -1,11 +1,12 @@
 """The folder of an investigation: journal and bags, going on, and repeating it from them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.investigation.conduct import conduct, repeated
 from piezo_hysteresis.investigation.journal import Journal, Setup
@@ -82,14 +83,41 @@ def test_a_folder_of_something_else_is_refused(setup, tmp_path):
         Journal.begun(tmp_path, setup)
     with pytest.raises(InvestigationError, match='give the folder that investigate wrote'):
         Journal.read(tmp_path)
-    Journal.begun(tmp_path / 'new', setup)
+    Journal.begun(tmp_path / 'new', setup).cleared(1)
     other = Setup(setup.model, ExperimentLimits(-0.5, 0.5), setup.rules, RATE)
     with pytest.raises(InvestigationError, match='other limits'):
         Journal.begun(tmp_path / 'new', other)
 
 
 def test_a_damaged_journal_is_told(setup, tmp_path):
-    Journal.begun(tmp_path / 'new', setup)
+    Journal.begun(tmp_path / 'new', setup).cleared(1)
     (tmp_path / 'new' / 'journal.jsonl').write_text('{')
     with pytest.raises(InvestigationError, match='damaged'):
         Journal.read(tmp_path / 'new')
+
+
+def test_a_budget_is_spent_and_a_larger_one_goes_on(setup, tmp_path):
+    folder, told = tmp_path / 'out', []
+    actuator = Actuator(**{'effects.creep': True})
+
+    def asked(budget):
+        return replace(setup, rules=replace(setup.rules, budget=budget))
+
+    with pytest.raises(RecordError, match='allow more seconds'):
+        conduct(folder, asked(0.5), actuator)
+    assert not folder.exists()  # so that the same words with more seconds are no other words
+    spent = conduct(folder, asked(2.0), actuator, told.append)
+    assert spent.stop.reason == 'budget'
+    assert spent.seconds <= 2.0
+    assert actuator.used == []  # what is not settled is used by nobody
+    assert len(list((folder / 'bags').iterdir())) == spent.experiments
+    assert spent.words.endswith('goes on from here.')
+    assert told[-1].answer == Journal.read(folder).lines[-1]['answer']
+    found = conduct(folder, asked(60.0), actuator)
+    assert found.stop.reason == 'sure'
+    assert list(found.effects) == ['creep']
+    lines = Journal.read(folder).lines
+    assert [line['budget'] for line in lines] == [2.0] + [60.0] * (len(lines) - 1)
+    again = repeated(folder)
+    assert again.differences == ()
+    assert list(again.lines) == lines

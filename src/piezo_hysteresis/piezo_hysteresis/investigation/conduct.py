@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -182,6 +182,7 @@ class _Course:
             self._tell('judge', number, name, choice.why)
             answer = self._now.take(choice.experiment, record)
             self._journal.add(choice, answer, follows)
+            self._tell('judge', number, name, choice.why)  # and what it answered
 
     def _run(self, experiment: PlannedExperiment, bag: Path) -> tuple[Record, bool]:
         """Return the record of an experiment, and whether it follows the one before at rest."""
@@ -205,7 +206,8 @@ class _Course:
         data = [str(self._journal.bag(k + 1)) for k in range(len(now.answers))]
         write_discovery(folder / FOUND, found, data)
         applied, gaps = '', (float('nan'), float('nan'))
-        if now.belief.names:
+        # what is not settled is not used, and no time is spent that nobody allowed
+        if now.belief.names and stop.reason != 'budget':
             better = model_file(found, data)
             last = len(now.answers)
             experiment = self._widest()
@@ -232,8 +234,12 @@ class _Course:
         now = self._now
         assert now.found is not None
         effects = {e.name: e.probability for e in now.found.verdict.effects}
-        text = f'{now.found.verdict.summary} {stop.words}, after {len(now.answers)} experiments'
-        text += f' of {now.spent:.3g} s together.'
+        count = len(now.answers)
+        text = f'{now.found.verdict.summary.rstrip(".")}. {stop.words[:1].upper()}{stop.words[1:]}'
+        text += f', after {count} experiment{"" if count == 1 else "s"} of {now.spent:.3g} s'
+        text += '.' if count == 1 else ' together.'
+        if stop.reason == 'budget':
+            text += ' No node uses it yet; a larger budget goes on from here.'
         if gaps[0] == gaps[0]:
             text += f' On a record taken afterwards the gap is {gaps[1]:.3g} noise floors in place'
             text += f' of {gaps[0]:.3g}.'
@@ -309,6 +315,8 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
     lines: list[dict[str, Any]] = []
     differences: list[str] = []
     for line in journal.lines:
+        budget = float(line.get('budget', journal.setup.rules.budget))
+        now.rules = replace(now.rules, budget=budget)
         choice = now.next()
         if isinstance(choice, Stop) or choice.experiment.name != line['experiment']:
             differences.append(f'experiment {line["number"]} would not be chosen now')
@@ -318,8 +326,9 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
         if not follows:
             now.history.forget()
         answer = now.take(choice.experiment, record_of(journal.bag(line['number'])))
-        lines.append(line_of(line['number'], choice, answer, follows))
+        lines.append(line_of(line['number'], choice, answer, follows, budget))
         if lines[-1]['after']['names'] != line['after']['names']:
             differences.append(f'experiment {line["number"]} leads to other names')
+    now.rules = journal.setup.rules
     end = now.next()
     return Repeated(tuple(lines), end if isinstance(end, Stop) else None, tuple(differences))

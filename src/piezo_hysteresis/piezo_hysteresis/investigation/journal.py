@@ -79,7 +79,9 @@ class Journal:
 
     @classmethod
     def begun(cls, folder: Path, setup: Setup) -> Journal:
-        """Begin a journal, or go on with one of the same conditions.
+        """Begin a journal, or go on with one of the same conditions; the budget may be another.
+
+        Nothing is written before something is run, so that what is refused leaves nothing.
 
         Raises
         ------
@@ -91,23 +93,16 @@ class Journal:
         if (folder / JOURNAL).is_file():
             found = cls.read(folder)
             same = found.setup.model.text() == setup.model.text()
-            if not same or found.setup.to_dict() != setup.to_dict():
+            rules = replace(found.setup.rules, budget=setup.rules.budget)
+            if not same or replace(found.setup, rules=rules).to_dict() != setup.to_dict():
                 raise InvestigationError(
                     f'{folder} holds an investigation of another model or with other limits: give '
                     'another folder, or the same words as before to go on'
                 )
-            return found
+            return cls(folder, setup, found.lines)
         if folder.exists() and any(folder.iterdir()):
             raise InvestigationError(f'{folder} is not empty: give another folder')
-        journal = cls(folder, setup)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with write_atomically(folder / BASELINE) as path:
-                path.write_text(setup.model.text(), encoding='utf-8')
-            journal._write()
-        except OSError as error:
-            raise InvestigationError(f'{folder} cannot be written ({error.strerror})') from error
-        return journal
+        return cls(folder, setup)
 
     @classmethod
     def read(cls, folder: Path) -> Journal:
@@ -140,16 +135,36 @@ class Journal:
         return self.folder / BAGS / f'{number:02}'
 
     def cleared(self, number: int) -> Path:
-        """Return the bag of an experiment that is about to run; what was broken off is gone."""
+        """Return the bag of an experiment that is about to run; what was broken off is gone.
+
+        Raises
+        ------
+        InvestigationError
+            If the folder cannot be written.
+        """
         path = self.bag(number)
+        if not self.lines:
+            self._begin()
         shutil.rmtree(path, ignore_errors=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def add(self, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool) -> None:
         """Write down an experiment and what it led to; it `follows` the one before at rest."""
-        self.lines.append(line_of(len(self.lines) + 1, choice, answer, follows))
+        budget = self.setup.rules.budget
+        self.lines.append(line_of(len(self.lines) + 1, choice, answer, follows, budget))
         self._write()
+
+    def _begin(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with write_atomically(self.folder / BASELINE) as path:
+                path.write_text(self.setup.model.text(), encoding='utf-8')
+            self._write()
+        except OSError as error:
+            raise InvestigationError(
+                f'{self.folder} cannot be written ({error.strerror})'
+            ) from error
 
     def _write(self) -> None:
         every = [self.setup.to_dict(), *self.lines]
@@ -161,11 +176,12 @@ class Journal:
 
 
 def line_of(
-    number: int, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool
+    number: int, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool, budget: float
 ) -> dict[str, Any]:
     """Return an experiment and what it led to, as it stands in the journal.
 
-    It `follows` the one before where the actuator rested in between.
+    It `follows` the one before where the actuator rested in between, and was chosen as one that
+    the `budget` [s] allowed.
     """
     return {
         'number': number,
@@ -176,6 +192,7 @@ def line_of(
         'news': choice.news,
         'bag': f'{BAGS}/{number:02}',
         'follows': follows,
+        'budget': budget,
         'answer': answer.words,
         'before': believed(answer.before),
         'after': believed(answer.after),

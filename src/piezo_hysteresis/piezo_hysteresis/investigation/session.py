@@ -225,7 +225,7 @@ class Investigation:
         if settled and not telling:
             return self._sure()
         if not ranked:
-            return Stop('budget', 'the budget is spent')
+            return Stop('budget', 'the budget is spent before it is settled')
         if telling or not self.answers or self._confirming():
             return ranked[0]
         if self._nameless() and (others := self._unseen()):

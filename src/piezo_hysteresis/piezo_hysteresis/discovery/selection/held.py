@@ -210,7 +210,8 @@ class HeldEvaluator(Evaluator):
         held_out = self.data.held_out
         if self.shows_news_held_out(final):
             return Remainder(True, held_out, judged_on(final, held_out))
-        return Remainder(False, self.views, final, discrepancy_words(self.known))
+        known = f'As it was identified it {discrepancy_words(self.known)}.'
+        return Remainder(False, self.views, final, known)
 
 
 def clock_about(late: float, dt: float) -> tuple[float, float]:
