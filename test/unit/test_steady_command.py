@@ -45,18 +45,18 @@ class Unbounded(SteadyCommand):
 
 @pytest.mark.parametrize('seed', range(6))
 def test_no_step_is_faster_than_the_plan_where_commands_come_late(seed):
-    steady = SteadyCommand()
+    steady = SteadyCommand(RATE)
     applied = driven(steady, starved(seed))
     assert np.abs(np.diff(applied)).max() <= FASTEST * (1 + 1e-6)
     assert steady.eased > 0
     assert applied[-1] == 0.0
     # without it the same delays do move it faster
-    before = driven(Unbounded(), starved(seed))
+    before = driven(Unbounded(RATE), starved(seed))
     assert np.abs(np.diff(before)).max() > 1.5 * FASTEST
 
 
 def test_commands_in_time_are_those_of_the_plan():
-    steady = SteadyCommand()
+    steady = SteadyCommand(RATE)
     applied = driven(steady, np.full(PLAN.size, 0.5))
     np.testing.assert_array_equal(applied, PLAN[: applied.size])
     assert steady.eased == 0
@@ -73,13 +73,13 @@ def test_commands_in_time_are_those_of_the_plan():
     ids=['noise', 'gain', 'always a tick late'],
 )
 def test_an_actuator_that_does_not_say_what_it_applied_in_time_gets_the_plan(echo, usual):
-    steady = SteadyCommand()
+    steady = SteadyCommand(RATE)
     driven(steady, np.full(PLAN.size, 0.5), echo, usual)
     assert steady.eased == 0
 
 
 def test_a_planned_jump_is_a_jump_and_another_plan_begins_anew():
-    steady, voltage = SteadyCommand(), 0.0
+    steady, voltage = SteadyCommand(RATE), 0.0
     for k in range(200):
         steady.hear(k, voltage)
         voltage = steady.next(k + 1, 0.001 * (k + 1))
@@ -94,3 +94,15 @@ def test_a_planned_jump_is_a_jump_and_another_plan_begins_anew():
     steady.hear(203, -5.0)
     assert steady.next(204, -4.8) == pytest.approx(-4.9)
     assert steady.behind
+
+
+def test_an_actuator_that_takes_no_commands_is_not_waited_for_for_ever():
+    steady, voltage = SteadyCommand(RATE), 0.0
+    for k in range(500):
+        steady.hear(k, voltage)
+        voltage = steady.next(k + 1, 0.001 * (k + 1))
+    for k in range(500, 1700):
+        steady.hear(k, 0.5)
+        last = steady.next(k + 1, 1.0 if k < 1000 else 0.0)
+    assert last == 0.0
+    assert not steady.behind

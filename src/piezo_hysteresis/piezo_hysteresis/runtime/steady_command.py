@@ -11,6 +11,8 @@ from __future__ import annotations
 # on an actuator is taken to apply commands in their tick, and to say what it applied.
 _WEIGHT, _PROMPT = 0.05, 0.5
 _ROUNDING = 1e-9
+# One that stands still for so long does not wait for commands any more, it ignores them [s].
+_STUCK = 1.0
 
 
 class SteadyCommand:
@@ -18,9 +20,15 @@ class SteadyCommand:
 
     An actuator that always answers a tick later, or that tells a measured voltage and not the
     command, misses nothing by that: what it says is not built upon.
+
+    Parameters
+    ----------
+    rate : float
+        Ticks per second [Hz].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate: float) -> None:
+        self._patience, self._still = rate * _STUCK, 0
         self._sample, self._sent = -1, 0.0
         self._heard, self._applied = -1, 0.0
         self._planned: float | None = None
@@ -45,8 +53,12 @@ class SteadyCommand:
 
     def hear(self, sample: int, voltage: float) -> None:
         """Note what was applied at a tick [V]; one that was held says nothing of who is prompt."""
-        if sample == self._sample and voltage != self._applied:
+        stands = voltage == self._applied
+        if sample == self._sample and not stands:
             self._prompt += _WEIGHT * (float(voltage == self._sent) - self._prompt)
+        self._still = self._still + 1 if stands and voltage != self._sent else 0
+        if self._still > self._patience:
+            self._prompt = 0.0
         self._heard, self._applied = sample, voltage
 
     def next(self, sample: int, planned: float) -> float:

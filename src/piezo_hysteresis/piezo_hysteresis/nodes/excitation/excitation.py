@@ -78,7 +78,7 @@ class Excitation(Node):
         # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
         self._intake = SequenceFilter(anew=False)
         self._times = ActuatorClock(self._rate)
-        self._steady = SteadyCommand()
+        self._steady = SteadyCommand(self._rate)
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
         self._voltage_publisher = self.create_publisher(
             VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
