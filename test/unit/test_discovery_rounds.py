@@ -155,20 +155,30 @@ def test_blocks_hold_all_of_a_residual() -> None:
 
 def test_an_improvement_everywhere_is_sure_and_one_by_chance_is_not() -> None:
     before, after = fit(error=noise(2.0)), fit(error=noise(1.0, 1))
-    sure = improvement(before, after, EDGES, 30)
+    sure = improvement(before, after, 30)
     assert sure.ratio > POLICY.min_standard_errors
     assert sure.p_value < 1e-9
-    chance = improvement(fit(error=noise(1.0)), fit(error=noise(1.0, 1)), EDGES, 30)
+    chance = improvement(fit(error=noise(1.0)), fit(error=noise(1.0, 1)), 30)
     assert abs(chance.ratio) < 3.0
     assert chance.p_value > 0.05
 
 
-def test_a_p_value_counts_candidates_and_knows_how_few_blocks_there_are() -> None:
-    before, after = fit(error=noise(1.3)), fit(error=noise(1.0))
-    one, many = (improvement(before, after, EDGES, n).p_value for n in (1, 30))
+def test_a_p_value_counts_candidates() -> None:
+    before, after = fit(error=noise(1.1)), fit(error=noise(1.0))
+    one, many = (improvement(before, after, n).p_value for n in (1, 30))
     assert many == pytest.approx(min(1.0, 30 * one))
-    few = [[0, 500, 1000]]
-    assert improvement(before, after, few, 1).p_value > one
+
+
+def test_a_moment_is_sure_and_what_repeats_is_one_number() -> None:
+    moment = np.zeros(1000)
+    moment[300:320] = 6.0
+    moment -= moment @ noise(1.0) / (noise(1.0) @ noise(1.0)) * noise(1.0)
+    clear = improvement(fit(error=noise(1.0) + moment), fit(error=noise(1.0)), 1)
+    assert clear.ratio > POLICY.min_standard_errors
+    line = 30.0 * np.sin(2 * np.pi * 20 * np.arange(1000) / 1000)
+    repeated = improvement(fit(error=noise(1.0) + 1.3 * line), fit(error=noise(1.0) + line), 1)
+    assert repeated.square > 100.0 * clear.square
+    assert repeated.ratio < POLICY.min_standard_errors
 
 
 def test_resamples_share_what_they_cannot_tell() -> None:

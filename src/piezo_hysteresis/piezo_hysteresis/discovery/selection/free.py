@@ -133,8 +133,8 @@ class FreeEvaluator(Evaluator):
         return judged_on(spec, self.data.held_out).floors ** 2
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
-        """Return how sure `after` is better, block by block."""
-        return improvement(before, after, self.edges, tried)
+        """Return how sure `after` is better, by the spectrum of what it leaves."""
+        return improvement(before, after, tried)
 
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
         """Return the share of resamples in which each finalist is the best."""

@@ -131,7 +131,7 @@ class SelectionPolicy:
     min_standard_errors: float = number(
         5.0,
         'standard errors',
-        'Improvement, block by block, from which it is none of chance.',
+        'Improvement, over what could be chance in what is left, from which it is none.',
         'derived: p of 3e-7, which 50 candidates in 5 rounds raise to 7e-5',
     )
     min_share: float = number(
