@@ -62,6 +62,11 @@ class Choices:
             )
 
 
+def zeros_lie_apart(own: float, shared: float) -> bool:
+    """Return whether zeros of their own leave so much less that records must have them."""
+    return own < (1.0 - ZERO_SHARE) * shared
+
+
 def revised(
     model: Model,
     values: Mapping[str, float],

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.circumstances import ZERO_SHARE, Choices, revised
+from piezo_hysteresis.identification.circumstances import Choices, revised, zeros_lie_apart
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.result import FitResult
@@ -159,7 +159,7 @@ def output_error(
     # told by this model first, or a fit to all of it would make a loop of the zeros again
     seen = revised(chain, best.values, best.sampling_offset, targets, records, choices)
     other = end(seen, best)
-    return other if _is_apart(_left(other), _left(result)) else result
+    return other if zeros_lie_apart(_left(other), _left(result)) else result
 
 
 def _by_own_zeros(
@@ -178,12 +178,7 @@ def _by_own_zeros(
         return None
     own = [replace(target, own_zero=True) for target in targets]
     others = starts(model, own, names, known, count=len(found))
-    return (own, others) if _is_apart(others[0].cost, found[0].cost) else None
-
-
-def _is_apart(own: float, shared: float) -> bool:
-    """Return whether zeros of their own leave so much less that records must have them."""
-    return own < (1.0 - ZERO_SHARE) * shared
+    return (own, others) if zeros_lie_apart(others[0].cost, found[0].cost) else None
 
 
 def _followed(

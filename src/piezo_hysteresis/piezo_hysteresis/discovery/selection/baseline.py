@@ -102,12 +102,17 @@ def _rested(
     fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     for _ in range(_REVISIONS):
         renewed = told_by(fit, data, choices)
-        pairs = zip(seen.training, renewed.training, strict=True)
-        if all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs):
+        if begin_alike(seen, renewed):
             break
         seen = renewed
         fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     return fit, seen
+
+
+def begin_alike(one: Dataset, other: Dataset) -> bool:
+    """Return whether records begin, and have zeros of their own, alike in two versions of data."""
+    pairs = zip(one.training, other.training, strict=True)
+    return all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs)
 
 
 def _slow(joint: CandidateFit, views: Sequence[Target], workers: int) -> CandidateFit | None:

@@ -155,6 +155,13 @@ class Evaluator(ABC):
         """Return the excess that the laws of a model are known to leave."""
         return 0.0
 
+    def settled(self, fit: CandidateFit, start: CandidateFit) -> tuple[Evaluator, CandidateFit]:
+        """Return a model that was given an effect as it is best, knowing that, and who judges it.
+
+        `start` is the baseline.
+        """
+        return self, fit
+
     def first_judged(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit as it is ranked among the others."""
         return fit

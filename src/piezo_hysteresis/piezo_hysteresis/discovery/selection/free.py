@@ -10,6 +10,8 @@ import numpy as np
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.anew import by_other_loops, told_again, with_own_zeros
+from piezo_hysteresis.discovery.selection.baseline import begin_alike
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.deadline import Deadline
@@ -20,6 +22,7 @@ from piezo_hysteresis.discovery.selection.significance import (
     improvement,
     win_shares,
 )
+from piezo_hysteresis.identification.circumstances import Choices, zeros_lie_apart
 from piezo_hysteresis.models import Candidate
 
 
@@ -32,6 +35,8 @@ class FreeEvaluator(Evaluator):
         As in `Evaluator`.
     hints : sequence of mapping of str to float
         Other values of the baseline's parameters from which first fits may start.
+    choices : Choices
+        What is known of how records begin, where that is told again knowing an effect.
     """
 
     def __init__(
@@ -42,9 +47,10 @@ class FreeEvaluator(Evaluator):
         policy: SelectionPolicy = POLICY,
         hints: Sequence[Mapping[str, float]] = (),
         deadline: Deadline | None = None,
+        choices: Choices | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
-        self.hints = tuple(hints)
+        self.hints, self.choices = tuple(hints), choices
         self.negligible = policy.negligible + policy.noise_doubts * data.noise.doubt
         self.edges = block_edges(
             [v.measured.size for v in self.views],
@@ -56,7 +62,32 @@ class FreeEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> FreeEvaluator:
         """Return the same evaluator on other data."""
-        return FreeEvaluator(data, self.seed, self.workers, self.policy, self.hints, self.deadline)
+        return FreeEvaluator(
+            data, self.seed, self.workers, self.policy, self.hints, self.deadline, self.choices
+        )
+
+    def settled(
+        self, fit: CandidateFit, start: CandidateFit
+    ) -> tuple[FreeEvaluator, CandidateFit]:
+        """Return a model that still leaves a gap with loop and records begun anew, as it tells."""
+        if not self.lacks_something(fit, start) or self.deadline.skips('loop and starts anew'):
+            return self, fit
+        told, found = self, by_other_loops(self, fit, start)
+        if self.choices is None:
+            return told, found
+        if self.choices.zero == 'auto' and not all(view.own_zero for view in self.views):
+            own = self.with_data(with_own_zeros(self.data))
+            other = by_other_loops(own, fit, start)
+            if zeros_lie_apart(other.square, found.square):
+                told, found = own, other
+        if not told.lacks_something(found, start):
+            return told, found
+        seen = told_again(found, told.data, self.choices)
+        if begin_alike(told.data, seen):
+            return told, found
+        renewed = told.with_data(seen)
+        again = renewed.fit(found)
+        return (told, found) if again is None or again.square > found.square else (renewed, again)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""

@@ -127,8 +127,8 @@ def _forward(
         found = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             found = pruned(evaluator, found, start)
-        steps = steps_of(found, steps, last)
-        current = found
+        evaluator, current = evaluator.settled(found, start)
+        steps = steps_of(current, steps, last)
     return Found(evaluator, start, current, tuple(steps), last)
 
 

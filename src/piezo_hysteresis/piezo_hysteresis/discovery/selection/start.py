@@ -76,7 +76,9 @@ def find(
     base, seen = fitted_baselines(data, given, how.choices, how.workers)
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
-    evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints, how.deadline)
+    evaluator = FreeEvaluator(
+        seen, how.seed, how.workers, policy, hints, how.deadline, how.choices
+    )
     return base, _judged(search(evaluator, base.joint, progress), progress)
 
 
