@@ -49,6 +49,15 @@ EXCITATION = ParameterTable(
         ParameterSpec('voltage.amplitude', 1.0, 'Amplitude of the voltage.', 'V', 0.0, 500.0),
         ParameterSpec('voltage.offset', 0.0, 'Mean of the voltage.', 'V', -500.0, 500.0),
         ParameterSpec('ramp', 1.0, 'Smooth rise of the amplitude at the start.', 's', 0.0, 60.0),
+        ParameterSpec(
+            'slew',
+            0.0,
+            'Fastest change of the voltage by sweeps and mode voltage, also where commands come '
+            'late; 0 is any.',
+            'V/s',
+            0.0,
+            1e12,
+        ),
         ParameterSpec('duration', 0.0, 'Length of the experiment; 0 has no end.', 's', 0.0, 1e6),
         ParameterSpec(
             'wait_for', 0, 'Subscribers that must be there before the first tick.', low=0, high=99

@@ -15,7 +15,7 @@ _SENTENCES: dict[str, Finding] = {
     'stamp_jumps': (Level.WARN, 'time stamps of states jump: the numbers of the samples hold'),
     'eased': (
         Level.WARN,
-        'commands came late; no step is faster than planned',
+        'commands are held back to slew: they come late, or are planned faster',
     ),
     'restarts': (Level.WARN, 'the actuator was started anew'),
     'sweeps_refused': (Level.WARN, 'a sweep was refused'),

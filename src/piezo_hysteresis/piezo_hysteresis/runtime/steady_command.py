@@ -1,76 +1,110 @@
-"""Commands that never move an actuator faster than was planned, however late they come.
+"""Commands that move an actuator no faster than it is allowed, however late they come.
 
 An actuator that keeps its own pace holds what it has where a command comes late. The next one,
-made for its tick as planned, would move it by all that was missed at once. So what the actuator
-says that it applied counts, and what was missed is caught up with at the pace of the plan.
+made for its tick as planned, would move it by all that was missed at once. So a command is held
+to what the actuator says that it applies, and to every command since then: each of them may still
+be the one before it, or be skipped.
 """
 
 from __future__ import annotations
 
-# How much one tick counts in the share of those that were answered in time, and from which share
-# on an actuator is taken to apply commands in their tick, and to say what it applied.
-_WEIGHT, _PROMPT = 0.05, 0.5
-_ROUNDING = 1e-9
-# One that stands still for so long does not wait for commands any more, it ignores them [s].
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+# Commands that are remembered; more are on their way where nothing answers any more.
+_ON_THEIR_WAY = 256
+# A command has arrived after so long, and acts or was skipped [s].
+_ARRIVES = 0.1
+# An actuator that stands still for so long does not wait for commands, it ignores them [s].
 _STUCK = 1.0
+_ROUNDING = 1e-9
+
+
+class _Sent(NamedTuple):
+    """A command [V], for which tick, and when it was sent [s]."""
+
+    voltage: float
+    sample: int
+    time: float
 
 
 class SteadyCommand:
-    """Bounds the change of a command by what was planned, from where the actuator is.
+    """Bounds the change of a command by a rate, from wherever the actuator may be.
 
-    An actuator that always answers a tick later, or that tells a measured voltage and not the
-    command, misses nothing by that: what it says is not built upon.
+    Commands that are applied in their tick may move by the rate. One that is always a tick late
+    has two of them to be near to, and so moves half as fast.
 
     Parameters
     ----------
     rate : float
         Ticks per second [Hz].
+    now : callable
+        Clock [s].
+
+    Attributes
+    ----------
+    eased : int
+        Commands that were held back.
+    behind : bool
+        Whether the last command was not the one that was planned.
     """
 
-    def __init__(self, rate: float) -> None:
-        self._patience, self._still = rate * _STUCK, 0
-        self._sample, self._sent = -1, 0.0
-        self._heard, self._applied = -1, 0.0
-        self._planned: float | None = None
-        self._fastest = 0.0
-        self._prompt = 0.0
-        #: Commands that were held back.
+    def __init__(self, rate: float, now: Callable[[], float] = time.monotonic) -> None:
+        self._rate, self._now, self._still = rate, now, 0
+        self._applied: float | None = None
+        self._sent: deque[_Sent] = deque(maxlen=_ON_THEIR_WAY)
         self.eased = 0
-
-    def begin(self) -> None:
-        """Begin with another plan."""
-        self._planned, self._fastest = None, 0.0
+        self.behind = False
 
     def forget(self) -> None:
         """Begin again with an actuator that was started anew."""
-        self.begin()
-        self._sample = self._heard = -1
-
-    @property
-    def behind(self) -> bool:
-        """Whether the last command was not the one that was planned."""
-        return self._planned is not None and self._sent != self._planned
+        self._applied, self._still, self.behind = None, 0, False
+        self._sent.clear()
 
     def hear(self, sample: int, voltage: float) -> None:
-        """Note what was applied at a tick [V]; one that was held says nothing of who is prompt."""
-        stands = voltage == self._applied
-        if sample == self._sample and not stands:
-            self._prompt += _WEIGHT * (float(voltage == self._sent) - self._prompt)
-        self._still = self._still + 1 if stands and voltage != self._sent else 0
-        if self._still > self._patience:
-            self._prompt = 0.0
-        self._heard, self._applied = sample, voltage
+        """Note what was applied at a tick [V]: what was sent before that is over."""
+        if voltage == self._applied:  # held: nothing more is known of what is on its way
+            self._still += self.behind
+        else:
+            self._still, self._applied = 0, voltage
+            if any(each.voltage == voltage for each in self._sent):
+                while self._sent.popleft().voltage != voltage:  # the oldest that it may be
+                    pass
+            else:  # an actuator that goes its own way
+                while len(self._sent) > 1:
+                    self._sent.popleft()
+        self._forget_what_came(sample)
 
-    def next(self, sample: int, planned: float) -> float:
-        """Return the command of tick `sample` [V] for what is planned for it [V]."""
+    def _forget_what_came(self, sample: int) -> None:
+        """Drop commands that had come before tick `sample`, as the last states have told them.
+
+        What was sent long ago is over only where that tick was long after it, too: states may
+        have waited to be heard.
+        """
+        arrived, ticks = self._now() - _ARRIVES, _ARRIVES * self._rate
+        while len(self._sent) > 1:
+            first = self._sent[0]
+            if first.time > arrived or sample < first.sample + ticks:
+                break
+            self._sent.popleft()
+
+    def next(self, sample: int, planned: float, slew: float) -> float:
+        """Return the command of a tick [V] for what is planned [V].
+
+        It moves the actuator by no more than `slew` [V/s]; 0 is any.
+        """
         command = planned
-        if self._planned is not None:
-            ticks = max(1, sample - self._sample)
-            self._fastest = max(self._fastest, abs(planned - self._planned) / ticks)
-            known = self._heard == sample - 1 and self._prompt > _PROMPT
-            at = self._applied if known else self._sent
-            if known and abs(planned - at) > self._fastest * (1.0 + _ROUNDING):
-                command = at + (self._fastest if planned > at else -self._fastest)
-                self.eased += 1
-        self._sample, self._sent, self._planned = sample, command, planned
+        if slew > 0.0 and self._applied is not None and self._still <= _STUCK * self._rate:
+            most = slew / self._rate * (1.0 + _ROUNDING)
+            before = (self._applied, *(each.voltage for each in self._sent))
+            low, high = max(before) - most, min(before) + most
+            if low > high:  # it went its own way meanwhile
+                low, high = self._applied - most, self._applied + most
+            command = min(max(planned, low), high)
+        self.behind = command != planned
+        self.eased += self.behind
+        if not self._sent or self._sent[-1].voltage != command:
+            self._sent.append(_Sent(command, sample, self._now()))
         return command

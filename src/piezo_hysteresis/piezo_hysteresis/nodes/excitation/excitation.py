@@ -141,7 +141,6 @@ class Excitation(Node):
         """Reply to the newest state, in case the loop waits for it."""
         self._received = time.monotonic()
         self._given_up = ''
-        self._steady.begin()
         self._answer()
 
     def _answer(self) -> None:
@@ -213,7 +212,7 @@ class Excitation(Node):
         self._last = (self._reference_publisher, payload)
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
-        command = self._steady.next(sample, voltage)
+        command = self._steady.next(sample, voltage, self._params.number('slew'))
         payload = voltage_bytes(self._head(sample), sample, command)
         self._voltage_publisher.publish(payload)
         self._last = (self._voltage_publisher, payload)

@@ -78,8 +78,10 @@ class Neighbourhood:
         answer = self._answer(self._excitation.get_parameters([name]), stopped)
         return parameter_value_to_python(answer.values[0])
 
-    def set_mode(self, mode: str, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Let the excitation do something else.
+    def set_excitation(
+        self, stopped: Callable[[], bool] = lambda: False, **values: str | float
+    ) -> None:
+        """Let the excitation do something else, or otherwise.
 
         Raises
         ------
@@ -89,10 +91,11 @@ class Neighbourhood:
             If it refuses.
         """
         self._there(stopped)
-        parameters = [Parameter('mode', value=mode)]
-        (result,) = self._answer(self._excitation.set_parameters(parameters), stopped).results
-        if not result.successful:
-            raise PiezoError(f'the excitation refuses mode {mode}: {result.reason}')
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        answer = self._answer(self._excitation.set_parameters(parameters), stopped)
+        for (name, value), result in zip(values.items(), answer.results, strict=True):
+            if not result.successful:
+                raise PiezoError(f'the excitation refuses {name} {value}: {result.reason}')
 
     def use(self, model: ModelFile, stopped: Callable[[], bool]) -> str:
         """Let every node that is there use a model; return which do.

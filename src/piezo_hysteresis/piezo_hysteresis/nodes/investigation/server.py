@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,10 +150,13 @@ class InvestigationServer:
         request = goal.request
         setup = self._setup(request, stopped)
         before = str(self._neighbours.excitation('mode', stopped))
+        usual = float(self._neighbours.excitation('slew', stopped))
+        slew = min(setup.limits.slew, usual or inf)
+        held = slew if isfinite(slew) else 0.0
         under = Circumstances(
             setup.rate,
             setup.limits.slew,
-            lambda: self._neighbours.set_mode('idle', stopped),
+            lambda: self._neighbours.set_excitation(stopped, mode='idle', slew=held),
             stopped,
         )
         under.ready()
@@ -167,13 +170,13 @@ class InvestigationServer:
                 apply=request.apply,
             )
         finally:
-            if before != 'idle' and not self._closing:
-                self._go_back_to(before)
+            if not self._closing:
+                self._go_back_to(before, usual)
         _fill(result, found, self._folder(request))
 
-    def _go_back_to(self, mode: str) -> None:
+    def _go_back_to(self, mode: str, slew: float) -> None:
         try:
-            self._neighbours.set_mode(mode)
+            self._neighbours.set_excitation(slew=slew, mode=mode)
         except Unanswered as error:  # what came out, or went wrong, is told all the same
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
