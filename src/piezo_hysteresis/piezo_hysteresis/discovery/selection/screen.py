@@ -181,7 +181,7 @@ class Screen:
                 self._errors[place],
                 view.dt,
                 view.frequency,
-                view.start + view.first * view.dt,
+                view.start + view.first * view.dt + self._fit.sampling_offset,
                 self._fit.values,
             )
             guesses += [each for each in candidate.guessed(seen) if each not in guesses]
