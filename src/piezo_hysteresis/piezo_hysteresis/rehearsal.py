@@ -217,8 +217,8 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.discovery.selection.expectation import orthonormal, taken_out
     from piezo_hysteresis.discovery.selection.screen import without
+    from piezo_hysteresis.identification.drive_lines import orthonormal, taken_out
     from piezo_hysteresis.numerics.harmonics import tone_amplitude
 
     without(np.ones(8), np.zeros((1, 8)))

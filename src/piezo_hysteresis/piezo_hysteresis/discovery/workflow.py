@@ -114,11 +114,12 @@ def discover(
     progress(0.02, 'checked, split and noise measured')
     base, outcome = find(data, baseline, how, progress)
     found = outcome.found
-    proof = prove(found.evaluator.data, outcome.before, outcome.after)
+    measured = found.evaluator.measured
+    proof = prove(measured, outcome.before, outcome.after)
     verdict = tell(coverage, base, outcome, proof, name or base.joint.model.name, seed)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
-        found.evaluator.data,
+        measured,
         found.evaluator.floor,
         base,
         found.steps,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cmath import phase
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan, sqrt
@@ -10,15 +11,23 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.checks import main_frequency
+from piezo_hysteresis.identification.drive_lines import (
+    at_its_largest,
+    drive_lines,
+    phase_at,
+    taken_out,
+)
 from piezo_hysteresis.identification.noise import density
 from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Condition, Discrepancy, Model
-from piezo_hysteresis.numerics.harmonics import harmonics
+from piezo_hysteresis.numerics.harmonics import harmonics, line_amplitudes, phase_of
 from piezo_hysteresis.records import Record
 
-# Lines and bands with less than this of the power of a residual are not told.
-_LEAST_POWER = 1e-3
+#: Lines and bands with less than this of the power of a residual are not told.
+LEAST_POWER = 1e-3
+# Periods for which a drive must hold its largest amplitude to have phases.
+_HELD_FOR = 2.0
 # Places in an octave, over its lowest frequency, at which the spectrum of noise is read.
 _WITHIN = np.linspace(1.0, 2.0, 9)
 
@@ -45,6 +54,8 @@ class RecordResidual:
         Rms of the noise in it [m]; NaN where it is not known.
     noise_colour : float
         Correlation of the noise from one sample to the next.
+    voltage : ndarray, shape (n,), or None
+        What drove it [V or N], from which phases are counted.
     """
 
     name: str
@@ -55,6 +66,7 @@ class RecordResidual:
     stroke: float
     noise: float = nan
     noise_colour: float = 0.0
+    voltage: FloatArray | None = None
 
 
 def residuals_of(
@@ -92,6 +104,7 @@ def residuals_of(
                 stroke=float(np.ptp(view.kept(view.measured))),
                 noise=view.noise,
                 noise_colour=view.noise_colour,
+                voltage=view.pick(view.voltage),
             )
         )
     return found
@@ -127,32 +140,65 @@ def condition_of(residual: RecordResidual) -> Condition:
     error = residual.error
     rms = float(np.sqrt(np.mean(error**2)))
     periodic = residual.frequency > 0.0 and error.size * residual.dt * residual.frequency >= 1.0
-    least = _LEAST_POWER * rms**2
+    least = LEAST_POWER * rms**2
+    lines, beside = _split(residual) if periodic else ({}, error)
+    sizes = {order: rms for order, rms in lines.items() if rms**2 > least}
     return Condition(
         frequency=residual.frequency if periodic else 0.0,
         amplitude=residual.amplitude,
         stroke=residual.stroke,
         rms=rms,
         noise=residual.noise if isfinite(residual.noise) else None,
-        harmonics=_harmonics(residual, least) if periodic else {},
-        bands=_beside(residual, least) if periodic else _octaves(error, residual.dt, least),
+        harmonics=sizes,
+        bands=_beyond_noise(residual, beside, least)
+        if periodic
+        else _octaves(error, residual.dt, least),
+        phases=_phases(residual, sizes) if periodic else {},
     )
 
 
-def _harmonics(residual: RecordResidual, least: float) -> dict[int, float]:
-    orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
-    power = np.abs(phasors) ** 2 / 2.0
-    power[0] *= 2.0
-    return {n: sqrt(float(p)) for n, p in zip(orders, power, strict=True) if p > least}
+def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
+    """Return the rms of each harmonic, 0 being the mean, and what is beside them.
 
-
-def _beside(residual: RecordResidual, least: float) -> dict[float, float]:
-    """Return the rms in octaves of what is on no harmonic, beyond the noise."""
-    orders, phasors, _ = harmonics(residual.error, residual.frequency, residual.dt)
-    turn = 2j * np.pi * residual.frequency * residual.dt * np.arange(residual.error.size)
-    left = residual.error.copy()
+    Where the drive changes its amplitude, harmonics follow it: `drive_lines`.
+    """
+    error, dt, drive = residual.error, residual.dt, residual.frequency
+    if residual.voltage is not None:
+        rows, order_of = drive_lines(residual.voltage, dt, drive)
+        if np.any(order_of == 0):  # the mean follows an amplitude that changes
+            mean = float(np.mean(error))
+            shares, beside = taken_out(error - mean, rows)
+            power = np.bincount(order_of, shares**2 / error.size)
+            power[0] += mean**2
+            return {n: sqrt(float(p)) for n, p in enumerate(power)}, beside
+    orders, phasors, _ = harmonics(error, drive, dt)
+    turn = 2j * np.pi * drive * dt * np.arange(error.size)
+    beside = error.copy()
     for order, phasor in zip(orders, phasors, strict=True):
-        left -= np.real(phasor * np.exp(order * turn))
+        beside -= np.real(phasor * np.exp(order * turn))
+    sizes = np.abs(phasors) * np.where(np.array(orders) > 0, sqrt(0.5), 1.0)
+    return dict(zip(orders, map(float, sizes), strict=True)), beside
+
+
+def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:
+    """Return the phases of harmonics, less their order times that of the drive [rad].
+
+    They are those at the largest amplitude, and none where that is not held long enough.
+    """
+    wanted = [order for order in orders if order > 0]
+    if residual.voltage is None or not wanted:
+        return {}
+    dt, drive = residual.dt, residual.frequency
+    where = at_its_largest(residual.voltage, dt, drive)
+    if np.count_nonzero(where) * dt * drive < _HELD_FOR:
+        return {}
+    turn = phase_of(drive, dt, residual.error.size) + phase_at(residual.voltage, dt, drive)
+    phasors = line_amplitudes(residual.error[where], turn[where], wanted)[1]
+    return {n: float(np.angle(each)) for n, each in zip(wanted, phasors, strict=True)}
+
+
+def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> dict[float, float]:
+    """Return the rms in octaves of what is on no harmonic, beyond the noise."""
     white = residual.noise**2 * 2.0 * residual.dt if isfinite(residual.noise) else 0.0
 
     def noise(low: float) -> float:
@@ -197,7 +243,17 @@ def _together(conditions: Sequence[Condition]) -> Condition:
         _mean(noises) if noises else None,
         {int(n): rms for n, rms in joined([c.harmonics for c in conditions]).items()},  # type: ignore[misc]
         joined([c.bands for c in conditions]),
+        _phases_together(conditions),
     )
+
+
+def _phases_together(conditions: Sequence[Condition]) -> dict[int, float]:
+    """Return the phases of what repeats have in common; none where one does not know them."""
+    rows = [row for row in (c.phasors for c in conditions) if row is not None]
+    if len(rows) < len(conditions):
+        return {}
+    orders = sorted({order for row in rows for order in row})
+    return {n: phase(sum(row.get(n, 0.0) for row in rows)) for n in orders}
 
 
 def _mean(sizes: Iterable[float]) -> float:

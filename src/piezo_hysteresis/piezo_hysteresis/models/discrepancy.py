@@ -6,6 +6,7 @@ belongs to the model as its values do: an error of that size on other records is
 
 from __future__ import annotations
 
+from cmath import rect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite, log2, sqrt
@@ -16,6 +17,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_stray
+from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
 _DIGITS = 4
 # Conditions nearer than this are the same; beyond it they count by distance to the power -4, so
@@ -44,6 +47,8 @@ class Condition:
     bands : mapping of float to float
         Rms of the error in the octave from each frequency [Hz] on [m]; 0 is the mean. For a
         periodic drive what is beside its harmonics, and beyond the noise.
+    phases : mapping of int to float
+        Phase of each harmonic [rad], less its order times that of the drive; where they are known.
     """
 
     frequency: float
@@ -53,12 +58,15 @@ class Condition:
     noise: float | None = None
     harmonics: Mapping[int, float] = field(default_factory=dict)
     bands: Mapping[float, float] = field(default_factory=dict)
+    phases: Mapping[int, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         numbers = [self.frequency, self.amplitude, self.rms, self.noise or 0.0]
         numbers += [*self.harmonics.values(), *self.bands.values(), *self.bands]
         if not all(isfinite(x) and x >= 0.0 for x in numbers) or not self.stroke > 0.0:
             raise ModelError('a discrepancy holds sizes, which are finite and not negative')
+        if not all(map(isfinite, self.phases.values())):
+            raise ModelError('the phases of a discrepancy must be finite')
 
     @property
     def missed(self) -> float:
@@ -69,6 +77,14 @@ class Condition:
     def share(self) -> float:
         """What is missed as a part of the stroke."""
         return self.missed / self.stroke
+
+    @property
+    def phasors(self) -> dict[int, complex] | None:
+        """Harmonics above the mean as parts of the stroke; None where a phase is not known."""
+        orders = [order for order in self.harmonics if order > 0]
+        if self.frequency <= 0.0 or not set(orders) <= set(self.phases):
+            return None
+        return {n: rect(self.harmonics[n] / self.stroke, self.phases[n]) for n in orders}
 
     def to_dict(self) -> dict[str, Any]:
         """Return a row of plain numbers; what is empty is left out."""
@@ -85,6 +101,8 @@ class Condition:
             row['harmonics'] = {k: _short(v) for k, v in self.harmonics.items()}
         if self.bands:
             row['bands'] = {_short(k): _short(v) for k, v in self.bands.items()}
+        if self.phases:
+            row['phases'] = {k: _short(v) for k, v in self.phases.items()}
         return row
 
     @classmethod
@@ -117,6 +135,7 @@ class Condition:
             size('noise') if 'noise' in row else None,
             {int(order): rms for order, rms in table('harmonics').items()},
             table('bands'),
+            {int(order): phase for order, phase in table('phases').items()},
         )
 
 
@@ -262,6 +281,38 @@ class Discrepancy:
                 if low > 0.0
             ),
         )
+
+    def octaves_from(self, frequency: float, amplitude: float) -> float:
+        """Return how far a drive is from the nearest known condition [octaves]."""
+        return min(
+            _apart(c.frequency, frequency) + _apart(c.amplitude, amplitude)
+            for c in self.conditions
+        )
+
+    def repeats(self, frequency: float, amplitudes: FloatArray) -> dict[int, Repeating] | None:
+        """Return the harmonics that are missed of a drive, as parts of the stroke, by order.
+
+        Parameters
+        ----------
+        frequency : float
+            Of the drive [Hz].
+        amplitudes : ndarray, shape (n,)
+            Of the drive [V or N].
+
+        Returns
+        -------
+        dict of int to Repeating, or None
+            None where the phases are not known under every condition with a periodic drive.
+        """
+        periodic = [c for c in self.conditions if c.frequency > 0.0]
+        rows = [row for row in (c.phasors for c in periodic) if row is not None]
+        if frequency <= 0.0 or not rows or len(rows) < len(periodic):
+            return None
+        orders = range(1, HIGHEST_ORDER + 1)
+        places = np.array([(c.frequency, c.amplitude) for c in periodic])
+        phasors = np.array([[row.get(n, 0.0) for row in rows] for n in orders], np.complex128)
+        wanted = np.column_stack([np.full(amplitudes.size, frequency), amplitudes])
+        return of_orders(orders, *repeating(places, phasors, wanted))
 
     def to_dict(self) -> dict[str, Any]:
         """Return what is written, of plain types only."""

@@ -144,6 +144,15 @@ class Evaluator(ABC):
 
     # --- what they share -------------------------------------------------------------------
 
+    @property
+    def measured(self) -> Dataset:
+        """The data as they were measured."""
+        return self.data
+
+    def as_measured(self, fit: CandidateFit) -> CandidateFit:
+        """Return a model judged on training views as they were measured."""
+        return fit
+
     #: Between what the sampling offset may lie [s]; None for what every recording may have.
     clock: tuple[float, float] | None = None
 

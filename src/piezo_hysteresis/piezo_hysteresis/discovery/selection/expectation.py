@@ -9,19 +9,23 @@ the noise and the discrepancy of the ``model.yaml`` let expect there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, sqrt
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal.windows import tukey
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
-from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.identification.discrepancy import LEAST_POWER
+from piezo_hysteresis.identification.drive_lines import (
+    amplitudes,
+    drive_lines,
+    phase_at,
+    taken_out,
+)
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
 
@@ -47,6 +51,11 @@ class Expectation:
         Independent numbers in each part.
     window : ndarray, shape (n,)
         Weight of each sample in the spectrum.
+    repeated : ndarray, shape (n,)
+        What the model is known to miss in the phase of the drive [m]: an error less this is
+        compared with `expected`.
+    octaves : float
+        How far the drive is from the nearest one under which the model was judged.
     """
 
     lines: FloatArray
@@ -55,11 +64,17 @@ class Expectation:
     expected: FloatArray
     independent: FloatArray
     window: FloatArray
+    repeated: FloatArray
+    octaves: float
 
     @property
     def total(self) -> float:
         """Mean square over all parts but the mean [m^2]."""
         return float(self.expected[1:].sum())
+
+    def out_of_phase(self) -> Expectation:
+        """Return what is expected where the phases of what repeats itself are lost."""
+        return replace(self, expected=self.expected + self.powers(self.repeated))
 
     def powers(self, error: FloatArray) -> FloatArray:
         """Return the mean square of each part of an error, shape (n,) [m^2]; its mean is left out.
@@ -98,7 +113,9 @@ class Expectation:
             return True
         chance = 1.0 + 3.0 / np.sqrt(np.maximum(self.independent, 1.0))
         large = powers > chance * policy.news**2 * self.expected
-        return bool(np.any(large & (powers - self.expected > policy.part * self.total)))
+        # where a large part was possible and is not there, it hides nothing
+        there = min(float(powers[1:].sum()), self.total)
+        return bool(np.any(large & (powers - self.expected > policy.part * there)))
 
     def excess(self, powers: FloatArray) -> float:
         """Return the mean square beyond what is expected, in units of all that is [1]."""
@@ -127,20 +144,23 @@ def expectation(
     amplitude = 0.5 * float(np.ptp(view.voltage[view.origin :]))
     noise = view.noise if isfinite(view.noise) else known.noise
     missed = known.near(view.frequency, amplitude)
-    lines, line_of = _lines(voltage, dt, view.frequency, policy)
+    lines, line_of = drive_lines(voltage, dt, view.frequency, policy.periods, policy.steady)
     frequency = np.asarray(np.fft.rfftfreq(count, dt), dtype=np.float64)
     octave_of = np.full(frequency.size, _ORDERS, dtype=np.int64)
     octave_of[1:] += np.floor(np.log2(np.arange(1, frequency.size))).astype(np.int64)
     parts = int(octave_of.max()) + 1
     density = missed.density(frequency) * (frequency[1] * stroke**2)
-    angle = 2.0 * np.pi * dt
+    beside, angle = float(density.sum()), 2.0 * np.pi * dt
     density += noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, angle * frequency)
     expected: FloatArray = np.bincount(octave_of, density, parts).astype(np.float64)
     ranks = np.bincount(line_of, minlength=parts)
     orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
     at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, angle * orders)
     expected[:_ORDERS] += ranks[:_ORDERS] * at_lines
-    known_lines = {n: (share * stroke) ** 2 for n, share in missed.harmonics.items()}
+    repeated, known_lines = _repeating(voltage, dt, view.frequency, known, stroke)
+    if repeated is None:
+        known_lines = {n: (share * stroke) ** 2 for n, share in missed.harmonics.items()}
+        repeated = np.zeros(count)
     for order, square in known_lines.items():
         if ranks[order]:
             expected[order] += square
@@ -150,12 +170,51 @@ def expectation(
     independent = np.minimum(2 * np.bincount(octave_of, minlength=parts), policy.octave)
     independent[:_ORDERS] = np.minimum(ranks[:_ORDERS], policy.line)
     total = (missed.share * stroke) ** 2
-    expected = np.where(independent > 0, expected + policy.shape * total, 0.0)
+    open_to = min(total, sum(known_lines.values()) + beside)
+    anywhere = policy.shape * open_to + LEAST_POWER * total
+    expected = np.where(independent > 0, expected + anywhere, 0.0)
     # how the mean follows the amplitude no file of steady drives tells
     expected[0] += total
     expected += 1e-14 * stroke**2 + 1e-300
     window = np.asarray(tukey(count, policy.taper), dtype=np.float64)
-    return Expectation(lines, line_of, octave_of, expected, independent.astype(np.float64), window)
+    numbers = independent.astype(np.float64)
+    apart = known.octaves_from(view.frequency, amplitude)
+    return Expectation(lines, line_of, octave_of, expected, numbers, window, repeated, apart)
+
+
+# Amplitudes at which what is missed of a growing drive is worked out, between them it is linear.
+_STEPS = 32
+
+
+def _repeating(
+    voltage: FloatArray, dt: float, drive: float, known: Discrepancy, stroke: float
+) -> tuple[FloatArray | None, dict[int, float]]:
+    """Return what a model will miss of a drive, and the mean square by which it may be off.
+
+    Returns
+    -------
+    repeated : ndarray, shape (n,), or None
+        Sum of the harmonics that are expected [m]; None where phases are not known, or the drive
+        shows none.
+    squares : dict of int to float
+        By order [m^2].
+    """
+    if drive <= 0.0 or drive * dt * voltage.size < 1.0:
+        return None, {}
+    reach = amplitudes(voltage, dt, drive)
+    most = max(float(reach.max()), 1e-300)
+    levels = most * np.linspace(1.0 / _STEPS, 1.0, _STEPS)
+    found = known.repeats(drive, levels)
+    if found is None:
+        return None, {}
+    turn = phase_of(drive, dt, voltage.size) + phase_at(voltage, dt, drive)
+    repeated, squares = np.zeros(voltage.size), {}
+    shown = {n: each for n, each in found.items() if n * drive * dt < 0.45}
+    for order, each in shown.items():
+        phasor = np.interp(reach, levels, each.mean) * np.exp(1j * order * turn)
+        repeated += sqrt(2.0) * stroke * (reach / most) * np.real(phasor)
+        squares[order] = stroke**2 * float(np.mean(np.interp(reach, levels, each.square)))
+    return repeated, squares
 
 
 def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
@@ -168,60 +227,6 @@ def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
     place = min(max(int(np.floor(np.log2(max(bin_of_line, 1.0)))), 0), octaves - 1)
     near = np.abs(np.arange(octaves) - place)
     return np.where(near == 0, 1.0, np.where(near == 1, 0.5, 0.0))
-
-
-def _lines(
-    voltage: FloatArray, dt: float, drive: float, policy: SelectionPolicy
-) -> tuple[FloatArray, IntArray]:
-    """Return orthonormal rows that span the harmonics of a drive [Hz], and the order of each."""
-    count = voltage.size
-    none = np.zeros((0, count)), np.zeros(0, dtype=np.int64)
-    if drive <= 0.0 or drive * dt * count < policy.periods:
-        return none
-    size = _envelope(voltage, max(round(1.0 / (drive * dt)), 2))
-    laws = [np.ones(count)]
-    if float(np.std(size)) > policy.steady * float(np.mean(size)):
-        laws += [size, size**2]
-    angle = phase_of(drive, dt, count)
-    rows, orders = list(laws), [0] * len(laws)
-    for order in range(1, min(HIGHEST_ORDER, int(0.45 / (drive * dt))) + 1):
-        for law in laws:
-            rows += [law * np.cos(order * angle), law * np.sin(order * angle)]
-            orders += [order, order]
-    basis = orthonormal(np.array(rows))
-    # the first is the mean, which is left out
-    return basis[1:], np.array(orders[1:], dtype=np.int64)
-
-
-@jit
-def orthonormal(rows: FloatArray) -> FloatArray:
-    """Return orthonormal rows, shape (q, n), without BLAS threads; zeros for dependent ones."""
-    found = rows.copy()
-    for j in range(found.shape[0]):
-        before = sqrt(inner(found[j], found[j]))
-        for _ in range(2):
-            for i in range(j):
-                found[j] -= inner(found[i], found[j]) * found[i]
-        size = sqrt(inner(found[j], found[j]))
-        found[j] *= 1.0 / size if size > 1e-6 * before else 0.0
-    return found
-
-
-@jit
-def taken_out(error: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the shares of orthonormal rows in an error, shape (q,), and what is left."""
-    left, shares = error.copy(), np.empty(lines.shape[0])
-    for j in range(lines.shape[0]):
-        shares[j] = inner(lines[j], left)
-        left -= shares[j] * lines[j]
-    return shares, left
-
-
-def _envelope(voltage: FloatArray, period: int) -> FloatArray:
-    """Return half the range of a signal over each period, smoothed, over its largest."""
-    reach = maximum_filter1d(voltage, period) - minimum_filter1d(voltage, period)
-    smooth = uniform_filter1d(reach, period)
-    return np.asarray(smooth / max(float(smooth.max()), 1e-300))
 
 
 def costs(

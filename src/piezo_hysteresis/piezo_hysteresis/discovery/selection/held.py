@@ -13,15 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 from scipy.stats import chi2
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
+    fitted_to,
     judged_on,
     takes_no_time,
 )
@@ -30,6 +33,7 @@ from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.expectation import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.uncertain import widened
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.targets import Target
@@ -42,6 +46,9 @@ from piezo_hysteresis.models import (
 )
 from piezo_hysteresis.models.stages import free_states
 
+# A clock within this share of a tick is where it was.
+_STILL = 1e-4
+
 
 class HeldEvaluator(Evaluator):
     """Judges against noise and what the baseline is known to miss; its values stay.
@@ -49,7 +56,8 @@ class HeldEvaluator(Evaluator):
     Parameters
     ----------
     data, seed, workers, policy, deadline
-        As in `Evaluator`.
+        As in `Evaluator`; what the baseline is known to miss in phase with the drive is taken off
+        the views (`with_repeated`).
     base : CandidateFit
         The baseline as its file says.
     known : Discrepancy
@@ -59,6 +67,8 @@ class HeldEvaluator(Evaluator):
     late : float, optional
         Sampling offset that its file says [s], about which the clock of the records is free; that
         of `base` where not given.
+    covariance : (tuple of str, ndarray), optional
+        Names and covariance of its values, where its file tells them.
     """
 
     def __init__(
@@ -72,26 +82,34 @@ class HeldEvaluator(Evaluator):
         deadline: Deadline | None = None,
         deviations: Mapping[str, float] | None = None,
         late: float | None = None,
+        covariance: tuple[tuple[str, ...], FloatArray] | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
         self.base, self.known, self.deviations = base, known, dict(deviations or {})
         self._fixed = frozenset(base.model.free_names)
         self.late = base.sampling_offset if late is None else late
         self.clock = clock_about(self.late, self.views[0].dt)
-        strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
-        drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
+        self.covariance = covariance
 
-        def expected(view: Target) -> Expectation:
-            seen = replace(view, frequency=drives[view.name])
-            return expectation(seen, known, strokes[view.name], policy)
+        def expected(views: Sequence[Target]) -> tuple[Expectation, ...]:
+            found = expectations(data, views, known, policy)
+            return found if covariance is None else widened(found, base, views, *covariance)
 
-        self.expected = tuple(map(expected, data.training))
-        self.expected_held_out = tuple(map(expected, data.held_out))
+        self.expected, self.expected_held_out = expected(data.training), expected(data.held_out)
+
+    @property
+    def measured(self) -> Dataset:
+        """The data as they were measured, with what repeats itself."""
+        return with_repeated(self.data, self.known, self.policy, 1.0)
+
+    def as_measured(self, fit: CandidateFit) -> CandidateFit:
+        """Return a model judged on training views with what repeats itself."""
+        return replace(judged_on(fit, self.measured.training), fitted=fit.fitted)
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return the same evaluator on other data."""
         given = self.base, self.known, self.policy, self.deadline, self.deviations, self.late
-        return HeldEvaluator(data, self.seed, self.workers, *given)
+        return HeldEvaluator(data, self.seed, self.workers, *given, self.covariance)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return what is fitted of a model: what it has beyond the baseline, or has changed."""
@@ -115,9 +133,38 @@ class HeldEvaluator(Evaluator):
         fitted = self.counted(fit) - len(fit.shifted)
         return costs(fit.errors, self.expected)[0] + self.policy.price * fitted + self._moved(fit)
 
+    def fit(
+        self,
+        spec: ModelSpec,
+        views: Sequence[Target] | None = None,
+        evaluations: int = 0,
+        enough: float = inf,
+    ) -> CandidateFit | None:
+        """Return a model fitted from its own values, with the clock of the file where that does.
+
+        A clock that is off makes up for a part of every effect that takes time. So one that is as
+        it was is tried as well.
+        """
+        found = super().fit(spec, views, evaluations, enough)
+        if found is None or views is not None or not self._clock_moved(found):
+            return found
+        still = fitted_to(
+            replace(found, sampling_offset=self.late),
+            self.views,
+            evaluations=self.policy.first_evaluations,
+            tolerance=self.tolerance(spec),
+            free=self.free_of(spec),
+            clock=clock_about(self.late, _STILL * self.views[0].dt),
+            workers=self.workers,
+        )
+        return found if still is None else min(found, still, key=self.score)
+
+    def _clock_moved(self, spec: ModelSpec) -> bool:
+        return abs(spec.sampling_offset - self.late) > 2.0 * _STILL * self.views[0].dt
+
     def _moved(self, fit: CandidateFit) -> float:
-        """Return what it costs that values of the baseline are others [nats]."""
-        total = 0.0
+        """Return what it costs that values of the baseline, or the clock, are others [nats]."""
+        total = self.policy.price if self._clock_moved(fit) else 0.0
         for name in fit.shifted:
             change, std = fit.values[name] - self.base.values[name], self.deviations.get(name, 0.0)
             drawn = 0.5 * (change / std) ** 2 if std > 0.0 else np.inf
@@ -150,12 +197,12 @@ class HeldEvaluator(Evaluator):
 
     def shows_news(self, fit: CandidateFit) -> bool:
         """Return whether a model judged on all training views misses more than it is known to."""
-        return costs(fit.errors, self.expected)[2]
+        return costs(fit.errors, _beside(fit, self.expected))[2]
 
     def shows_news_held_out(self, spec: ModelSpec) -> bool:
         """Return the same of held-out views: they open the search and name nothing."""
         errors = judged_on(spec, self.data.held_out).errors
-        return costs(errors, self.expected_held_out)[2]
+        return costs(errors, _beside(spec, self.expected_held_out))[2]
 
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether there is news anywhere."""
@@ -190,8 +237,13 @@ class HeldEvaluator(Evaluator):
         return Improvement(before.square - after.square, gain, min(1.0, chance * tried))
 
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
-        """Return the posterior probability of each finalist; no effect has what is missing."""
-        cost = np.array([self.score(before), *(self.score(fit) for fit in finalists)])
+        """Return the posterior probability of each finalist; no effect has what is missing.
+
+        Effects are alike beforehand: one that enters in several ways is none the likelier.
+        """
+        ways = [float(sum(f.effect == fit.effect for f in finalists)) for fit in finalists]
+        priced = map(lambda fit, n: self.score(fit) + float(np.log(n)), finalists, ways)
+        cost = np.array([self.score(before), *priced])
         weights = np.exp(-(cost - cost.min()))
         return tuple(map(float, (weights / weights.sum())[1:]))
 
@@ -212,6 +264,45 @@ class HeldEvaluator(Evaluator):
             return Remainder(True, held_out, judged_on(final, held_out))
         known = f'As it was identified it {discrepancy_words(self.known)}.'
         return Remainder(False, self.views, final, known)
+
+
+def _beside(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Expectation]:
+    """Return what is expected beside the effects that a model has been given.
+
+    What an effect behind the actuator does, it does to what the model misses as well: a delay
+    turns every harmonic of it. So its phase is not known any more.
+    """
+    return [each.out_of_phase() for each in expected] if spec.added else expected
+
+
+def expectations(
+    data: Dataset, views: Sequence[Target], known: Discrepancy, policy: SelectionPolicy
+) -> tuple[Expectation, ...]:
+    """Return what a model that is known to miss `known` may leave of views of the data."""
+    strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
+    drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
+
+    def expected(view: Target) -> Expectation:
+        seen = replace(view, frequency=drives[view.name])
+        return expectation(seen, known, strokes[view.name], policy)
+
+    return tuple(map(expected, views))
+
+
+def with_repeated(
+    data: Dataset, known: Discrepancy, policy: SelectionPolicy, times: float
+) -> Dataset:
+    """Return data with what a model is known to miss of each drive added so many times.
+
+    Taken off (-1), fits see what is new only: what a model has always missed is nothing that an
+    effect could explain.
+    """
+
+    def moved(views: Sequence[Target]) -> tuple[Target, ...]:
+        pairs = zip(views, expectations(data, views, known, policy), strict=True)
+        return tuple(replace(v, measured=v.measured + times * x.repeated) for v, x in pairs)
+
+    return replace(data, training=moved(data.training), held_out=moved(data.held_out))
 
 
 def clock_about(late: float, dt: float) -> tuple[float, float]:

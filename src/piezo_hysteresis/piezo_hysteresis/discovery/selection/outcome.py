@@ -34,14 +34,16 @@ class Outcome:
 
 def outcome_of(found: Found) -> Outcome:
     """Return the end of a search without what is worse on records that it has not seen."""
-    evaluator, views = found.evaluator, found.evaluator.data.held_out
+    evaluator, views = found.evaluator, found.evaluator.measured.held_out
     before, after = judged_on(found.start, views), judged_on(found.final, views)
     if found.steps and not after.floors <= before.floors:
         found, after = replace(found, steps=(), final=found.start), before
+    remainder = evaluator.remainder(found.final, found.start)
+    start, final = evaluator.as_measured(found.start), evaluator.as_measured(found.final)
     return Outcome(
-        found,
+        replace(found, start=start, final=final),
         before,
         after,
-        evaluator.remainder(found.final, found.start),
+        remainder,
         evaluator.certainty(before.floors, after.floors),
     )

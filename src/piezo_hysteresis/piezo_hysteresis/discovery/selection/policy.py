@@ -322,6 +322,7 @@ HELD = POLICY.but(
     trust=0.68,
     trials=24,
     first_fits=24,
+    final_within=16.0,
     final_fits=6,
     variants_first=1,
     max_effects=4,

@@ -15,7 +15,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator, clock_about
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator, clock_about, with_repeated
 from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
@@ -70,8 +70,9 @@ def find(
     """
     if isinstance(given, ModelFile) and given.discrepancy is not None:
         held = _find_held(data, given, how, progress)
-        nominal = held.evaluator.judged(held.start)
-        return Baselines(nominal, None, nominal), _judged(held, progress)
+        outcome = _judged(held, progress)
+        nominal = outcome.found.start
+        return Baselines(nominal, None, nominal), outcome
     policy = how.policy(POLICY)
     base, seen = fitted_baselines(data, given, how.choices, how.workers)
     progress(0.12, 'baselines fitted')
@@ -114,7 +115,10 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
             how.deadline,
             given.deviations,
             given.sampling_offset,
+            given.covariance(),
         )
+        still = evaluator.judged(replace(base, sampling_offset=evaluator.late))
+        base = min(base, still, key=evaluator.score)
         each = search(evaluator, base, progress)
         levels = _invented(data, each.evaluator.data)
         found.append((each.evaluator.score(each.final) + policy.price * levels, each))
@@ -126,7 +130,8 @@ def held_data(
 ) -> tuple[CandidateFit, Dataset]:
     """Return the baseline as its file says, and the data as it sees how they begin.
 
-    Where starts are not `searched`, records begin as they say themselves.
+    Where starts are not `searched`, records begin as they say themselves. What the file says that
+    the baseline misses in phase with the drive is taken off.
     """
     late = given.sampling_offset
     nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
@@ -137,6 +142,8 @@ def held_data(
         return tuple(replace(v, own_zero=own, precision=1.0, influence=None) for v in views)
 
     seen = replace(known, training=zeroed(known.training), held_out=zeroed(known.held_out))
+    assert given.discrepancy is not None
+    seen = with_repeated(seen, given.discrepancy, HELD, -1.0)
     clocked = fitted_to(
         nominal,
         seen.training,

@@ -1,0 +1,108 @@
+"""Harmonics of a drive as they follow its amplitude: the basis in which residuals are split.
+
+Of a drive that grows or begins late every harmonic grows with it, and so does the mean about which
+an actuator moves. What a file says a model misses and what new records show are only comparable
+where both are split alike.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, lines_and_rest, phase_of
+
+#: Length of a record [periods] from which harmonics are told apart: lines are three bins apart.
+PERIODS = 3.0
+#: Scatter of the amplitude, over its mean, from which harmonics follow it: below it a parabola has
+#: nothing to hold on to.
+STEADY = 0.05
+
+
+def drive_lines(
+    voltage: FloatArray, dt: float, drive: float, periods: float = PERIODS, steady: float = STEADY
+) -> tuple[FloatArray, IntArray]:
+    """Return orthonormal rows that span the harmonics of a drive, and the order of each.
+
+    Parameters
+    ----------
+    voltage : ndarray, shape (n,)
+        Of the compared samples [V].
+    dt, drive : float
+        Sampling interval [s]; frequency of the drive [Hz].
+    periods, steady : float
+        See `PERIODS` and `STEADY`.
+
+    Returns
+    -------
+    rows : ndarray, shape (q, n)
+        None where there are too few periods.
+    orders : ndarray of int, shape (q,)
+        0 is the mean as it follows the amplitude; the mean itself is left out.
+    """
+    count = voltage.size
+    if drive <= 0.0 or drive * dt * count < periods:
+        return np.zeros((0, count)), np.zeros(0, dtype=np.int64)
+    reach = amplitudes(voltage, dt, drive)
+    size = reach / max(float(reach.max()), 1e-300)
+    laws = [np.ones(count)]
+    if float(np.std(size)) > steady * float(np.mean(size)):
+        laws += [size, size**2]
+    angle = phase_of(drive, dt, count)
+    rows, orders = list(laws), [0] * len(laws)
+    for order in range(1, min(HIGHEST_ORDER, int(0.45 / (drive * dt))) + 1):
+        for law in laws:
+            rows += [law * np.cos(order * angle), law * np.sin(order * angle)]
+            orders += [order, order]
+    basis = orthonormal(np.array(rows))
+    return basis[1:], np.array(orders[1:], dtype=np.int64)
+
+
+def amplitudes(voltage: FloatArray, dt: float, drive: float) -> FloatArray:
+    """Return half the range of a drive over each period, smoothed, shape (n,) [V]."""
+    period = max(round(1.0 / (drive * dt)), 2)
+    reach = maximum_filter1d(voltage, period) - minimum_filter1d(voltage, period)
+    return np.asarray(0.5 * uniform_filter1d(reach, period))
+
+
+def at_its_largest(voltage: FloatArray, dt: float, drive: float) -> NDArray[np.bool_]:
+    """Return where a drive is within `STEADY` of its largest amplitude, shape (n,)."""
+    reach = amplitudes(voltage, dt, drive)
+    return np.asarray(reach >= (1.0 - STEADY) * float(reach.max()))
+
+
+def phase_at(voltage: FloatArray, dt: float, drive: float) -> float:
+    """Return the phase of the fundamental of a drive at its first sample [rad]."""
+    where = at_its_largest(voltage, dt, drive)
+    phase = phase_of(drive, dt, voltage.size)
+    return float(np.angle(lines_and_rest(voltage[where], phase[where], [1])[1][0]))
+
+
+@jit
+def orthonormal(rows: FloatArray) -> FloatArray:
+    """Return orthonormal rows, shape (q, n), without BLAS threads; zeros for dependent ones."""
+    found = rows.copy()
+    for j in range(found.shape[0]):
+        before = sqrt(inner(found[j], found[j]))
+        for _ in range(2):
+            for i in range(j):
+                found[j] -= inner(found[i], found[j]) * found[i]
+        size = sqrt(inner(found[j], found[j]))
+        found[j] *= 1.0 / size if size > 1e-6 * before else 0.0
+    return found
+
+
+@jit
+def taken_out(error: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the shares of orthonormal rows in an error, shape (q,), and what is left."""
+    left, shares = error.copy(), np.empty(lines.shape[0])
+    for j in range(lines.shape[0]):
+        shares[j] = inner(lines[j], left)
+        left -= shares[j] * lines[j]
+    return shares, left

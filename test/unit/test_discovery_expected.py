@@ -1,0 +1,85 @@
+"""What a model is known to miss is taken off in phase, and what its values leave open counts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
+from piezo_hysteresis.discovery.selection.expectation import expectation
+from piezo_hysteresis.discovery.selection.uncertain import widened
+from piezo_hysteresis.identification.discrepancy import RecordResidual, condition_of
+from piezo_hysteresis.identification.drive_lines import drive_lines, taken_out
+from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.models import Condition, Discrepancy, named
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT, STROKE = 2e-3, 4e-5
+TIME = DT * np.arange(4000)
+GROWING = np.minimum(TIME / 6.0, 1.0)
+
+
+def third(begin: float = 0.0) -> np.ndarray:
+    """Return an error on the third harmonic of a drive at 2 Hz that began earlier [m]."""
+    return np.asarray(3e-7 * np.cos(3 * 2 * np.pi * 2.0 * (TIME + begin) + 0.4))
+
+
+def drive(begin: float = 0.0) -> np.ndarray:
+    return np.asarray(np.sin(2 * np.pi * 2.0 * (TIME + begin)))
+
+
+def record(voltage: np.ndarray, error: np.ndarray) -> Record:
+    info = RecordInfo(excitation='sine', frequency=2.0, amplitude=1.0)
+    return Record('r', DT, voltage, 2e-5 * voltage + error, info=info)
+
+
+def condition(voltage: np.ndarray, error: np.ndarray) -> Condition:
+    return condition_of(RecordResidual('r', error, DT, 2.0, 1.0, STROKE, 1e-9, 0.0, voltage))
+
+
+def test_what_repeats_itself_is_told_by_the_phase_of_the_drive() -> None:
+    known = Discrepancy(True, (condition(drive(), third()),))
+    later = replace(whole(record(drive(0.123), third(0.123))), noise=1e-9)
+    expected = expectation(later, known, STROKE)
+    left = third(0.123) - expected.repeated
+    assert np.std(left) < 0.05 * np.std(third())
+    assert expected.octaves == 0.0
+    # an eighth of what is missed would be news in phase, all of it is none without
+    assert expected.news(expected.powers(third(0.123) - 0.3 * expected.repeated))
+    assert not expected.out_of_phase().news(expected.powers(third(0.02)))
+
+
+def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
+    error = GROWING * third() + 2e-7 * GROWING
+    rows, orders = drive_lines(GROWING * drive(), DT, 2.0)
+    assert np.any(orders == 0)
+    _, beside = taken_out(error - error.mean(), rows)
+    assert np.std(beside) < 0.05 * np.std(error)
+    found = condition(GROWING * drive(), error)
+    assert sum(size**2 for size in found.bands.values()) < 1e-3 * found.rms**2
+    size = np.sqrt(np.mean((GROWING * third()) ** 2))
+    assert found.harmonics[3] == pytest.approx(size, rel=0.02)
+    assert found.phases[3] == pytest.approx(0.4 - np.pi / 2, abs=0.05)
+
+
+def test_what_values_leave_open_is_no_news_away_from_what_was_judged() -> None:
+    model = named('linear_mode')
+    values = {**model.defaults(), 'A1': 2e-5, 'natural_frequency': 60.0, 'damping_ratio': 0.05}
+    base = ModelSpec(model, values)
+    view = replace(whole(record(drive(), 0.0 * TIME)), noise=1e-9)
+    names, spread = model.free_names, np.diag([1e-14 for _ in model.free_names])
+    spread[names.index('A1'), names.index('A1')] = (1e-7) ** 2
+
+    def more(frequency: float) -> float:
+        known = Discrepancy(True, (Condition(frequency, 1.0, STROKE, 1e-9),))
+        expected = expectation(view, known, STROKE)
+        (wider,) = widened((expected,), base, (view,), names, spread)
+        return float(wider.expected[1] - expected.expected[1])
+
+    assert more(2.0) < 1e-3 * more(8.0)
+    assert more(8.0) == pytest.approx(0.5 * 1e-14, rel=0.15)
+    known = Discrepancy(True, (Condition(8.0, 1.0, STROKE, 1e-9),))
+    expected = expectation(view, known, STROKE)
+    assert widened((expected,), base, (view,), names[:1], spread[:1, :1])[0] is expected
