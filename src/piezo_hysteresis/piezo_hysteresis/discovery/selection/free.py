@@ -72,22 +72,22 @@ class FreeEvaluator(Evaluator):
         """Return a model that still leaves a gap with loop and records begun anew, as it tells."""
         if not self.lacks_something(fit, start) or self.deadline.skips('loop and starts anew'):
             return self, fit
-        told, found = self, by_other_loops(self, fit, start)
+        judge, found = self, by_other_loops(self, fit, start)
         if self.choices is None:
-            return told, found
+            return judge, found
         if self.choices.zero == 'auto' and not all(view.own_zero for view in self.views):
             own = self.with_data(with_own_zeros(self.data))
             other = by_other_loops(own, fit, start)
             if zeros_lie_apart(other.square, found.square):
-                told, found = own, other
-        if not told.lacks_something(found, start):
-            return told, found
-        seen = told_again(found, told.data, self.choices)
-        if begin_alike(told.data, seen):
-            return told, found
-        renewed = told.with_data(seen)
+                judge, found = own, other
+        if not judge.lacks_something(found, start):
+            return judge, found
+        seen = told_again(found, judge.data, self.choices)
+        if begin_alike(judge.data, seen):
+            return judge, found
+        renewed = judge.with_data(seen)
         again = renewed.fit(found)
-        return (told, found) if again is None or again.square > found.square else (renewed, again)
+        return (judge, found) if again is None or again.square > found.square else (renewed, again)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""
