@@ -185,16 +185,16 @@ def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]
 
     They are those at the largest amplitude, and none where that is not held long enough.
     """
-    wanted = [order for order in orders if order > 0]
-    if residual.voltage is None or not wanted:
+    above = [order for order in orders if order > 0]
+    if residual.voltage is None or not above:
         return {}
     dt, drive = residual.dt, residual.frequency
     where = at_its_largest(residual.voltage, dt, drive)
     if np.count_nonzero(where) * dt * drive < _HELD_FOR:
         return {}
     turn = phase_of(drive, dt, residual.error.size) + phase_at(residual.voltage, dt, drive)
-    phasors = line_amplitudes(residual.error[where], turn[where], wanted)[1]
-    return {n: float(np.angle(each)) for n, each in zip(wanted, phasors, strict=True)}
+    phasors = line_amplitudes(residual.error[where], turn[where], above)[1]
+    return {n: float(np.angle(each)) for n, each in zip(above, phasors, strict=True)}
 
 
 def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> dict[float, float]:

@@ -277,8 +277,8 @@ def _through(
     if block.carry is not None and (columns or incoming):
         output, state = np.empty_like(signal), block.initial_state(clock.dt)
         rows = np.empty((incoming + len(columns), signal.size))
-        moved, wanted = np.zeros((len(rows), state.size)), np.array(columns, dtype=np.int64)
-        block.carry(signal, output, tangent, rows, state, moved, p, wanted, clock.dt, 0)
+        moved, by = np.zeros((len(rows), state.size)), np.array(columns, dtype=np.int64)
+        block.carry(signal, output, tangent, rows, state, moved, p, by, clock.dt, 0)
         return output, rows
     return _differenced(stage, own, p, columns, signal, tangent, clock)
 

@@ -311,8 +311,8 @@ class Discrepancy:
         orders = range(1, HIGHEST_ORDER + 1)
         places = np.array([(c.frequency, c.amplitude) for c in periodic])
         phasors = np.array([[row.get(n, 0.0) for row in rows] for n in orders], np.complex128)
-        wanted = np.column_stack([np.full(amplitudes.size, frequency), amplitudes])
-        return of_orders(orders, *repeating(places, phasors, wanted))
+        drives = np.column_stack([np.full(amplitudes.size, frequency), amplitudes])
+        return of_orders(orders, *repeating(places, phasors, drives))
 
     def to_dict(self) -> dict[str, Any]:
         """Return what is written, of plain types only."""

@@ -77,15 +77,15 @@ class _Carried:
     ) -> None:  # fmt: skip
         ((self._block, span),) = piece.parts
         self._p, self._clock, self._state = p[span], clock, state
-        wanted = [column - span.start for column in _columns(piece, around)]
-        self._wanted = np.array(wanted, dtype=np.int64)
-        self._moved = np.zeros((incoming + len(wanted), state.size))
+        by = [column - span.start for column in _columns(piece, around)]
+        self._by = np.array(by, dtype=np.int64)
+        self._moved = np.zeros((incoming + len(by), state.size))
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         output, answers = np.empty_like(path), np.empty((len(self._moved), path.size))
         assert self._block.carry is not None
         self._block.carry(
-            path, output, rows, answers, self._state, self._moved, self._p, self._wanted,
+            path, output, rows, answers, self._state, self._moved, self._p, self._by,
             self._clock.dt, self._clock.points,
         )  # fmt: skip
         return output, answers
