@@ -229,3 +229,24 @@ def test_a_section_that_hardly_repeats_behind_its_warm_up_shows_what_differences
     assert shown.lines == 0 or shown.rms > 0.0
     longer = replace(record, info=replace(info, warm_up=0.1))
     assert noise_of(longer).rms == pytest.approx(1e-8, rel=0.5)
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.9])
+def test_noise_that_rounding_hides_from_differences_is_told_by_the_others(memory: float) -> None:
+    step, t = 1e-7, np.arange(6000) / RATE
+
+    def rounded(name: str, u: np.ndarray, seed: int) -> tuple[Record, float]:
+        white = np.random.default_rng(seed).standard_normal(t.size)
+        slow = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white)
+        read = step * np.round((1e-5 * u + 0.4 * step * slow) / step)
+        return Record(name, 1.0 / RATE, u, read), float(np.std(read - 1e-5 * u))
+
+    sines = [rounded(f'{f}', np.sin(2 * np.pi * f * t), k)[0] for k, f in enumerate((1, 2, 5))]
+    growing, true = rounded('growing', t / t[-1] * np.sin(2 * np.pi * 1.3 * t), 7)
+    assert noise_of(growing).hidden
+    assert memory == 0.0 or noise_of(growing).rms < 0.9 * true
+    assert noises_of([*sines, growing])[-1].rms == pytest.approx(true, rel=0.1)
+    # alone it is what it shows, and never less than that beside quieter ones
+    assert noises_of([growing])[0].rms == noise_of(growing).rms
+    quiet = [replace(r, displacement=1e-3 * r.displacement) for r in sines]
+    assert noises_of([*quiet, growing])[-1].rms == pytest.approx(noise_of(growing).rms)

@@ -72,6 +72,9 @@ class Noise:
     rounding : float
         Share by which its mean square may be larger or smaller, as nobody can tell how much of the
         rounding of a converter repeats with the drive and was not seen.
+    hidden : bool
+        Whether differences showed less than a step of the converter: the windows that they take
+        for quiet are then those in which rounding hides the noise.
     """
 
     rms: float
@@ -79,6 +82,7 @@ class Noise:
     colour: float = float('nan')
     order: int = 0
     rounding: float = 0.0
+    hidden: bool = False
 
     @property
     def doubt(self) -> float:
@@ -122,7 +126,9 @@ def noise_of(record: Record) -> Noise:
     least = with_repeated if repeats else max(seen.rms**2, step**2 / 12.0)
     mean = 0.5 * (least + with_repeated)
     order = seen.order if seen.rms**2 >= step**2 / 12.0 else 0
-    return replace(seen, rms=sqrt(mean), order=order, rounding=(with_repeated - mean) / mean)
+    hidden = seen.order > 0 and seen.rms < step
+    doubt = (with_repeated - mean) / mean
+    return replace(seen, rms=sqrt(mean), order=order, rounding=doubt, hidden=hidden)
 
 
 def _with_repeated_rounding(seen: float, step: float) -> float:
@@ -193,15 +199,21 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     """
     found = _of_one_colour(records)
     alike, middle = consensus(found)
-    return [alike if not noise.lines or _agrees(noise, middle) else noise for noise in found]
+    shared = [alike if not noise.lines or _agrees(noise, middle) else noise for noise in found]
+    # one that is hidden is at least as large as it shows itself
+    pairs = zip(map(noise_of, records), shared, strict=True)
+    return [own if own.hidden and own.rms > noise.rms else noise for own, noise in pairs]
 
 
 def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
     """Return the noise of every record, those that do not tell its colour by that of the others.
 
-    One sensor made them all. Differences see only what is fast, so of slow noise too little.
+    One sensor made them all. Differences see only what is fast, so of slow noise too little, and
+    of noise that is hidden in rounding others tell more.
     """
     found = [noise_of(record) for record in records]
+    if not all(noise.hidden for noise in found if noise.lines):
+        found = [NOT_TOLD if noise.hidden else noise for noise in found]
     known = pooled(found)
     if not isfinite(known.colour):
         return found
