@@ -31,9 +31,10 @@ def by_other_loops(evaluator: Evaluator, fit: CandidateFit, start: CandidateFit)
     """
     views, judged = evaluator.short, judged_on(fit, evaluator.short)
     best = before = judged.square
+    evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
     for values in _loops(fit, judged, start, views):
         spec = replace(fit, values=fit.values | values)
-        brief = evaluator.fit_briefly(spec, evaluator.policy.first_evaluations, best)
+        brief = evaluator.fit_briefly(spec, evaluations, best, workers)
         if brief is not None and brief.square < best:
             best, judged = brief.square, brief
     fit = evaluator.judged(fit)

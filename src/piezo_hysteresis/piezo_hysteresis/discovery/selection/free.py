@@ -80,7 +80,8 @@ class FreeEvaluator(Evaluator):
             other = by_other_loops(own, fit, start)
             if zeros_lie_apart(other.square, found.square):
                 judge, found = own, other
-        if not judge.lacks_something(found, start):
+        # starts that the same loop told are told
+        if found.values == fit.values or not judge.lacks_something(found, start):
             return judge, found
         seen = told_again(found, judge.data, self.choices)
         if begin_alike(judge.data, seen):

@@ -73,37 +73,28 @@ def find(
         outcome = _judged(held, progress)
         nominal = outcome.found.start
         return Baselines(nominal, None, nominal), outcome
-    base, found = _find_free(data, given, how, how.choices, progress)
-    open_zero = how.choices.zero == 'auto' and _shares_a_zero(found)
-    if found.leaves_much and open_zero and not how.deadline.skips('zeros of their own'):
-        progress(0.9, 'beginning again with a zero of its own for every record')
+    base, seen = fitted_baselines(data, given, how.choices, how.workers)
+    if how.choices.zero == 'auto' and _may_share_zeros(base, seen):
         apart = replace(how.choices, zero='record')
-        other, again = _find_free(data, given, how, apart, lambda fraction, message: None)
-        if zeros_lie_apart(again.final.floors**2, found.final.floors**2):
-            base, found = other, again
-    return base, _judged(found, progress)
-
-
-def _find_free(
-    data: Dataset, given: Model | ModelFile, how: Searching, choices: Choices, progress: Progress
-) -> tuple[Baselines, Found]:
-    """Find what a baseline lacks that is fitted besides.
-
-    To a baseline that lacks something, zeros that lie apart may look like a loop, which leaves as
-    little; so where much is left in the end, that is looked at, too.
-    """
-    base, seen = fitted_baselines(data, given, choices, how.workers)
+        other, others = fitted_baselines(data, given, apart, how.workers)
+        if zeros_lie_apart(other.joint.floors**2, base.joint.floors**2):
+            base, seen = other, others
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
-    policy = how.policy(POLICY)
-    evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints, how.deadline, choices)
-    return base, search(evaluator, base.joint, progress)
+    evaluator = FreeEvaluator(
+        seen, how.seed, how.workers, how.policy(POLICY), hints, how.deadline, how.choices
+    )
+    return base, _judged(search(evaluator, base.joint, progress), progress)
 
 
-def _shares_a_zero(found: Found) -> bool:
-    """Return whether not every record has a zero of its own."""
-    views = found.evaluator.views
-    return len(views) > 1 and not all(view.own_zero for view in views)
+def _may_share_zeros(base: Baselines, data: Dataset) -> bool:
+    """Return whether records that a baseline leaves much of have one zero, wrongly perhaps.
+
+    Zeros that lie apart may look like a loop to a baseline that lacks something.
+    """
+    views = data.training
+    shared = len(views) > 1 and not all(view.own_zero for view in views)
+    return shared and base.joint.floors > POLICY.explained_gap
 
 
 def _judged(found: Found, progress: Progress) -> Outcome:
