@@ -20,11 +20,12 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     judged_on,
     takes_no_time,
 )
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.expectation import expectation
 from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.reference import as_on
-from piezo_hysteresis.discovery.selection.start import held_data
+from piezo_hysteresis.discovery.selection.start import Searching, held_data
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.targets import whole
@@ -121,9 +122,9 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
 
 def test_a_value_costs_what_its_file_says_until_it_is_another_one(known: ModelFile) -> None:
     data = split(annotated([actuator(f, 1.0, 60 + f) for f in (1, 5)]))
-    base, seen = held_data(data, known, Choices())
+    base, seen = held_data(data, known, Searching(Choices(), 1, 1, {}, Deadline()))
     assert known.discrepancy is not None
-    held = HeldEvaluator(seen, 1, 1, base, known.discrepancy, HELD, deviations=known.deviations)
+    held = HeldEvaluator(seen, 1, 1, base, known)
     (change,) = (c for c in held.candidates(base) if c.effect is PARAMETER_SHIFT)
 
     def moved(by: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.crew import of_each
 from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.record_start import STARTS
 from piezo_hysteresis.identification.start_search import search_by
@@ -76,6 +77,7 @@ def revised(
     choices: Choices,
     *,
     alone: bool = False,
+    workers: int = 1,
 ) -> list[Target]:
     """Return the targets with starts, zeros and weights as the model tells them.
 
@@ -96,9 +98,11 @@ def revised(
     alone : bool
         Each record is judged for itself by a model that is known; else they are to be fitted
         together, and one of them cannot have a zero of its own.
+    workers : int
+        Threads over the records.
     """
     search = search_by(model, values, sampling_offset, records, choices.start, lasting=alone)
-    seen = [search.begun(each, choices.zero) for each in targets]
+    seen = of_each(lambda each: search.begun(each, choices.zero), targets, workers)
     seen = (
         [search.settled(_zeroed([each], choices, search.left)[0]) for each in seen]
         if alone

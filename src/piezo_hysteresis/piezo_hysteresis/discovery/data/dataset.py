@@ -6,7 +6,7 @@ is compared with.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,9 +58,22 @@ class Dataset:
         """Half the largest peak-to-peak displacement [m]."""
         return 0.5 * max(float(np.ptp(r.displacement)) for r in self.records)
 
+    @property
+    def shares_a_zero(self) -> bool:
+        """Whether training views lean on one zero that is fitted with the model."""
+        return not all(view.own_zero for view in self.training)
+
     def period(self, name: str) -> int:
         """Return the samples per period of the record called `name`."""
         return self.periods[name]
+
+    def with_each(self, change: Callable[[Target], Target]) -> Dataset:
+        """Return the data with every view changed."""
+        return replace(
+            self,
+            training=tuple(map(change, self.training)),
+            held_out=tuple(map(change, self.held_out)),
+        )
 
 
 def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
@@ -167,9 +180,7 @@ def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
         led = led_in(view, records[view.name], other.begins)
         return replace(led, own_zero=other.own_zero, precision=other.precision)
 
-    return replace(
-        data, training=tuple(map(like, data.training)), held_out=tuple(map(like, data.held_out))
-    )
+    return data.with_each(like)
 
 
 def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> tuple[Target, ...]:

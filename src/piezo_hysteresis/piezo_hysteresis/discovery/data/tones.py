@@ -132,8 +132,4 @@ def on_one_clock(
     for name, z in sure.items():
         ahead = (np.angle(z) - zero) / (2.0 * np.pi) - tone.frequency * starts[name]
         starts[name] += (ahead - round(ahead)) / tone.frequency
-    return replace(
-        data,
-        training=tuple(replace(v, start=starts[v.name]) for v in data.training),
-        held_out=tuple(replace(v, start=starts[v.name]) for v in data.held_out),
-    )
+    return data.with_each(lambda view: replace(view, start=starts[view.name]))

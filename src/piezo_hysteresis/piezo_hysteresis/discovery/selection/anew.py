@@ -23,37 +23,53 @@ from piezo_hysteresis.identification.starts import other_loops
 from piezo_hysteresis.identification.targets import Target
 
 
-def by_other_loops(evaluator: Evaluator, fit: CandidateFit, start: CandidateFit) -> CandidateFit:
+def by_other_loops(
+    evaluator: Evaluator, fit: CandidateFit, start: CandidateFit, enough: float | None = None
+) -> CandidateFit:
     """Return a model with effects fitted from loops of other shapes, itself if none is better.
 
     What the effects do is taken off the records, so that the loops are looked for with the
-    baseline alone, `start`, which is quick, and whose gains follow exactly.
+    baseline alone, `start`, which is quick, and whose gains follow exactly. All are fitted to
+    short views first, and so is the model from where it is: a loop must lead to less than that.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Fits and scores.
+    fit, start : CandidateFit
+        The model, and the baseline.
+    enough : float, optional
+        Sum of squares that short views may leave of what is followed to its end; where given, that
+        may be the model from where it is as well.
     """
-    views, judged = evaluator.short, judged_on(fit, evaluator.short)
-    best = before = judged.square
     evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
-    for values in _loops(fit, judged, start, views):
-        spec = replace(fit, values=fit.values | values)
-        brief = evaluator.fit_briefly(spec, evaluations, best, workers)
-        if brief is not None and brief.square < best:
-            best, judged = brief.square, brief
-    fit = evaluator.judged(fit)
-    if best >= (1.0 - evaluator.policy.better) * before:
-        return fit
-    ended = evaluator.fit(judged)
-    return fit if ended is None or ended.square > fit.square else ended
+    here = evaluator.fit_briefly(fit, evaluations, workers=workers)
+    best = here = here or judged_on(fit, evaluator.short)
+    for values in _loops(here, start, evaluator.short):
+        spec = replace(here, values=here.values | values)
+        brief = evaluator.fit_briefly(spec, evaluations, best.square, workers)
+        if brief is not None and brief.square < best.square:
+            best = brief
+    judged = evaluator.judged(fit)
+    if best.square > ((1.0 - evaluator.policy.better) * here.square if enough is None else enough):
+        return judged
+    ended = evaluator.fit(best)
+    return judged if ended is None or ended.square > judged.square else ended
 
 
 def _loops(
-    fit: CandidateFit, judged: CandidateFit, start: CandidateFit, views: Sequence[Target]
+    fit: CandidateFit, start: CandidateFit, views: Sequence[Target]
 ) -> list[dict[str, float]]:
-    """Return other values of the baseline's parameters, by the records without the effects."""
+    """Return other values of the baseline's parameters, by the records without the effects.
+
+    The model was fitted to these views.
+    """
     free = set(start.model.free_names) & set(fit.model.free_names)
     known = start.values | {k: v for k, v in fit.values.items() if k in free}
     bare = errors_of(ModelSpec(start.model, known, (), fit.sampling_offset), views)
     cleared = [
         replace(view, measured=view.measured - (without - withal))
-        for view, without, withal in zip(views, bare, judged.errors, strict=True)
+        for view, without, withal in zip(views, bare, fit.errors, strict=True)
     ]
     found = other_loops(start.model, cleared, known)
     return [{k: v for k, v in each.values.items() if k in free} for each in found]
@@ -61,25 +77,14 @@ def _loops(
 
 def with_own_zeros(data: Dataset) -> Dataset:
     """Return the data with a zero of its own for every record."""
-
-    def own(views: Sequence[Target]) -> tuple[Target, ...]:
-        return tuple(replace(view, own_zero=True) for view in views)
-
-    return replace(data, training=own(data.training), held_out=own(data.held_out))
+    return data.with_each(lambda view: replace(view, own_zero=True))
 
 
-def told_again(fit: CandidateFit, data: Dataset, choices: Choices) -> Dataset:
+def told_again(fit: CandidateFit, data: Dataset, choices: Choices, workers: int) -> Dataset:
     """Return the data with starts and zeros of the records as a model tells them.
 
     Weights stay, so that sums of squares can be compared.
     """
-    renewed = told_by(fit, data, choices)
-
-    def weighed(views: Sequence[Target], old: Sequence[Target]) -> tuple[Target, ...]:
-        return tuple(replace(v, precision=w.precision) for v, w in zip(views, old, strict=True))
-
-    return replace(
-        renewed,
-        training=weighed(renewed.training, data.training),
-        held_out=weighed(renewed.held_out, data.held_out),
-    )
+    weights = {view.name: view.precision for view in (*data.training, *data.held_out)}
+    renewed = told_by(fit, data, choices, workers)
+    return renewed.with_each(lambda view: replace(view, precision=weights[view.name]))

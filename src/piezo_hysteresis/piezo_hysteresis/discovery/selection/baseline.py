@@ -7,7 +7,7 @@ model file was given, one that saw the slowest records only, and the joint fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, thinned
 from piezo_hysteresis.discovery.selection.candidate_fit import (
@@ -19,6 +19,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.output_error import output_error, suited
+from piezo_hysteresis.identification.starts import other_loops
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
@@ -74,11 +75,37 @@ def fitted_baselines(
     if isinstance(given, ModelFile):
         nominal = ModelSpec(model, dict(given.values))
         specs = [nominal, *specs]
+    return _of_starts(specs, nominal, data, choices, workers)
+
+
+def baselines_from(
+    joint: CandidateFit, nominal: ModelSpec | None, data: Dataset, choices: Choices, workers: int
+) -> tuple[Baselines, Dataset]:
+    """Fit a baseline again that was fitted by other `choices`, from there and from other loops.
+
+    Returns and raises the same as `fitted_baselines`.
+    """
+    seen = told_by(joint, data, choices, workers)
+    few = thinned(seen.training, START_SAMPLES, data.periods)
+    loops = other_loops(joint.model, few, joint.values)
+    specs = [replace(joint, values=joint.values | each.values) for each in loops]
+    return _of_starts([joint, *specs], nominal, data, choices, workers)
+
+
+def _of_starts(
+    specs: Sequence[ModelSpec],
+    nominal: ModelSpec | None,
+    data: Dataset,
+    choices: Choices,
+    workers: int,
+) -> tuple[Baselines, Dataset]:
+    """Return baselines from the best of these starts, and the data as it sees them."""
     begun = [_begun(spec, data, choices, workers) for spec in specs]
     found = [each for each in begun if each is not None]
     if not found:
+        name = specs[0].model.name if specs else 'given'
         raise IdentificationError(
-            f'the baseline {model.name} cannot be fitted to these records: choose another one'
+            f'the baseline {name} cannot be fitted to these records: choose another one'
         )
     joint, seen = _rested(*min(found, key=lambda each: each[0].floors), data, choices, workers)
     views = seen.training
@@ -90,7 +117,7 @@ def _begun(
     spec: ModelSpec, data: Dataset, choices: Choices, workers: int
 ) -> tuple[CandidateFit, Dataset] | None:
     """Return a fit to some of the samples, of the records as `spec` tells that they began."""
-    seen = told_by(spec, data, choices)
+    seen = told_by(spec, data, choices, workers)
     fit = _fitted(spec, thinned(seen.training, START_SAMPLES, data.periods), workers)
     return None if fit is None else (fit, seen)
 
@@ -101,7 +128,7 @@ def _rested(
     """Return the fit to all samples, and the records as it tells that they began."""
     fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     for _ in range(_REVISIONS):
-        renewed = told_by(fit, data, choices)
+        renewed = told_by(fit, data, choices, workers)
         if begin_alike(seen, renewed):
             break
         seen = renewed
@@ -121,7 +148,9 @@ def _slow(joint: CandidateFit, views: Sequence[Target], workers: int) -> Candida
     return None if fit is None else judged_on(ModelSpec(joint.model, fit.values), views)
 
 
-def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = False) -> Dataset:
+def told_by(
+    spec: ModelSpec, data: Dataset, choices: Choices, workers: int, *, alone: bool = False
+) -> Dataset:
     """Return the data with starts, zeros and weights as a model tells them, see `revised`."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
@@ -133,6 +162,7 @@ def told_by(spec: ModelSpec, data: Dataset, choices: Choices, *, alone: bool = F
         data.records,
         choices,
         alone=alone,
+        workers=workers,
     )
     return beginning_like(data, renewed)
 

@@ -201,13 +201,24 @@ class Evaluator(ABC):
         enough: float = inf,
     ) -> CandidateFit | None:
         """Return a model fitted from its own values, to all training views or those given."""
+        views = self.views if views is None else views
+        return self._fitted(spec, views, evaluations, self.clock, enough)
+
+    def _fitted(
+        self,
+        spec: ModelSpec,
+        views: Sequence[Target],
+        evaluations: int,
+        clock: tuple[float, float] | None,
+        enough: float = inf,
+    ) -> CandidateFit | None:
         return fitted_to(
             spec,
-            self.views if views is None else views,
+            views,
             evaluations=evaluations or self.policy.final_evaluations,
             tolerance=self.tolerance(spec),
             free=self.free_of(spec),
-            clock=self.clock,
+            clock=clock,
             enough=enough,
             workers=self.workers,
         )

@@ -22,8 +22,10 @@ from piezo_hysteresis.discovery.selection.significance import (
     improvement,
     win_shares,
 )
-from piezo_hysteresis.identification.circumstances import Choices, zeros_lie_apart
+from piezo_hysteresis.identification.circumstances import ZERO_SHARE, Choices, zeros_lie_apart
 from piezo_hysteresis.models import Candidate
+
+_AUTO = Choices()
 
 
 class FreeEvaluator(Evaluator):
@@ -47,7 +49,7 @@ class FreeEvaluator(Evaluator):
         policy: SelectionPolicy = POLICY,
         hints: Sequence[Mapping[str, float]] = (),
         deadline: Deadline | None = None,
-        choices: Choices | None = None,
+        choices: Choices = _AUTO,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
         self.hints, self.choices = tuple(hints), choices
@@ -73,22 +75,26 @@ class FreeEvaluator(Evaluator):
         if not self.lacks_something(fit, start) or self.deadline.skips('loop and starts anew'):
             return self, fit
         judge, found = self, by_other_loops(self, fit, start)
-        if self.choices is None:
-            return judge, found
-        if self.choices.zero == 'auto' and not all(view.own_zero for view in self.views):
-            own = self.with_data(with_own_zeros(self.data))
-            other = by_other_loops(own, fit, start)
-            if zeros_lie_apart(other.square, found.square):
-                judge, found = own, other
+        if self.choices.zero == 'auto' and self.data.shares_a_zero:
+            judge, found = self._with_own_zeros(found, fit, start)
         # starts that the same loop told are told
         if found.values == fit.values or not judge.lacks_something(found, start):
             return judge, found
-        seen = told_again(found, judge.data, self.choices)
+        seen = told_again(found, judge.data, self.choices, self.workers)
         if begin_alike(judge.data, seen):
             return judge, found
         renewed = judge.with_data(seen)
         again = renewed.fit(found)
         return (judge, found) if again is None or again.square > found.square else (renewed, again)
+
+    def _with_own_zeros(
+        self, shared: CandidateFit, fit: CandidateFit, start: CandidateFit
+    ) -> tuple[FreeEvaluator, CandidateFit]:
+        """Return the model with a zero for every record where those lie apart, else as it is."""
+        own = self.with_data(with_own_zeros(self.data))
+        enough = (1.0 - ZERO_SHARE) * judged_on(shared, self.short).square
+        found = by_other_loops(own, fit, start, enough)
+        return (own, found) if zeros_lie_apart(found.square, shared.square) else (self, shared)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""

@@ -11,20 +11,18 @@ then it costs what a parameter costs; the cheaper counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
 
 import numpy as np
 from scipy.stats import chi2
 
-from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
-    fitted_to,
     judged_on,
     takes_no_time,
 )
@@ -34,6 +32,7 @@ from piezo_hysteresis.discovery.selection.expectation import Expectation, costs,
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.discovery.selection.uncertain import widened
+from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.targets import Target
@@ -41,13 +40,11 @@ from piezo_hysteresis.models import (
     Candidate,
     Discrepancy,
     Model,
+    ModelFile,
     described,
     shifted,
 )
 from piezo_hysteresis.models.stages import free_states
-
-# A clock within this share of a tick is where it was.
-_STILL = 1e-4
 
 
 class HeldEvaluator(Evaluator):
@@ -57,18 +54,17 @@ class HeldEvaluator(Evaluator):
     ----------
     data, seed, workers, policy, deadline
         As in `Evaluator`; what the baseline is known to miss in phase with the drive is taken off
-        the views (`with_repeated`).
+        the views (`without_repeated`).
     base : CandidateFit
         The baseline as its file says.
-    known : Discrepancy
-        What it misses.
-    deviations : mapping of str to float, optional
-        Standard deviations of its values.
-    late : float, optional
-        Sampling offset that its file says [s], about which the clock of the records is free; that
-        of `base` where not given.
-    covariance : (tuple of str, ndarray), optional
-        Names and covariance of its values, where its file tells them.
+    given : ModelFile
+        That file: what the baseline misses, how uncertain its values are and which clock it had,
+        about which that of the records is free.
+
+    Raises
+    ------
+    IdentificationError
+        If the file does not say what the baseline misses.
     """
 
     def __init__(
@@ -77,22 +73,19 @@ class HeldEvaluator(Evaluator):
         seed: int,
         workers: int,
         base: CandidateFit,
-        known: Discrepancy,
+        given: ModelFile,
         policy: SelectionPolicy = HELD,
         deadline: Deadline | None = None,
-        deviations: Mapping[str, float] | None = None,
-        late: float | None = None,
-        covariance: tuple[tuple[str, ...], FloatArray] | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
-        self.base, self.known, self.deviations = base, known, dict(deviations or {})
+        self.base, self.given, self.known = base, given, known_to_miss(given)
         self._fixed = frozenset(base.model.free_names)
-        self.late = base.sampling_offset if late is None else late
+        self.late = given.sampling_offset
         self.clock = clock_about(self.late, self.views[0].dt)
-        self.covariance = covariance
+        covariance = given.covariance()
 
         def expected(views: Sequence[Target]) -> tuple[Expectation, ...]:
-            found = expectations(data, views, known, policy)
+            found = expectations(data, views, self.known, policy)
             return found if covariance is None else widened(found, base, views, *covariance)
 
         self.expected, self.expected_held_out = expected(data.training), expected(data.held_out)
@@ -100,7 +93,7 @@ class HeldEvaluator(Evaluator):
     @property
     def measured(self) -> Dataset:
         """The data as they were measured, with what repeats itself."""
-        return with_repeated(self.data, self.known, self.policy, 1.0)
+        return _with_repeated(self.data, self.expected, self.expected_held_out, 1.0)
 
     def as_measured(self, fit: CandidateFit) -> CandidateFit:
         """Return a model judged on training views with what repeats itself."""
@@ -108,8 +101,8 @@ class HeldEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return the same evaluator on other data."""
-        given = self.base, self.known, self.policy, self.deadline, self.deviations, self.late
-        return HeldEvaluator(data, self.seed, self.workers, *given, self.covariance)
+        given = self.base, self.given, self.policy, self.deadline
+        return HeldEvaluator(data, self.seed, self.workers, *given)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return what is fitted of a model: what it has beyond the baseline, or has changed."""
@@ -148,25 +141,21 @@ class HeldEvaluator(Evaluator):
         found = super().fit(spec, views, evaluations, enough)
         if found is None or views is not None or not self._clock_moved(found):
             return found
-        still = fitted_to(
-            replace(found, sampling_offset=self.late),
-            self.views,
-            evaluations=self.policy.first_evaluations,
-            tolerance=self.tolerance(spec),
-            free=self.free_of(spec),
-            clock=clock_about(self.late, _STILL * self.views[0].dt),
-            workers=self.workers,
-        )
+        here = replace(found, sampling_offset=self.late)
+        clock = clock_about(self.late, self.policy.still_clock * self.views[0].dt)
+        still = self._fitted(here, self.views, self.policy.first_evaluations, clock)
         return found if still is None else min(found, still, key=self.score)
 
     def _clock_moved(self, spec: ModelSpec) -> bool:
-        return abs(spec.sampling_offset - self.late) > 2.0 * _STILL * self.views[0].dt
+        still = self.policy.still_clock * self.views[0].dt
+        return abs(spec.sampling_offset - self.late) > 2.0 * still
 
     def _moved(self, fit: CandidateFit) -> float:
         """Return what it costs that values of the baseline, or the clock, are others [nats]."""
         total = self.policy.price if self._clock_moved(fit) else 0.0
         for name in fit.shifted:
-            change, std = fit.values[name] - self.base.values[name], self.deviations.get(name, 0.0)
+            change = fit.values[name] - self.base.values[name]
+            std = self.given.deviations.get(name, 0.0)
             drawn = 0.5 * (change / std) ** 2 if std > 0.0 else np.inf
             total += min(drawn, self.policy.price) if change else 0.0
         return total
@@ -289,20 +278,47 @@ def expectations(
     return tuple(map(expected, views))
 
 
-def with_repeated(
-    data: Dataset, known: Discrepancy, policy: SelectionPolicy, times: float
-) -> Dataset:
-    """Return data with what a model is known to miss of each drive added so many times.
+def known_to_miss(given: ModelFile) -> Discrepancy:
+    """Return what the model of a file misses.
 
-    Taken off (-1), fits see what is new only: what a model has always missed is nothing that an
-    effect could explain.
+    Raises
+    ------
+    IdentificationError
+        If the file does not say.
     """
+    if given.discrepancy is None:
+        raise IdentificationError(
+            'the model file does not say what its model misses: identify it anew'
+        )
+    return given.discrepancy
 
-    def moved(views: Sequence[Target]) -> tuple[Target, ...]:
-        pairs = zip(views, expectations(data, views, known, policy), strict=True)
+
+def without_repeated(data: Dataset, known: Discrepancy, policy: SelectionPolicy) -> Dataset:
+    """Return data less what a model is known to miss of each drive.
+
+    Fits then see what is new only: what a model has always missed is nothing that an effect could
+    explain.
+    """
+    training = expectations(data, data.training, known, policy)
+    held_out = expectations(data, data.held_out, known, policy)
+    return _with_repeated(data, training, held_out, -1.0)
+
+
+def _with_repeated(
+    data: Dataset,
+    training: Sequence[Expectation],
+    held_out: Sequence[Expectation],
+    times: float,
+) -> Dataset:
+    """Return data with what is expected to repeat itself added so many times."""
+
+    def moved(views: Sequence[Target], expected: Sequence[Expectation]) -> tuple[Target, ...]:
+        pairs = zip(views, expected, strict=True)
         return tuple(replace(v, measured=v.measured + times * x.repeated) for v, x in pairs)
 
-    return replace(data, training=moved(data.training), held_out=moved(data.held_out))
+    return replace(
+        data, training=moved(data.training, training), held_out=moved(data.held_out, held_out)
+    )
 
 
 def clock_about(late: float, dt: float) -> tuple[float, float]:

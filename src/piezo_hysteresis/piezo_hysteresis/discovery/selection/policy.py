@@ -87,6 +87,12 @@ class SelectionPolicy:
         'wherever one of them has.',
         'effort: final fits take up to a few hundredths more than first ones',
     )
+    still_clock: float = number(
+        1e-4,
+        '1',
+        'Share of a tick within which the clock of the records is where a model file says.',
+        'chosen: far below what samples show',
+    )
     final_evaluations: int = number(40, '1', 'Evaluations of a fit to all samples.', 'effort')
     thorough_evaluations: int = number(
         200,

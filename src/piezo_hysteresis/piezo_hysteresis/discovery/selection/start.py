@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.data.dataset import Dataset
-from piezo_hysteresis.discovery.selection.baseline import Baselines, fitted_baselines, told_by
+from piezo_hysteresis.discovery.selection.baseline import (
+    Baselines,
+    baselines_from,
+    fitted_baselines,
+    told_by,
+)
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
@@ -15,14 +19,18 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator, clock_about, with_repeated
+from piezo_hysteresis.discovery.selection.held import (
+    HeldEvaluator,
+    clock_about,
+    known_to_miss,
+    without_repeated,
+)
 from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
 from piezo_hysteresis.identification.circumstances import Choices, zeros_lie_apart
 from piezo_hysteresis.identification.record_start import STEP
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 
 
@@ -73,28 +81,37 @@ def find(
         outcome = _judged(held, progress)
         nominal = outcome.found.start
         return Baselines(nominal, None, nominal), outcome
+    policy = how.policy(POLICY)
     base, seen = fitted_baselines(data, given, how.choices, how.workers)
-    if how.choices.zero == 'auto' and _may_share_zeros(base, seen):
-        apart = replace(how.choices, zero='record')
-        other, others = fitted_baselines(data, given, apart, how.workers)
-        if zeros_lie_apart(other.joint.floors**2, base.joint.floors**2):
-            base, seen = other, others
+    if how.choices.zero == 'auto' and _may_hide_zeros(base, seen, policy):
+        base, seen = _with_own_zeros(base, seen, data, how)
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
     evaluator = FreeEvaluator(
-        seen, how.seed, how.workers, how.policy(POLICY), hints, how.deadline, how.choices
+        seen, how.seed, how.workers, policy, hints, how.deadline, how.choices
     )
     return base, _judged(search(evaluator, base.joint, progress), progress)
 
 
-def _may_share_zeros(base: Baselines, data: Dataset) -> bool:
+def _may_hide_zeros(base: Baselines, data: Dataset, policy: SelectionPolicy) -> bool:
     """Return whether records that a baseline leaves much of have one zero, wrongly perhaps.
 
     Zeros that lie apart may look like a loop to a baseline that lacks something.
     """
-    views = data.training
-    shared = len(views) > 1 and not all(view.own_zero for view in views)
-    return shared and base.joint.floors > POLICY.explained_gap
+    shared = len(data.training) > 1 and data.shares_a_zero
+    return shared and base.joint.floors > policy.explained_gap
+
+
+def _with_own_zeros(
+    base: Baselines, seen: Dataset, data: Dataset, how: Searching
+) -> tuple[Baselines, Dataset]:
+    """Return baselines with a zero for every record where those lie apart, else as they are."""
+    if how.deadline.skips('zeros of their own'):
+        return base, seen
+    choices = replace(how.choices, zero='record')
+    other, others = baselines_from(base.joint, base.nominal, data, choices, how.workers)
+    apart = zeros_lie_apart(other.joint.floors**2, base.joint.floors**2)
+    return (other, others) if apart else (base, seen)
 
 
 def _judged(found: Found, progress: Progress) -> Outcome:
@@ -109,28 +126,16 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
     for a drift. So where a record that begins at rest at 0 V is said to have begun otherwise, both
     are followed to their end, and the levels cost what parameters cost.
     """
-    assert given.discrepancy is not None
     policy, found = how.policy(HELD), list[tuple[float, Found]]()
     for searched in (True, False):
-        base, seen = held_data(data, given, how.choices, searched=searched)
         if not searched and (
-            how.deadline.skips('records that begin as they say')
-            or how.choices.start != 'auto'
+            how.choices.start != 'auto'
             or not _invented(data, found[0][1].evaluator.data)
+            or how.deadline.skips('records that begin as they say')
         ):
             break
-        evaluator = HeldEvaluator(
-            seen,
-            how.seed,
-            how.workers,
-            base,
-            given.discrepancy,
-            policy,
-            how.deadline,
-            given.deviations,
-            given.sampling_offset,
-            given.covariance(),
-        )
+        base, seen = held_data(data, given, how, searched=searched)
+        evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
         still = evaluator.judged(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
         each = search(evaluator, base, progress)
@@ -140,31 +145,29 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
 
 
 def held_data(
-    data: Dataset, given: ModelFile, choices: Choices, *, searched: bool = True
+    data: Dataset, given: ModelFile, how: Searching, *, searched: bool = True
 ) -> tuple[CandidateFit, Dataset]:
     """Return the baseline as its file says, and the data as it sees how they begin.
 
     Where starts are not `searched`, records begin as they say themselves. What the file says that
     the baseline misses in phase with the drive is taken off.
     """
-    late = given.sampling_offset
+    late, policy, choices = given.sampling_offset, how.policy(HELD), how.choices
     nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
-    known = told_by(nominal, data, choices, alone=True) if searched else data
+    known = told_by(nominal, data, choices, how.workers, alone=True) if searched else data
     own = choices.zero != 'common'
-
-    def zeroed(views: Sequence[Target]) -> tuple[Target, ...]:
-        return tuple(replace(v, own_zero=own, precision=1.0, influence=None) for v in views)
-
-    seen = replace(known, training=zeroed(known.training), held_out=zeroed(known.held_out))
-    assert given.discrepancy is not None
-    seen = with_repeated(seen, given.discrepancy, HELD, -1.0)
+    zeroed = known.with_each(
+        lambda view: replace(view, own_zero=own, precision=1.0, influence=None)
+    )
+    seen = without_repeated(zeroed, known_to_miss(given), policy)
     clocked = fitted_to(
         nominal,
         seen.training,
-        evaluations=HELD.final_evaluations,
-        tolerance=HELD.final_tolerance,
+        evaluations=policy.final_evaluations,
+        tolerance=policy.final_tolerance,
         free=(),
         clock=clock_about(late, data.training[0].dt),
+        workers=how.workers,
     )
     return judged_on(clocked or nominal, seen.training), seen
 
