@@ -1,4 +1,4 @@
-"""What a baseline settled alone is settled again with the effect that it lacked."""
+"""What a baseline settled alone is settled again with the effect, and zeros pass for none."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.anew import by_other_loops
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.discovery.selection.start import zeros_apart
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import named
@@ -66,14 +69,17 @@ def test_a_loop_that_is_far_off_is_found_with_the_effect(records: list[Record]) 
     assert [added.effect for added in found.added] == ['sensor_nonlinearity']
 
 
-def test_zeros_that_passed_for_an_effect_are_told_with_it(records: list[Record]) -> None:
-    evaluator, start, known = scene(shifted(records))
-    fit = evaluator.refit(known)
-    assert fit.floors > 10.0
-    told, found = evaluator.settled(fit, start)
-    assert found.floors < 1.1
-    assert all(view.own_zero for view in told.views)
-    assert not any(view.own_zero for view in evaluator.views)
+def test_zeros_that_lie_apart_pass_for_no_effect(records: list[Record]) -> None:
+    data = split(annotated(shifted(records)))
+    assert zeros_apart(Choices(), data).zero == 'record'
+    assert zeros_apart(Choices(zero='common'), data).zero == 'common'
+    found = discover(shifted(records), named('classical'), seed=1)
+    assert [effect.name for effect in found.verdict.effects] == ['sensor_nonlinearity']
+    assert found.verdict.held_out.after_in_floors < 1.1
+
+
+def test_one_record_has_the_zero_of_its_model(records: list[Record]) -> None:
+    assert zeros_apart(Choices(), split(annotated(records[:1]))).zero == 'auto'
 
 
 def test_what_leaves_noise_alone_stays_as_it_is(records: list[Record]) -> None:

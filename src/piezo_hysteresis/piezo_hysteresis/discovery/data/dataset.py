@@ -58,11 +58,6 @@ class Dataset:
         """Half the largest peak-to-peak displacement [m]."""
         return 0.5 * max(float(np.ptp(r.displacement)) for r in self.records)
 
-    @property
-    def shares_a_zero(self) -> bool:
-        """Whether training views lean on one zero that is fitted with the model."""
-        return not all(view.own_zero for view in self.training)
-
     def period(self, name: str) -> int:
         """Return the samples per period of the record called `name`."""
         return self.periods[name]

@@ -23,9 +23,7 @@ from piezo_hysteresis.identification.starts import other_loops
 from piezo_hysteresis.identification.targets import Target
 
 
-def by_other_loops(
-    evaluator: Evaluator, fit: CandidateFit, start: CandidateFit, enough: float | None = None
-) -> CandidateFit:
+def by_other_loops(evaluator: Evaluator, fit: CandidateFit, start: CandidateFit) -> CandidateFit:
     """Return a model with effects fitted from loops of other shapes, itself if none is better.
 
     What the effects do is taken off the records, so that the loops are looked for with the
@@ -38,9 +36,6 @@ def by_other_loops(
         Fits and scores.
     fit, start : CandidateFit
         The model, and the baseline.
-    enough : float, optional
-        Sum of squares that short views may leave of what is followed to its end; where given, that
-        may be the model from where it is as well.
     """
     evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
     here = evaluator.fit_briefly(fit, evaluations, workers=workers)
@@ -51,7 +46,7 @@ def by_other_loops(
         if brief is not None and brief.square < best.square:
             best = brief
     judged = evaluator.judged(fit)
-    if best.square > ((1.0 - evaluator.policy.better) * here.square if enough is None else enough):
+    if best.square > (1.0 - evaluator.policy.better) * here.square:
         return judged
     ended = evaluator.fit(best)
     return judged if ended is None or ended.square > judged.square else ended
@@ -73,11 +68,6 @@ def _loops(
     ]
     found = other_loops(start.model, cleared, known)
     return [{k: v for k, v in each.values.items() if k in free} for each in found]
-
-
-def with_own_zeros(data: Dataset) -> Dataset:
-    """Return the data with a zero of its own for every record."""
-    return data.with_each(lambda view: replace(view, own_zero=True))
 
 
 def told_again(fit: CandidateFit, data: Dataset, choices: Choices, workers: int) -> Dataset:

@@ -7,7 +7,7 @@ model file was given, one that saw the slowest records only, and the joint fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, thinned
 from piezo_hysteresis.discovery.selection.candidate_fit import (
@@ -19,7 +19,6 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.output_error import output_error, suited
-from piezo_hysteresis.identification.starts import other_loops
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
@@ -75,37 +74,11 @@ def fitted_baselines(
     if isinstance(given, ModelFile):
         nominal = ModelSpec(model, dict(given.values))
         specs = [nominal, *specs]
-    return _of_starts(specs, nominal, data, choices, workers)
-
-
-def baselines_from(
-    joint: CandidateFit, nominal: ModelSpec | None, data: Dataset, choices: Choices, workers: int
-) -> tuple[Baselines, Dataset]:
-    """Fit a baseline again that was fitted by other `choices`, from there and from other loops.
-
-    Returns and raises the same as `fitted_baselines`.
-    """
-    seen = told_by(joint, data, choices, workers)
-    few = thinned(seen.training, START_SAMPLES, data.periods)
-    loops = other_loops(joint.model, few, joint.values)
-    specs = [replace(joint, values=joint.values | each.values) for each in loops]
-    return _of_starts([joint, *specs], nominal, data, choices, workers)
-
-
-def _of_starts(
-    specs: Sequence[ModelSpec],
-    nominal: ModelSpec | None,
-    data: Dataset,
-    choices: Choices,
-    workers: int,
-) -> tuple[Baselines, Dataset]:
-    """Return baselines from the best of these starts, and the data as it sees them."""
     begun = [_begun(spec, data, choices, workers) for spec in specs]
     found = [each for each in begun if each is not None]
     if not found:
-        name = specs[0].model.name if specs else 'given'
         raise IdentificationError(
-            f'the baseline {name} cannot be fitted to these records: choose another one'
+            f'the baseline {model.name} cannot be fitted to these records: choose another one'
         )
     joint, seen = _rested(*min(found, key=lambda each: each[0].floors), data, choices, workers)
     views = seen.training

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.anew import by_other_loops, told_again, with_own_zeros
+from piezo_hysteresis.discovery.selection.anew import by_other_loops, told_again
 from piezo_hysteresis.discovery.selection.baseline import begin_alike
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
@@ -22,7 +22,7 @@ from piezo_hysteresis.discovery.selection.significance import (
     improvement,
     win_shares,
 )
-from piezo_hysteresis.identification.circumstances import ZERO_SHARE, Choices, zeros_lie_apart
+from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.models import Candidate
 
 _AUTO = Choices()
@@ -74,27 +74,16 @@ class FreeEvaluator(Evaluator):
         """Return a model that still leaves a gap with loop and records begun anew, as it tells."""
         if not self.lacks_something(fit, start) or self.deadline.skips('loop and starts anew'):
             return self, fit
-        judge, found = self, by_other_loops(self, fit, start)
-        if self.choices.zero == 'auto' and self.data.shares_a_zero:
-            judge, found = self._with_own_zeros(found, fit, start)
+        found = by_other_loops(self, fit, start)
         # starts that the same loop told are told
-        if found.values == fit.values or not judge.lacks_something(found, start):
-            return judge, found
-        seen = told_again(found, judge.data, self.choices, self.workers)
-        if begin_alike(judge.data, seen):
-            return judge, found
-        renewed = judge.with_data(seen)
+        if found.values == fit.values or not self.lacks_something(found, start):
+            return self, found
+        seen = told_again(found, self.data, self.choices, self.workers)
+        if begin_alike(self.data, seen):
+            return self, found
+        renewed = self.with_data(seen)
         again = renewed.fit(found)
-        return (judge, found) if again is None or again.square > found.square else (renewed, again)
-
-    def _with_own_zeros(
-        self, shared: CandidateFit, fit: CandidateFit, start: CandidateFit
-    ) -> tuple[FreeEvaluator, CandidateFit]:
-        """Return the model with a zero for every record where those lie apart, else as it is."""
-        own = self.with_data(with_own_zeros(self.data))
-        enough = (1.0 - ZERO_SHARE) * judged_on(shared, self.short).square
-        found = by_other_loops(own, fit, start, enough)
-        return (own, found) if zeros_lie_apart(found.square, shared.square) else (self, shared)
+        return (self, found) if again is None or again.square > found.square else (renewed, again)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""

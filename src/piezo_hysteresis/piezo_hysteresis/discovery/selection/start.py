@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection.baseline import (
     Baselines,
-    baselines_from,
     fitted_baselines,
     told_by,
 )
@@ -29,7 +28,7 @@ from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
-from piezo_hysteresis.identification.circumstances import Choices, zeros_lie_apart
+from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.record_start import STEP
 from piezo_hysteresis.models import Model, ModelFile
 
@@ -81,42 +80,29 @@ def find(
         outcome = _judged(held, progress)
         nominal = outcome.found.start
         return Baselines(nominal, None, nominal), outcome
-    policy = how.policy(POLICY)
-    base, seen = fitted_baselines(data, given, how.choices, how.workers)
-    if how.choices.zero == 'auto' and _may_hide_zeros(base, seen, policy):
-        base, seen = _with_own_zeros(base, seen, data, how)
+    choices = zeros_apart(how.choices, data)
+    base, seen = fitted_baselines(data, given, choices, how.workers)
     progress(0.12, 'baselines fitted')
     hints = [base.slow.values] if base.slow is not None else []
     evaluator = FreeEvaluator(
-        seen, how.seed, how.workers, policy, hints, how.deadline, how.choices
+        seen, how.seed, how.workers, how.policy(POLICY), hints, how.deadline, choices
     )
     return base, _judged(search(evaluator, base.joint, progress), progress)
-
-
-def _may_hide_zeros(base: Baselines, data: Dataset, policy: SelectionPolicy) -> bool:
-    """Return whether records that a baseline leaves much of have one zero, wrongly perhaps.
-
-    Zeros that lie apart may look like a loop to a baseline that lacks something.
-    """
-    shared = len(data.training) > 1 and data.shares_a_zero
-    return shared and base.joint.floors > policy.explained_gap
-
-
-def _with_own_zeros(
-    base: Baselines, seen: Dataset, data: Dataset, how: Searching
-) -> tuple[Baselines, Dataset]:
-    """Return baselines with a zero for every record where those lie apart, else as they are."""
-    if how.deadline.skips('zeros of their own'):
-        return base, seen
-    choices = replace(how.choices, zero='record')
-    other, others = baselines_from(base.joint, base.nominal, data, choices, how.workers)
-    apart = zeros_lie_apart(other.joint.floors**2, base.joint.floors**2)
-    return (other, others) if apart else (base, seen)
 
 
 def _judged(found: Found, progress: Progress) -> Outcome:
     progress(0.95, 'proving on held-out records')
     return outcome_of(found)
+
+
+def zeros_apart(choices: Choices, data: Dataset) -> Choices:
+    """Return the choices by which a zero is a nuisance of every record, as its start is.
+
+    Zeros that lie apart pass for a loop or a memory with a baseline that lacks something, and a
+    fit does not come back from there; that they are one tells nothing of an effect.
+    """
+    several = len({view.name for view in data.training}) > 1
+    return replace(choices, zero='record') if choices.zero == 'auto' and several else choices
 
 
 def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progress) -> Found:
