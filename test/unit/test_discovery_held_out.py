@@ -19,12 +19,15 @@ TRUE = {
 
 
 def record(frequency, seed, seconds=2.0, late=0.0):
-    """Return what the model answers; the last fifth of it is shifted by `late` [m]."""
+    """Return what the model answers; its last eighth is shifted by `late` [m].
+
+    That is half of what is held out: all of it would be another zero.
+    """
     t = np.arange(round(seconds * RATE)) / RATE
     u = np.sin(2 * np.pi * frequency * t)
     y = MODEL.respond(u, MODEL.pack(TRUE), 1.0 / RATE, state=MODEL.initial_state(1.0 / RATE))
     y = y + NOISE * np.random.default_rng(seed).normal(size=t.size)
-    y[-t.size // 5 :] += late
+    y[-t.size // 8 :] += late
     kind = 'multisine' if late else 'sine'
     info = RecordInfo(excitation=kind, frequency=0.0 if late else float(frequency), amplitude=1.0)
     return Record(f'{kind}_{frequency}Hz', 1.0 / RATE, u, y, info=info)
