@@ -114,6 +114,13 @@ class Motion:
         """What is moved elsewhere than in a tail of the chain."""
         return tuple(each for each in self.moved if not self._tails.holds(each))
 
+    def in_proportion(self, moved: Moved) -> bool:
+        """Return whether a state does in proportion to how far it is moved."""
+        return self._tails.holds(moved) or self._affine_from(moved.stage)
+
+    def _affine_from(self, first: int) -> bool:
+        return all(self._tails.affine(k, 0) for k in range(first, len(self.model.stages)))
+
     def reach(self) -> dict[tuple[int, int], float]:
         """Return how far states in a tail may be expected to lie at most, see `Tails.reach`."""
         return self._tails.reach(self._packed)
@@ -170,8 +177,7 @@ class Motion:
     def _first(self) -> int:
         """The first stage whose parameters change what states outside a tail do."""
         first = min((each.stage for each in self._others), default=len(self.model.stages))
-        rest = range(first, len(self.model.stages))
-        return first if all(self._tails.affine(k, 0) for k in rest) else 0
+        return first if self._affine_from(first) else 0
 
     def derivatives(self, free: Sequence[str], led: FloatArray) -> dict[int, FloatArray]:
         """Return by how much the derivatives are others than those of the run as led in.

@@ -137,21 +137,24 @@ def _settled(
 
     shares = np.zeros(len(rows))
     cost, more = judged(shares)
+    every = np.arange(len(most))
+    straight = np.array([k for k, each in enumerate(most) if motion.in_proportion(each)], int)
     for _ in range(_TURNS if most else 0):
-        moved = shares.copy()
-        moved[: len(most)] += more[: len(most)]
-        before = motion.moved
-        motion.go(
-            tuple(
-                replace(each, amount=each.amount * float(share))
-                for each, share in zip(most, moved, strict=False)
-            )
-        )
-        new, further = judged(moved)
-        if not new <= cost * (1.0 + 1e-9):
+        before, found = motion.moved, None
+        # a loop may not go where its slope says; a mode beside it always does, and derivatives
+        # of the run are right only from where it is
+        for places in (every, straight):
+            moved = shares.copy()
+            moved[places] += more[places]
+            motion.go(_amounts(most, moved))
+            new, further = judged(moved)
+            if new <= cost * (1.0 + 1e-9):
+                found = moved
+                break
+        if found is None:
             motion.go(before)
             break
-        gain, cost, shares, more = cost - new, new, moved, further
+        gain, cost, shares, more = cost - new, new, found, further
         if gain <= _SMALL * cost:
             break
     known = motion.target.begins.levels
@@ -159,6 +162,14 @@ def _settled(
     target = more[len(most) : len(most) + len(known)]
     levels = tuple(a + largest * float(b) for a, b in zip(known, target, strict=True))
     return replace(begun, pull=shares, levels=levels, explained=explained)
+
+
+def _amounts(most: Sequence[Moved], shares: FloatArray) -> tuple[Moved, ...]:
+    """Return states moved by shares of the most that they may be."""
+    return tuple(
+        replace(each, amount=each.amount * float(share))
+        for each, share in zip(most, shares, strict=False)
+    )
 
 
 def _from(
