@@ -39,11 +39,17 @@ class Step:
 
 def judged_again(
     evaluator: Evaluator, start: CandidateFit, steps: Sequence[Step]
-) -> tuple[list[Step], CandidateFit]:
+) -> tuple[Evaluator, list[Step], CandidateFit]:
     """Judge every effect again until nothing changes.
+
+    How records began was told while effects were missing, and by what stood in for them: a delay
+    before a step looks like a motion from before the record, and then a lag fits better than the
+    delay. So a simpler model is also judged on records that begin as it tells itself.
 
     Returns
     -------
+    evaluator : Evaluator
+        By which the end is judged.
     steps : list of Step
         Of the effects that stay.
     final : CandidateFit
@@ -64,8 +70,11 @@ def judged_again(
         without = _without(evaluator, final, start, name, compared=clear)
         if without is None:
             continue
-        if evaluator.is_as_good(without, final):
-            kept, final, done = _less(kept, name), without, set()
+        judge, bare = evaluator, without
+        if not evaluator.is_as_good(without, final):
+            judge, bare = evaluator.begun_anew(without)
+        if judge.is_as_good(bare, final):
+            evaluator, kept, final, done = judge, _less(kept, name), bare, set()
             continue
         if clear:
             continue
@@ -78,7 +87,7 @@ def judged_again(
         elif again.accepted and again.best.effect == name:
             here = next(k for k, step in enumerate(kept) if step.fit.effect == name)
             kept[here] = Step(again, again.best)
-    return kept, final
+    return evaluator, kept, final
 
 
 def pruned(evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> CandidateFit:

@@ -171,6 +171,10 @@ class Evaluator(ABC):
         """
         return self, fit
 
+    def begun_anew(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
+        """Return a model with the records begun as it tells, and who judges it."""
+        return self, fit
+
     def first_judged(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit as it is ranked among the others."""
         return fit

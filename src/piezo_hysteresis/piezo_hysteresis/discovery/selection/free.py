@@ -78,12 +78,16 @@ class FreeEvaluator(Evaluator):
         # starts that the same loop told are told
         if found.values == fit.values or not self.lacks_something(found, start):
             return self, found
-        seen = told_again(found, self.data, self.choices, self.workers)
+        return self.begun_anew(found)
+
+    def begun_anew(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
+        """Return a model fitted to records that begin as it tells, if that is better."""
+        seen = told_again(fit, self.data, self.choices, self.workers)
         if begin_alike(self.data, seen):
-            return self, found
+            return self, fit
         renewed = self.with_data(seen)
-        again = renewed.fit(found)
-        return (self, found) if again is None or again.square > found.square else (renewed, again)
+        again = renewed.fit(fit)
+        return (self, fit) if again is None or again.square > fit.square else (renewed, again)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up and that a fit besides leaves."""

@@ -70,8 +70,8 @@ def _judged_again(found: Found) -> Found:
         return found
     if len(found.steps) > 1 and found.evaluator.deadline.skips('effects judged again'):
         return found
-    steps, final = judged_again(found.evaluator, found.start, found.steps)
-    return replace(found, steps=tuple(steps), final=final)
+    evaluator, steps, final = judged_again(found.evaluator, found.start, found.steps)
+    return replace(found, evaluator=evaluator, steps=tuple(steps), final=final)
 
 
 def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:

@@ -1,0 +1,86 @@
+"""An effect that only made up for how records seemed to begin goes once another tells that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, split
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
+from piezo_hysteresis.discovery.selection.elimination import Step, judged_again
+from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.discovery.selection.rounds import round_of
+from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.record_start import RecordStart
+from piezo_hysteresis.models import Model, add_effect, described, named
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT, DELAY, COUNT = 1e-4, 2.5e-4, 3000
+OWN = {'natural_frequency': 540.0, 'damping_ratio': 0.026}
+NOISE = 1.5e-7
+SINES = ((1.0, 9.0), (1.0, 31.0), (0.7, 62.0), (0.4, 47.0))
+
+
+def answer(model: Model, values: dict[str, float], u: np.ndarray) -> np.ndarray:
+    return model.respond(u, model.pack(values), DT, state=model.initial_state(DT))
+
+
+def records() -> list[Record]:
+    """Return sines that begin with a step, which arrives late by a tick and a half."""
+    base = named('bouc_wen_mode')
+    delayed = add_effect(base, described('transport_delay')[0])
+    truth = delayed.values(base.defaults() | OWN, {'delay': DELAY})
+    random, found = np.random.default_rng(3), []
+    for amplitude, frequency in SINES:
+        u = amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(COUNT) + 1.2)
+        y = answer(delayed.model, truth, u) + NOISE * random.standard_normal(COUNT)
+        info = RecordInfo(excitation='sine', frequency=frequency)
+        found.append(Record(f'{frequency:g} Hz', DT, u, y, info=info))
+    return found
+
+
+def in_motion(data: Dataset) -> Dataset:
+    """Return data whose records seem to begin on their way."""
+    begun = [replace(view, begins=RecordStart('estimate')) for view in data.training]
+    return beginning_like(data, begun)
+
+
+def given(
+    evaluator: FreeEvaluator, fit: CandidateFit, name: str, variant: str, value: float
+) -> CandidateFit:
+    """Return the model of `fit` with an effect of one parameter, fitted."""
+    effect = next(e for e in described(name) if e.variant == variant)
+    found = add_effect(fit.model, effect)
+    spec = fit.with_candidate(found, found.values(fit.values, {found.added[0]: value}))
+    fitted = evaluator.fit(spec)
+    assert fitted is not None
+    return fitted
+
+
+@pytest.fixture(scope='module')
+def scene() -> tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit]:
+    """Return the baseline in motion, and it with a delay, with a lag and with both."""
+    evaluator = FreeEvaluator(in_motion(split(records())), 0, 1, choices=Choices())
+    base = named('bouc_wen_mode')
+    start = evaluator.judged(ModelSpec(base, base.defaults() | OWN))
+    delay = given(evaluator, start, 'transport_delay', 'transport_delay', DELAY)
+    lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
+    both = given(evaluator, lag, 'transport_delay', 'transport_delay', 0.7 * DELAY)
+    return evaluator, start, delay, both
+
+
+def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(scene) -> None:
+    evaluator, start, delay, both = scene
+    lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
+    assert not evaluator.is_as_good(delay, both)
+    first = round_of(evaluator, start, [lag, delay], 2, start)
+    last = round_of(evaluator, lag, [both], 1, start)
+    judge, steps, final = judged_again(evaluator, start, [Step(first, lag), Step(last, both)])
+    assert [added.effect for added in final.added] == ['transport_delay']
+    assert [step.fit.effect for step in steps] == ['transport_delay']
+    assert {view.begins.kind for view in judge.views} == {'step'}
+    assert final.floors < 1.05
+    late = final.values['delay'] - final.sampling_offset
+    assert late == pytest.approx(DELAY, rel=0.02)
