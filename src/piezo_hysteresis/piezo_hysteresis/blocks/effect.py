@@ -103,6 +103,9 @@ class Effect:
     held : bool
         Whether it is for baselines whose values stay: where they are fitted besides, offset and
         gain take up where it has its zero, and another way of the effect does the same with less.
+    refines : mapping of str to str
+        Parameters of the block to those of the variant that it has as a special case, where there
+        is one: it is tried once that one leads and leaves something.
     refits : bool
         Whether it has no parameters of its own, but changes those that the model has.
     inexactness : float
@@ -140,6 +143,7 @@ class Effect:
     holds: Mapping[str, float] = field(default_factory=dict)
     zeros: tuple[str, ...] = ()
     held: bool = False
+    refines: Mapping[str, str] = field(default_factory=dict)
     refits: bool = False
     inexactness: float = 0.02
     repeatable: bool = False

@@ -107,6 +107,8 @@ def hidden_effects(base: ModelSpec, outlooks: Sequence[Outlook], amplitude: floa
 
 def _lacking(base: ModelSpec, amplitude: float, span: float) -> Iterator[tuple[str, ModelSpec]]:
     for each in candidates(base.model, amplitude, span):
+        if each.effect.refines:  # it shows wherever its plain way does
+            continue
         for start in each.starts[:STARTS]:
             yield (
                 each.effect.name,

@@ -141,7 +141,8 @@ class Ladder:
         model = before.fit.model
         if effect not in EFFECT_NAMES:
             return self._with_block(before, effect)
-        ways = [d for d in described(effect) if applicable(model, d) and self._shows(model, d)]
+        plain = [each for each in described(effect) if not each.refines]
+        ways = [d for d in plain if applicable(model, d) and self._shows(model, d)]
         if not ways:
             return None
         return self._fitted(

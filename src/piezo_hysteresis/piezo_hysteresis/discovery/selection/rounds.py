@@ -10,6 +10,7 @@ from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
+from piezo_hysteresis.discovery.selection.refined import competing, richer
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.models import described
@@ -76,7 +77,7 @@ def select(
     progress : callable
         Told ``(fraction, message)``.
     """
-    every = evaluator.candidates(before)
+    every = competing(evaluator, before)
     free = evaluator.free_of(before)
     screen = Screen(before, evaluator.screened, free, evaluator.workers)
     scores = evaluator.map(screen.score, every)
@@ -127,7 +128,9 @@ def _finalists(
         _nearer(evaluator, before, fit, leaders[0]) for fit in _other_variants(leaders, fitted)
     ]
     others = _final_fits(evaluator, variants, wins, leaders[0])
-    return ranked(evaluator, [*leaders, *others])
+    found = ranked(evaluator, [*leaders, *others])
+    more = richer(evaluator, before, found[0], start, tried) if wins(found[0]) else []
+    return ranked(evaluator, [*found, *more])
 
 
 def round_of(
