@@ -1,4 +1,4 @@
-"""An effect that only made up for how records seemed to begin goes once another tells that."""
+"""An effect that only makes up for how records seem to begin goes once another tells that."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, spl
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step, judged_again
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.discovery.selection.rivals import begun_as_told
 from piezo_hysteresis.discovery.selection.rounds import round_of
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.record_start import RecordStart
@@ -84,3 +85,17 @@ def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(scene) ->
     assert final.floors < 1.05
     late = final.values['delay'] - final.sampling_offset
     assert late == pytest.approx(DELAY, rel=0.02)
+
+
+def test_a_rival_wins_that_tells_better_how_records_begin(scene) -> None:
+    evaluator, start, delay, _ = scene
+    lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
+    first = round_of(evaluator, start, [lag, delay], 2, start)
+    judge, contest = begun_as_told(evaluator, first, start)
+    assert contest.best.effect == 'transport_delay'
+    assert contest.best.floors < 1.05
+    assert {fit.effect for fit in contest.finalists} == {'transport_delay', 'amplifier_lag'}
+    assert {view.begins.kind for view in judge.views} == {'step'}
+    # knowing that, no rival tells anything else
+    same, again = begun_as_told(judge, contest, start)
+    assert (same, again) == (judge, contest)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.elimination import Step, judged_again, pruned
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.rivals import begun_as_told
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, select
 
 
@@ -124,6 +125,7 @@ def _forward(
         last = select(evaluator, current, start, report)
         if last is None or not last.accepted:
             return Found(evaluator, start, current, tuple(steps), last)
+        evaluator, last = begun_as_told(evaluator, last, start)
         found = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             found = pruned(evaluator, found, start)

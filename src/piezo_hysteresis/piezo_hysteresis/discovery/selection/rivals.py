@@ -1,0 +1,70 @@
+"""The rivals of a round, each on records that begin as it tells itself.
+
+How records began was told by a model that lacks something. A delay before a step looks like a
+motion from before the record, and beside such a motion a lag explains more than the delay does.
+So a winner is only sure among rivals of which each could tell the starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound
+
+
+def begun_as_told(
+    evaluator: Evaluator, contest: SelectionRound, start: CandidateFit
+) -> tuple[Evaluator, SelectionRound]:
+    """Return the round with the rival first that is best on records that begin as it tells.
+
+    Only where records begin with numbers of their own: a start that has none hides nothing.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        By which the round was judged.
+    contest : SelectionRound
+        With an accepted winner.
+    start : CandidateFit
+        The baseline.
+
+    Returns
+    -------
+    evaluator : Evaluator
+        With the starts that the first of the round tells.
+    contest : SelectionRound
+        The round; itself where no other start is better.
+    """
+    free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)
+    if not free or evaluator.deadline.skips('starts of rivals'):
+        return evaluator, contest
+    judge, first, replaced = evaluator, contest.best, contest.best
+    best_of_each = {fit.effect: fit for fit in reversed(contest.finalists)}
+    for fit in best_of_each.values():
+        other, again = evaluator.begun_anew(fit)
+        before = other.judged(contest.before)
+        if (
+            other is not evaluator
+            and other.score(again) < judge.score(first) - evaluator.policy.better
+            and other.is_worthy(before, again, start)
+            and other.is_sure(before, again, contest.tried)
+        ):
+            judge, first, replaced = other, again, fit
+    return (
+        (judge, contest) if judge is evaluator else (judge, _led(judge, contest, first, replaced))
+    )
+
+
+def _led(
+    judge: Evaluator, contest: SelectionRound, first: CandidateFit, replaced: CandidateFit
+) -> SelectionRound:
+    """Return the round with `first` in the lead, in the place of one of its finalists."""
+    order = (first, *(fit for fit in contest.finalists if fit is not replaced))
+    return replace(
+        contest,
+        finalists=order,
+        shares=judge.shares(contest.before, order),
+        gain=judge.improvement(contest.before, first, contest.tried),
+    )
