@@ -1,0 +1,151 @@
+"""The clock of records: guesses count from it, and one that the file does not say costs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.deadline import Deadline
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator
+from piezo_hysteresis.discovery.selection.policy import HELD
+from piezo_hysteresis.discovery.selection.screen import Screen
+from piezo_hysteresis.discovery.selection.start import Searching, held_data
+from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.reading import simulated
+from piezo_hysteresis.identification.targets import Target, whole
+from piezo_hysteresis.models import (
+    Condition,
+    Discrepancy,
+    Model,
+    ModelFile,
+    add_effect,
+    described,
+    named,
+)
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE, Provenance
+from piezo_hysteresis.records import Record, RecordInfo
+
+DT, NOISE, MISSED = 2e-3, 1e-8, 1e-7
+STILL = HELD.still_clock * DT
+MODEL = named('classical')
+VALUES = MODEL.defaults()
+
+
+def driven(frequency: float) -> Record:
+    """Return a drive from rest, its displacement not yet known."""
+    u = np.sin(2 * np.pi * frequency * DT * np.arange(2000))
+    info = RecordInfo(excitation='sine', frequency=frequency, amplitude=1.0, warm_up=0.5)
+    return Record(f'{frequency:g} Hz', DT, u, 0.0 * u, info=info)
+
+
+def measured(model: Model, values: dict[str, float], late: float, *, noise: float) -> list[Record]:
+    """Return sines of an actuator whose displacement is sampled `late` [s]."""
+    records = []
+    for seed, frequency in enumerate((1.0, 5.0)):
+        record = driven(frequency)
+        view = whole(record)
+        y = simulated(model, model.pack(values), view, late)[view.origin :]
+        error = noise * np.random.default_rng(seed).standard_normal(y.size)
+        records.append(replace(record, displacement=y + error))
+    return records
+
+
+def kept(late: float) -> ModelFile:
+    """Return the file of a model that was identified with its clock so `late` [s]."""
+    rms = float(np.hypot(MISSED, NOISE))
+    missed = Discrepancy(False, (Condition(1.0, 1.0, 1e-4, rms, NOISE, {2: MISSED}),))
+    notes = Provenance(notes={OFFSET_NOTE: late})
+    return ModelFile(MODEL, VALUES, provenance=notes, discrepancy=missed)
+
+
+def held_by(known: ModelFile, records: list[Record]) -> tuple[HeldEvaluator, CandidateFit]:
+    """Return who judges beside a file, and its model."""
+    how = Searching(Choices(start='rest'), 1, 1, {}, Deadline())
+    base, seen = held_data(split(records), known, how)
+    return HeldEvaluator(seen, 1, 1, base, known), base
+
+
+@cache
+def on_time() -> tuple[Record, ...]:
+    return tuple(measured(MODEL, VALUES, 0.0, noise=NOISE))
+
+
+def with_effect(name: str, hidden: dict[str, float]) -> tuple[ModelSpec, dict[str, float]]:
+    """Return a model with an effect, at what the effect begins with and as it truly is."""
+    candidate = add_effect(MODEL, described(name)[0])
+    spec = ModelSpec(MODEL, VALUES).with_candidate(
+        candidate, candidate.values(VALUES, candidate.starts[0])
+    )
+    return spec, candidate.values(VALUES, dict(candidate.neutral) | hidden)
+
+
+@pytest.mark.parametrize('late', [0.0, 0.6 * DT, -0.4 * DT])
+def test_a_tone_is_guessed_on_the_clock_of_the_model(late: float) -> None:
+    """At 90 Hz half a tick is 32 degrees."""
+    hum = {'hum_frequency': 90.0, 'hum_sine': 2e-7, 'hum_cosine': 1e-7}
+    spec, truth = with_effect('mains_hum', hum)
+    views: list[Target] = [whole(r) for r in measured(spec.model, truth, late, noise=0.0)]
+    before = judged_on(ModelSpec(MODEL, VALUES, (), late), views)
+    promise = Screen(before, views, ()).score(add_effect(MODEL, described('mains_hum')[0]))
+    best = promise.starts[0]
+    after = judged_on(replace(spec, values=best, sampling_offset=late), views)
+    assert promise.explained > 0.999
+    assert after.rms < 0.05 * before.rms
+    for name, value in hum.items():
+        # what is read between two samples has lost 3.5 % at this frequency
+        assert best[name] == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize('late', [0.3 * DT, -0.3 * DT])
+def test_a_clock_that_is_not_that_of_the_file_costs_a_parameter(late: float) -> None:
+    records = list(on_time())
+    (here, base), (there, _) = held_by(kept(0.0), records), held_by(kept(late), records)
+    still = here.judged(replace(base, sampling_offset=0.0))
+    moved = here.judged(replace(base, sampling_offset=late))
+    assert here.score(moved) - there.score(moved) == pytest.approx(HELD.price)
+    assert there.score(still) - here.score(still) == pytest.approx(HELD.price)
+
+
+def test_a_clock_within_what_a_fit_can_tell_is_that_of_the_file() -> None:
+    judge, base = held_by(kept(0.0), list(on_time()))
+
+    def price(late: float) -> float:
+        # what is left stays below what the file is known to miss, and is no evidence itself
+        moved, still = (judge.judged(replace(base, sampling_offset=at)) for at in (late, 0.0))
+        return judge.score(moved) - judge.score(still)
+
+    assert price(STILL) == pytest.approx(0.0, abs=1e-6)
+    assert price(10.0 * STILL) == pytest.approx(HELD.price, abs=0.1)
+
+
+@pytest.mark.parametrize('late', [0.0, 0.3 * DT])
+@pytest.mark.parametrize('begun', [-0.5 * DT, 0.5 * DT])
+def test_a_fit_leaves_the_clock_to_noise_where_it_is(late: float, begun: float) -> None:
+    judge, base = held_by(kept(late), measured(MODEL, VALUES, late, noise=MISSED))
+    found = judge.fit(replace(base, sampling_offset=late + begun))
+    assert found is not None
+    assert found.sampling_offset == pytest.approx(late, abs=1.1 * STILL)
+
+
+@pytest.mark.parametrize('late', [0.0, 0.3 * DT])
+def test_a_fit_gives_a_delay_to_the_delay_and_not_to_the_clock(late: float) -> None:
+    """The voltage is held: what comes late by less than two ticks is one tick late, or early."""
+    spec, truth = with_effect('transport_delay', {'delay': 1.5 * DT})
+    judge, _ = held_by(kept(late), measured(spec.model, truth, late, noise=MISSED))
+    found = judge.fit(replace(spec, sampling_offset=late - 0.5 * DT))
+    assert found is not None
+    assert found.sampling_offset == pytest.approx(late, abs=1.1 * STILL)
+    assert 1.0 <= found.values['delay'] / DT < 2.0
+
+
+@pytest.mark.parametrize('late', [0.4 * DT, -0.4 * DT])
+def test_a_fit_follows_a_clock_that_moved(late: float) -> None:
+    judge, base = held_by(kept(0.0), measured(MODEL, VALUES, late, noise=NOISE))
+    found = judge.fit(replace(base, sampling_offset=0.0))
+    assert found is not None
+    assert found.sampling_offset == pytest.approx(late, abs=0.02 * DT)
