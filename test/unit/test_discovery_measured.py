@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery import discover
@@ -43,7 +45,11 @@ def test_a_linear_mode_lacks_hysteresis_of_the_restoring_force() -> None:
 
 @pytest.mark.skipif(not MEASURED.exists(), reason=f'{MEASURED.name} is not there')
 def test_a_measured_stack_shows_what_is_left_and_by_how_much_less() -> None:
-    verdict = discover(load([MEASURED]), named('classical'), name='classical', workers=2).verdict
+    (record,) = load([MEASURED])
+    # 500 samples a period show what 5000 do, and take a thirteenth of the time
+    u, y = (np.ascontiguousarray(x[::10]) for x in (record.voltage, record.displacement))
+    record = replace(record, dt=10 * record.dt, voltage=u, displacement=y)
+    verdict = discover([record], named('classical'), name='classical', workers=2).verdict
     held = verdict.held_out
     # sensor noise is 0.049 um rms (SOURCES.md)
     assert verdict.noise_floor_rms_m == pytest.approx(0.049e-6, rel=0.1)
