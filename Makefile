@@ -6,6 +6,8 @@
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# Else each of hundreds of processes compiles every module that it imports.
+unexport PYTHONDONTWRITEBYTECODE
 run := source setup.bash &&
 SHELL := /bin/bash
 
@@ -25,7 +27,7 @@ lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
 
 test: lint
-	@$(run) python -m pytest -n 2 test/unit test/property test/docs $(wildcard test/blind)
+	@$(run) python -m pytest -n 2 --dist worksteal $(wildcard test/blind) test/docs test/property test/unit
 	@$(run) python -m pytest -n 2 --dist loadfile --reruns 1 test/ros
 
 clean:
