@@ -28,7 +28,7 @@ lint: dev
 
 test: lint
 	@$(run) python -m pytest -n 2 --dist worksteal $(wildcard test/blind) test/docs test/property test/unit
-	@$(run) python -m pytest -n 2 --dist loadfile --reruns 1 test/ros
+	@$(run) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --reruns 1 test/ros
 
 clean:
 	rm -rf build install log .venv out

@@ -12,6 +12,29 @@ rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "ma
 
 from listening import Listener  # noqa: E402
 
+# Files that take longest, the longest first. A worker runs whole files, and one that began such a
+# file last would be alone with it.
+LONG = (
+    'test_slow_kernels',
+    'test_demo',
+    'test_sweep_records',
+    'test_investigation',
+    'test_investigation_restarts',
+    'test_nothing_compiles',
+    'test_restarts',
+    'test_fault_campaign',
+    'test_record_and_play',
+    'test_excitation',
+    'test_faults',
+    'test_chain',
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest; the others stay in their order."""
+    places = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
+
 
 @pytest.fixture
 def processes() -> Iterator[NodeProcesses]:
