@@ -13,7 +13,7 @@ from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.beginnings import Motion
 from piezo_hysteresis.identification.crew import of_each
 from piezo_hysteresis.identification.factor import triangle
-from piezo_hysteresis.identification.opening import misfit, opened, square
+from piezo_hysteresis.identification.opening import Opening, misfit, opened, square
 from piezo_hysteresis.identification.reading import differentiated, simulated
 from piezo_hysteresis.identification.sensitivities import moves_by_ticks
 from piezo_hysteresis.identification.targets import Target
@@ -82,6 +82,7 @@ class Objective:
         self.weights = tuple(1.0 for _ in targets) if weights is None else tuple(weights)
         self._fixed = dict(values)
         self._own = tuple(name for name in free if name != SAMPLING_OFFSET)
+        self._own_places = np.array([self.free.index(name) for name in self._own], dtype=int)
         self._priors = [
             (self.free.index(name), prior.mean, noise / prior.std)
             for name, prior in (priors or {}).items()
@@ -103,7 +104,7 @@ class Objective:
 
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return every parameter of the chain, and the sampling offset, at the point `x`."""
-        return {**self._fixed, **dict(zip(self.free, (float(v) for v in x), strict=True))}
+        return {**self._fixed, **dict(zip(self.free, x.tolist(), strict=True))}
 
     def packed(self, x: FloatArray) -> FloatArray:
         """Return the parameters of the chain at `x`; ModelError where they are impossible."""
@@ -117,7 +118,9 @@ class Objective:
 
     def sampling_offset(self, x: FloatArray) -> float:
         """Return how much later than our convention the displacement was sampled [s]."""
-        return self.values(x).get(SAMPLING_OFFSET, 0.0)
+        if SAMPLING_OFFSET in self.free:
+            return float(x[self.free.index(SAMPLING_OFFSET)])
+        return self._fixed.get(SAMPLING_OFFSET, 0.0)
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Return measured minus simulated of every target [m], without weights."""
@@ -158,6 +161,21 @@ class Objective:
             rows = np.insert(rows, self.free.index(SAMPLING_OFFSET), slope, axis=0)
         return target.pick(y), rows[:, target.first :: target.stride]
 
+    def _seen(self, target: Target, packed: FloatArray, late: float, begun: Opening) -> FloatArray:
+        """Return what `_without` takes: one array, because it is much and filled often."""
+        q, p, m = len(begun.rows), len(self.free), target.measured.size
+        y, rows, slope = differentiated(self.model, packed, self._own, target, late, begun.motion)
+        seen = np.empty((q + p + 1, m + q))
+        part = seen[:, :m]
+        part[:q] = begun.rows
+        part[q + self._own_places] = rows[:, target.first :: target.stride]
+        if SAMPLING_OFFSET in self.free:
+            part[q + self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
+        np.subtract(target.pick(y), target.measured, out=part[-1])
+        if target.factors is not None:
+            part *= target.factors
+        return seen
+
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Return R, Q'r and the cost at `x`, see `solver.Problem`."""
         p = len(self.free)
@@ -166,18 +184,14 @@ class Objective:
         except ModelError:
             return np.eye(p), np.zeros(p), float('inf')
 
+        late = self.sampling_offset(x)
+
         def compress(pair: tuple[Target, float]) -> FloatArray:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
-                late, factors = self.sampling_offset(x), target.factors
-                begun = opened(self.model, packed, target, late, factors)
-                y, rows = self.jacobian(target, x, begun.motion)
-                seen, own = np.vstack([rows, y - target.measured]), begun.rows
-                if factors is not None:
-                    seen, own = seen * factors, own * factors
-            if not np.all(np.isfinite(seen)):
-                return np.full((p + 1, p + 1), np.inf)
-            free = _without(own, begun.prior, begun.pull, seen)
+                begun = opened(self.model, packed, target, late, target.factors)
+                seen = self._seen(target, packed, late, begun)
+            free = _without(begun, seen)
             return free * (weight * target.weight)
 
         pairs = list(zip(self.targets, self.weights, strict=True))
@@ -197,18 +211,25 @@ class Objective:
         return full[:p, :p], full[:p, p], cost
 
 
-def _without(own: FloatArray, prior: FloatArray, pull: FloatArray, seen: FloatArray) -> FloatArray:
+def _without(begun: Opening, seen: FloatArray) -> FloatArray:
     """Return the triangle of `seen` with what a record knows of itself taken out of it.
 
-    The prior counts from where the run is already, by `pull`.
+    Parameters
+    ----------
+    begun : Opening
+        How it began, with a prior of its own numbers.
+    seen : ndarray, shape (q + p + 1, m + q)
+        Rows of those, derivatives and residual, and room for the prior; destroyed. The prior
+        counts from where the run is already, by `pull`.
     """
-    if not len(own):
-        return triangle(seen)
-    q = len(own)
-    held = np.zeros((q + len(seen), q))
-    held[:q] = np.diag(prior)
-    held[-1] = prior * pull
-    full = triangle(np.hstack([np.vstack([own, seen]), held]))
+    q = len(begun.rows)
+    if q:
+        seen[:q, -q:] = np.diag(begun.prior)
+        seen[q:-1, -q:] = 0.0
+        seen[-1, -q:] = begun.prior * begun.pull
+    full = triangle(seen)
+    if not q or not np.all(np.isfinite(full)):
+        return full[q:, q:]
     left, sizes = full[q:, q:], np.linalg.norm(full[:, q:], axis=0)
     # what the record's own numbers do as well (an offset beside a zero) is left as rounding, which
     # a solver would take for a direction: it is as uncertain, and moves nowhere

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
-from scipy.signal import argrelmin, oaconvolve
-from scipy.signal.windows import kaiser
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.periods import PERIODIC, remembered
@@ -74,7 +72,7 @@ def repeat_of(record: Record) -> Repeat | None:
 def less_the_period_before(signal: FloatArray, period: float) -> FloatArray:
     """Return ``signal(k) - signal(k - period)`` wherever both are known, shape (m,)."""
     taps, lag = _taps(period)
-    before = oaconvolve(signal, taps, mode='valid')
+    before = np.convolve(signal, taps, mode='valid')
     # before[i] is the signal at i + _HALF - (period - lag)
     first = lag + _HALF
     count = min(before.size, signal.size - first)
@@ -103,7 +101,7 @@ def gain_of_difference(window: FloatArray, period: float) -> FloatArray:
 def _taps(period: float) -> tuple[FloatArray, int]:
     lag = round(period)
     place = np.arange(-_HALF, _HALF + 1) - (period - lag)
-    taps = np.sinc(place) * kaiser(2 * _HALF + 1, _SHAPE)
+    taps = np.sinc(place) * np.kaiser(2 * _HALF + 1, _SHAPE)
     return np.asarray(taps / taps.sum()), lag
 
 
@@ -115,7 +113,8 @@ def _near_lags(centred: FloatArray, spread: float) -> list[int]:
     squares = np.concatenate([[0.0], np.cumsum(centred**2)])
     lags = np.arange(1, int(n / _PERIODS) + 1)
     change = (squares[n - lags] + squares[n] - squares[lags] - 2 * correlation[lags]) / (n - lags)
-    dips = argrelmin(change)[0]
+    inner = change[1:-1]
+    dips = 1 + np.flatnonzero((inner < change[:-2]) & (inner < change[2:]))
     return [int(lags[k]) for k in dips if change[k] < 2.0 * _NEAR * spread**2][:_TRIED]
 
 

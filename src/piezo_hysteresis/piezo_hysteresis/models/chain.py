@@ -152,7 +152,7 @@ class Model:
 
     def unpack(self, packed: FloatArray) -> dict[str, float]:
         """Name the numbers of `packed`."""
-        return dict(zip(self.parameter_names, (float(v) for v in packed), strict=True))
+        return dict(zip(self.parameter_names, packed.tolist(), strict=True))
 
     def names_of(self, block: Block) -> dict[str, str]:
         """Return the model's names of the parameters of `block`, the last one if it is repeated.

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from math import isfinite, sqrt
 
 import numpy as np
-from scipy.signal.windows import tukey
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
@@ -139,6 +138,8 @@ def expectation(
     policy : SelectionPolicy
         What decides.
     """
+    from scipy.signal.windows import tukey
+
     count, dt = view.measured.size, view.dt * view.stride
     voltage = view.pick(view.voltage)
     amplitude = 0.5 * float(np.ptp(view.voltage[view.origin :]))

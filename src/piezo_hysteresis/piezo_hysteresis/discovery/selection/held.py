@@ -16,7 +16,7 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
@@ -222,7 +222,7 @@ class HeldEvaluator(Evaluator):
         """Return the likelihood ratio in nats, and its chance by Wilks 1938."""
         gain = self.score(before) - self.score(after)
         count = self.counted(after) - self.counted(before)
-        chance = float(chi2.sf(2.0 * max(gain, 0.0), max(count, 1)))
+        chance = float(chdtrc(max(count, 1), 2.0 * max(gain, 0.0)))
         return Improvement(before.square - after.square, gain, min(1.0, chance * tried))
 
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:

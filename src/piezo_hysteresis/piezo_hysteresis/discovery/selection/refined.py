@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.screen import Screen
 from piezo_hysteresis.models import Candidate, described
 
 
@@ -30,6 +32,8 @@ def richer(
 ) -> list[CandidateFit]:
     """Return the fits of richer ways of the leading effect that are worth what they cost.
 
+    One that promises too little where the plain way ended is not fitted.
+
     Parameters
     ----------
     evaluator : Evaluator
@@ -41,8 +45,12 @@ def richer(
     """
     if not evaluator.lacks_something(leader, start):
         return []
+    least = rules.least_promise(evaluator.excess(leader), evaluator.policy)
     found = []
-    for spec in _specs(evaluator, before, leader):
+    for each, spec in _begun(evaluator, before, leader):
+        screen = Screen(leader, evaluator.screened, evaluator.free_of(leader), evaluator.workers)
+        if screen.nearby(each, spec.values) <= least:
+            continue
         if evaluator.deadline.skips(spec.variant):
             break
         fit = evaluator.fit(spec)
@@ -56,10 +64,10 @@ def richer(
     return found
 
 
-def _specs(
+def _begun(
     evaluator: Evaluator, before: CandidateFit, leader: CandidateFit
-) -> Iterator[ModelSpec]:
-    """Yield richer ways of what came last in `leader`, with which they begin."""
+) -> Iterator[tuple[Candidate, ModelSpec]]:
+    """Yield richer ways of what came last in `leader`, and the models with which they begin."""
     plain = leader.added[-1]
     for each in evaluator.candidates(before):
         refines = each.effect.refines
@@ -71,7 +79,7 @@ def _specs(
             each.renamed[own]: leader.values[plain.names[other]] for own, other in refines.items()
         }
         spec = before.with_candidate(each, each.values(leader.values, {**each.neutral, **known}))
-        yield replace(spec, sampling_offset=leader.sampling_offset)
+        yield each, replace(spec, sampling_offset=leader.sampling_offset)
 
 
 def _is_had(candidate: Candidate, before: ModelSpec) -> bool:

@@ -156,7 +156,7 @@ class Screen:
             share, chosen, linear = self._best_step(candidate, values, steps)
             # one that is linear in its size is so from every start
             steps = steps[:1] if linear else steps
-            found.append((max(share, self._nearby(candidate, values)), chosen))
+            found.append((max(share, self._about(candidate, values)), chosen))
         found.sort(key=lambda each: -each[0])
         apart: list[dict[str, float]] = []
         for _, start in found:
@@ -205,7 +205,7 @@ class Screen:
                 best, chosen = shares[-1], tried
         return best, chosen, best > 0.0 and min(shares) >= (1.0 - _EQUAL) * best
 
-    def _nearby(self, candidate: Candidate, values: dict[str, float]) -> float:
+    def _about(self, candidate: Candidate, values: dict[str, float]) -> float:
         """Return what small changes of all new parameters about a start would explain.
 
         A step towards a start says little of effects with many parameters, such as a bank of
@@ -213,6 +213,13 @@ class Screen:
         """
         if len(candidate.added) < _MANY and not candidate.effect.refits:
             return 0.0
+        return self.nearby(candidate, values)
+
+    def nearby(self, candidate: Candidate, values: dict[str, float]) -> float:
+        """Return what small changes of all new parameters about some values would explain.
+
+        For a candidate that does at these values what the model does.
+        """
         rows = []
         try:
             packed = candidate.model.pack(values)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
@@ -68,7 +68,7 @@ def improvement(before: CandidateFit, after: CandidateFit, tried: int) -> Improv
         variance += 4.0 * precision**4 * float(both_sides @ (left * moved))
     square = before.square - after.square
     ratio = square / float(np.sqrt(variance)) if variance > 0.0 else 0.0
-    p_value = min(1.0, float(norm.sf(ratio)) * max(tried, 1))
+    p_value = min(1.0, float(ndtr(-ratio)) * max(tried, 1))
     return Improvement(square, ratio, p_value)
 
 
