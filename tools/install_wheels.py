@@ -44,7 +44,8 @@ def told(config: str) -> dict[str, str] | None:
     config : str
         What ``pip config list`` prints, one ``section.key='value'`` a line; later ones win.
     """
-    environment = {'UV_INDEX_STRATEGY': 'unsafe-best-match'}  # as pip looks at its indexes
+    # pip looks at all its indexes, and compiles what it installs: else every process would
+    environment = {'UV_INDEX_STRATEGY': 'unsafe-best-match', 'UV_COMPILE_BYTECODE': 'true'}
     for line in config.split('\n'):
         name, _, value = line.strip().partition('=')
         section, _, key = name.rpartition('.')

@@ -24,6 +24,7 @@ def test_uv_is_told_what_pip_was_told() -> None:
     """
     assert install_wheels.told(config) == {
         'UV_INDEX_STRATEGY': 'unsafe-best-match',
+        'UV_COMPILE_BYTECODE': 'true',
         'UV_DEFAULT_INDEX': 'https://index.example/simple',
         'UV_INDEX': 'https://one.example https://two.example',
         'UV_FIND_LINKS': '/wheels,/more',

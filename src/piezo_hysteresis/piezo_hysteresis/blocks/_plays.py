@@ -15,8 +15,10 @@ def play(x: float, memory: float, half_width: float) -> float:
 @jit
 def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float, first: float) -> float:
     """Return the weighted sum of plays at thresholds (first + j) spacing; state in place."""
-    total = 0.0
+    # one after the other: plays do not wait for the sum, and are moved several at a time
     for j in range(weights.size):
         state[j] = play(x, state[j], (j + first) * spacing)
+    total = 0.0
+    for j in range(weights.size):
         total += weights[j] * state[j]
     return total
