@@ -87,11 +87,13 @@ def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(scene) ->
     assert late == pytest.approx(DELAY, rel=0.02)
 
 
-def test_a_rival_wins_that_tells_better_how_records_begin(scene) -> None:
+@pytest.mark.parametrize('accepted', [True, False])
+def test_a_rival_wins_that_tells_better_how_records_begin(scene, accepted: bool) -> None:
     evaluator, start, delay, _ = scene
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     first = round_of(evaluator, start, [lag, delay], 2, start)
-    judge, contest = begun_as_told(evaluator, first, start)
+    judge, contest = begun_as_told(evaluator, replace(first, accepted=accepted), start)
+    assert contest.accepted
     assert contest.best.effect == 'transport_delay'
     assert contest.best.floors < 1.05
     assert {fit.effect for fit in contest.finalists} == {'transport_delay', 'amplifier_lag'}

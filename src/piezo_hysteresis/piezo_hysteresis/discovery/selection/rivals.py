@@ -2,7 +2,7 @@
 
 How records began was told by a model that lacks something. A delay before a step looks like a
 motion from before the record, and beside such a motion a lag explains more than the delay does.
-So a winner is only sure among rivals of which each could tell the starts.
+So there is a winner, or none, only among rivals of which each could tell the starts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def begun_as_told(
     evaluator : Evaluator
         By which the round was judged.
     contest : SelectionRound
-        With an accepted winner.
+        Its finalists; none of them need be accepted.
     start : CandidateFit
         The baseline.
 
@@ -52,9 +52,9 @@ def begun_as_told(
             and other.is_sure(before, again, contest.tried)
         ):
             judge, first, replaced = other, again, fit
-    return (
-        (judge, contest) if judge is evaluator else (judge, _led(judge, contest, first, replaced))
-    )
+    if judge is evaluator:
+        return evaluator, contest
+    return judge, _led(judge, contest, first, replaced)
 
 
 def _led(
@@ -64,6 +64,7 @@ def _led(
     order = (first, *(fit for fit in contest.finalists if fit is not replaced))
     return replace(
         contest,
+        accepted=True,
         finalists=order,
         shares=judge.shares(contest.before, order),
         gain=judge.improvement(contest.before, first, contest.tried),

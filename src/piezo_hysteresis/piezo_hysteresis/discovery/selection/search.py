@@ -123,9 +123,10 @@ def _forward(
             progress(begin + share * fraction, message)
 
         last = select(evaluator, current, start, report)
+        if last is not None:
+            evaluator, last = begun_as_told(evaluator, last, start)
         if last is None or not last.accepted:
             return Found(evaluator, start, current, tuple(steps), last)
-        evaluator, last = begun_as_told(evaluator, last, start)
         found = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             found = pruned(evaluator, found, start)
