@@ -44,10 +44,11 @@ def begun_as_told(
     best_of_each = {fit.effect: fit for fit in reversed(contest.finalists)}
     for fit in best_of_each.values():
         other, again = evaluator.begun_anew(fit)
+        if other is evaluator:
+            continue
         before = other.judged(contest.before)
         if (
-            other is not evaluator
-            and other.score(again) < judge.score(first) - evaluator.policy.better
+            other.score(again) < judge.score(first) - evaluator.policy.better
             and other.is_worthy(before, again, start)
             and other.is_sure(before, again, contest.tried)
         ):
