@@ -150,28 +150,35 @@ class Objective:
         total += sum(((x[j] - mean) * scale) ** 2 for j, mean, scale in self._priors)
         return 0.5 * total if isfinite(total) else float('inf')
 
-    def jacobian(
-        self, target: Target, x: FloatArray, motion: Motion | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
-        y, rows, slope = differentiated(
-            self.model, self.packed(x), self._own, target, self.sampling_offset(x), motion
-        )
+        rows = np.empty((len(self.free), target.measured.size))
+        y = self._differentiated(target, self.packed(x), self.sampling_offset(x), rows)
+        return y, rows
+
+    def _differentiated(
+        self,
+        target: Target,
+        packed: FloatArray,
+        late: float,
+        rows: FloatArray,
+        motion: Motion | None = None,
+    ) -> FloatArray:
+        """Return simulated samples, shape (m,), and fill in derivatives, shape (p, m)."""
+        y, own, slope = differentiated(self.model, packed, self._own, target, late, motion)
+        rows[self._own_places] = own[:, target.first :: target.stride]
         if SAMPLING_OFFSET in self.free:
-            rows = np.insert(rows, self.free.index(SAMPLING_OFFSET), slope, axis=0)
-        return target.pick(y), rows[:, target.first :: target.stride]
+            rows[self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
+        return target.pick(y)
 
     def _seen(self, target: Target, packed: FloatArray, late: float, begun: Opening) -> FloatArray:
         """Return what `_without` takes: one array, because it is much and filled often."""
         q, p, m = len(begun.rows), len(self.free), target.measured.size
-        y, rows, slope = differentiated(self.model, packed, self._own, target, late, begun.motion)
         seen = np.empty((q + p + 1, m + q))
         part = seen[:, :m]
         part[:q] = begun.rows
-        part[q + self._own_places] = rows[:, target.first :: target.stride]
-        if SAMPLING_OFFSET in self.free:
-            part[q + self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
-        np.subtract(target.pick(y), target.measured, out=part[-1])
+        y = self._differentiated(target, packed, late, part[q:-1], begun.motion)
+        np.subtract(y, target.measured, out=part[-1])
         if target.factors is not None:
             part *= target.factors
         return seen
