@@ -81,7 +81,7 @@ def opened(
     if target.begins.kind != 'estimate':
         own = np.ones((int(target.own_zero), target.measured.size))
         return Opening(own, np.zeros(len(own)), pull=np.zeros(len(own)))
-    late = samples_late(model, packed, target.dt, sampling_offset)
+    late = samples_late(model, target.dt, sampling_offset)
     motion = Motion(model, packed, target)
 
     def left() -> FloatArray:
@@ -183,7 +183,7 @@ def _from(
     """Return what the model says at every tick of the drive from where the record begins [m]."""
     if begun.motion is None:
         return simulated(model, packed, target, sampling_offset, known)
-    late = samples_late(model, packed, target.dt, sampling_offset)
+    late = samples_late(model, target.dt, sampling_offset)
     return shifted(begun.motion.signals[-1], late)
 
 

@@ -71,17 +71,13 @@ def _interpolated(rows: FloatArray, first: int, weights: FloatArray) -> FloatArr
     return total
 
 
-def samples_late(
-    model: Model, packed: FloatArray, dt: float, sampling_offset: float = 0.0
-) -> float:
+def samples_late(model: Model, dt: float, sampling_offset: float = 0.0) -> float:
     """Return how many samples later than the chain answers a recording reads it.
 
     Parameters
     ----------
     model : Model
         The chain.
-    packed : ndarray, shape (p,)
-        Its parameters.
     dt, sampling_offset : float
         Sampling interval, and how much later than our convention the displacement was read [s].
     """
@@ -149,7 +145,7 @@ def simulated(
         frequency=target.frequency,
         first=first,
     )
-    return shifted(y, samples_late(model, packed, target.dt, sampling_offset))
+    return shifted(y, samples_late(model, target.dt, sampling_offset))
 
 
 def differentiated(
@@ -187,6 +183,6 @@ def differentiated(
         y = motion.signals[-1]
         for place, more in motion.derivatives(free, rows).items():
             rows[place] += more
-    late = samples_late(model, packed, target.dt, sampling_offset)
+    late = samples_late(model, target.dt, sampling_offset)
     slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)
     return shifted(y, late), shifted(rows, late), slope

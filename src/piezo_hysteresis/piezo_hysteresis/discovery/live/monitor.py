@@ -80,7 +80,7 @@ class GapMonitor:
         self._window = window
         self._values = dict(loaded.values)
         self._offset = fitted = loaded.sampling_offset
-        self._late = samples_late(self._model, self._packed, dt, fitted)
+        self._late = samples_late(self._model, dt, fitted)
         self.reset()
 
     @property
