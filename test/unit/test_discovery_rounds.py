@@ -40,8 +40,10 @@ def noise(size: float, seed: int = 0) -> FloatArray:
     return size * np.random.default_rng(seed).standard_normal(1000)
 
 
-def scored(name: str, variant: str, explained: float) -> ScreeningScore:
-    effect = SimpleNamespace(name=name, variant=variant)
+def scored(
+    name: str, variant: str, explained: float, refines: dict[str, str] | None = None
+) -> ScreeningScore:
+    effect = SimpleNamespace(name=name, variant=variant, refines=refines or {})
     return ScreeningScore(cast(Any, SimpleNamespace(effect=effect)), (), explained)
 
 
@@ -57,6 +59,22 @@ def test_an_effect_of_many_variants_leaves_room_for_others() -> None:
     few = POLICY.but(trials=3, variants_first=2)
     assert names(rounds.choose_trials(scores, 1e-4, few)) == ['creep/0', 'creep/1', 'drift/a']
     assert names(rounds.choose_trials(scores, 0.87, few)) == ['creep/0', 'creep/1', 'creep/2']
+
+
+def test_a_richer_way_is_never_the_first_of_an_effect() -> None:
+    scores = [
+        scored('sensor', 'spline', 0.9, {'bend': 'cubic'}),
+        scored('sensor', 'cubic', 0.5),
+        scored('drift', 'a', 0.4),
+    ]
+    alone = POLICY.but(trials=3, variants_first=1)
+    assert names(rounds.choose_trials(scores, 1e-4, alone)) == [
+        'sensor/cubic',
+        'drift/a',
+        'sensor/spline',
+    ]
+    both = POLICY.but(trials=2, variants_first=2)
+    assert names(rounds.choose_trials(scores, 1e-4, both)) == ['sensor/spline', 'sensor/cubic']
 
 
 def test_trials_that_went_best_go_on() -> None:

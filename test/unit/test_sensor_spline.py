@@ -11,8 +11,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
+from piezo_hysteresis.discovery.selection.competing import competing
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.refined import competing, richer
+from piezo_hysteresis.discovery.selection.rounds import select
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, RecordInfo
@@ -64,7 +65,7 @@ def test_its_derivatives_are_exact() -> None:
 
 
 def scene(curve: Callable[[FloatArray], FloatArray]) -> tuple[FreeEvaluator, CandidateFit]:
-    """Return the search on records of a sensor with a curve [strokes], and its baseline."""
+    """Return the search on records of a sensor with a curve [strokes], and a baseline."""
     base = named('classical')
     values, random, records = base.defaults(), np.random.default_rng(5), []
     for amplitude, frequency in ((1.0, 2.0), (0.7, 7.0), (1.0, 19.0)):
@@ -74,12 +75,11 @@ def scene(curve: Callable[[FloatArray], FloatArray]) -> tuple[FreeEvaluator, Can
         info = RecordInfo(excitation='sine', frequency=frequency)
         records.append(Record(f'{frequency:g} Hz', DT, u, y, info=info))
     evaluator = FreeEvaluator(split(records), 0, 1)
-    return evaluator, evaluator.judged(ModelSpec(base, values))
+    return evaluator, evaluator.refit(evaluator.judged(ModelSpec(base, values)))
 
 
-def cubic(evaluator: FreeEvaluator, start: CandidateFit) -> CandidateFit:
-    found = next(c for c in competing(evaluator, start) if c.effect.name == 'sensor_nonlinearity')
-    assert found.effect.variant == 'sensor_nonlinearity'
+def fitted(variant: str, evaluator: FreeEvaluator, start: CandidateFit) -> CandidateFit:
+    (found,) = [c for c in competing(evaluator, start) if c.effect.variant == variant]
     fit = evaluator.fit(start.with_candidate(found, found.values(start.values, found.starts[0])))
     assert fit is not None
     return fit
@@ -94,19 +94,23 @@ def test_what_a_cubic_curve_leaves_a_spline_takes(
     curve: Callable[[FloatArray], FloatArray],
 ) -> None:
     evaluator, start = scene(curve)
-    leader = cubic(evaluator, start)
-    assert leader.floors > 1.5
-    (fit,) = richer(evaluator, start, leader, start, 30)
-    assert fit.variant == 'sensor_spline'
-    assert fit.floors < 1.1
+    assert fitted('sensor_nonlinearity', evaluator, start).floors > 1.5
+    contest = select(evaluator, start, start, lambda fraction, message: None)
+    assert contest is not None
+    assert contest.accepted
+    assert contest.best.variant == 'sensor_spline'
+    assert contest.best.floors < 1.1
     # and then no plainer way of it competes
-    names = [c.effect.variant for c in competing(evaluator, fit)]
+    names = [c.effect.variant for c in competing(evaluator, contest.best)]
     assert 'sensor_nonlinearity' not in names
     assert 'sensor_spline' not in names
 
 
-def test_where_a_cubic_curve_is_enough_no_spline_is_tried() -> None:
+def test_where_a_cubic_curve_is_enough_it_wins_by_what_a_spline_costs() -> None:
     evaluator, start = scene(lambda y: y + 0.05 * y**2 + 0.05 * y**3)
-    leader = cubic(evaluator, start)
-    assert leader.floors < 1.05
-    assert richer(evaluator, start, leader, start, 30) == []
+    assert fitted('sensor_spline', evaluator, start).floors < 1.05
+    contest = select(evaluator, start, start, lambda fraction, message: None)
+    assert contest is not None
+    assert contest.accepted
+    assert contest.best.variant == 'sensor_nonlinearity'
+    assert contest.best.floors < 1.05

@@ -105,7 +105,7 @@ class Effect:
         gain take up where it has its zero, and another way of the effect does the same with less.
     refines : mapping of str to str
         Parameters of the block to those of the variant that it has as a special case, where there
-        is one: it is tried once that one leads and leaves something.
+        is one: a model that has it does not take up that one besides.
     refits : bool
         Whether it has no parameters of its own, but changes those that the model has.
     inexactness : float

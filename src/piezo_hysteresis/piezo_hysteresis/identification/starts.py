@@ -18,7 +18,6 @@ from piezo_hysteresis.models import Model
 _SCAN_RECORDS = 4
 _SCAN_SAMPLES = 20_000  # compared of a whole record; more does not find another basin
 _SCAN_LENGTH = 100_000  # simulated of a whole record
-_LOOP = ('beta', 'gamma')  # the shape of a loop of Bouc and Wen
 
 
 @dataclass(frozen=True)
@@ -86,33 +85,6 @@ def starts(
         for start in _distinct(pool, scanned, kept):
             pool += [judged({**start.values, **stated(start.values, move)}) for move in moves]
     return _distinct(pool, scanned, count)
-
-
-def other_loops(
-    model: Model, targets: Sequence[Target], values: Mapping[str, float], *, count: int = 3
-) -> list[Start]:
-    """Return start points with loops of other shapes, gains solved for; all else as in `values`.
-
-    Empty where a model has no loop whose shape is scanned.
-
-    Parameters
-    ----------
-    model : Model
-        Any chain.
-    targets : sequence of Target
-        Prepared records.
-    values : mapping of str to float
-        Every parameter.
-    count : int
-        How many.
-    """
-    if not set(_LOOP) & set(model.free_names):
-        return []
-    amplitude = max(float(np.max(np.abs(t.voltage))) for t in targets)
-    moved = {*_LOOP, *linear_parameters(model, model.free_names, amplitude)}
-    kept = {name: value for name, value in values.items() if name not in moved}
-    free = tuple(name for name in model.free_names if name in moved)
-    return starts(model, targets, free, kept, count=count)
 
 
 def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> list[Target]:

@@ -164,13 +164,6 @@ class Evaluator(ABC):
         """Return the excess that the laws of a model are known to leave."""
         return 0.0
 
-    def settled(self, fit: CandidateFit, start: CandidateFit) -> tuple[Evaluator, CandidateFit]:
-        """Return a model that was given an effect as it is best, knowing that, and who judges it.
-
-        `start` is the baseline.
-        """
-        return self, fit
-
     def begun_anew(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
         """Return a model with the records begun as it tells, and who judges it."""
         return self, fit

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.anew import by_other_loops, told_again
+from piezo_hysteresis.discovery.selection.anew import told_again
 from piezo_hysteresis.discovery.selection.baseline import begin_alike
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
@@ -67,18 +67,6 @@ class FreeEvaluator(Evaluator):
         return FreeEvaluator(
             data, self.seed, self.workers, self.policy, self.hints, self.deadline, self.choices
         )
-
-    def settled(
-        self, fit: CandidateFit, start: CandidateFit
-    ) -> tuple[FreeEvaluator, CandidateFit]:
-        """Return a model that still leaves a gap with loop and records begun anew, as it tells."""
-        if not self.lacks_something(fit, start) or self.deadline.skips('loop and starts anew'):
-            return self, fit
-        found = by_other_loops(self, fit, start)
-        # starts that the same loop told are told
-        if found.values == fit.values or not self.lacks_something(found, start):
-            return self, found
-        return self.begun_anew(found)
 
     def begun_anew(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
         """Return a model fitted to records that begin as it tells, if that is better."""

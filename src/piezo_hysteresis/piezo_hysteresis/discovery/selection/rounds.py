@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.afresh import better_of_both
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.competing import competing
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
-from piezo_hysteresis.discovery.selection.refined import competing, richer
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.models import described
@@ -92,7 +93,7 @@ def select(
         hopeful,
         evaluator.policy.final_within,
     )
-    fitted = ranked(evaluator, first)
+    fitted = ranked(evaluator, better_of_both(evaluator, before, chosen, ranked(evaluator, first)))
     progress(0.6, f'{len(fitted)} first fits')
     finalists = _finalists(evaluator, before, fitted, start, len(every))
     if not finalists:
@@ -128,9 +129,7 @@ def _finalists(
         _nearer(evaluator, before, fit, leaders[0]) for fit in _other_variants(leaders, fitted)
     ]
     others = _final_fits(evaluator, variants, wins, leaders[0])
-    found = ranked(evaluator, [*leaders, *others])
-    more = richer(evaluator, before, found[0], start, tried) if wins(found[0]) else []
-    return ranked(evaluator, [*found, *more])
+    return ranked(evaluator, [*leaders, *others])
 
 
 def round_of(
@@ -164,7 +163,10 @@ def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[Candidate
 def choose_trials(
     scores: Sequence[ScreeningScore], least: float, policy: SelectionPolicy
 ) -> list[ScreeningScore]:
-    """Return what is tried: the most promising, of each effect its best variants first."""
+    """Return what is tried: the most promising, of each effect its best variants first.
+
+    A richer way of an effect promises more by what it has more, so it is never the first of them.
+    """
     ordered = sorted(
         (each for each in scores if each.explained > least),
         key=lambda s: (-s.explained, s.candidate.effect.name, s.candidate.effect.variant),
@@ -173,6 +175,7 @@ def choose_trials(
     later: list[ScreeningScore] = []
     for score in ordered:
         same = sum(c.candidate.effect.name == score.candidate.effect.name for c in first)
+        same += bool(score.candidate.effect.refines)
         (first if same < policy.variants_first else later).append(score)
     return [*first, *later][: policy.trials]
 
@@ -180,21 +183,12 @@ def choose_trials(
 def _trial(
     evaluator: Evaluator, before: CandidateFit, score: ScreeningScore
 ) -> CandidateFit | None:
-    """Try the best starts for a little and return where the best one led.
-
-    The baseline may have hidden the effect in wrong parameters, so one start has the hints; once
-    an effect is known, the baseline was fitted together with it.
-    """
+    """Try the best starts for a little and return where the best one led."""
     candidate, policy = score.candidate, evaluator.policy
     if evaluator.deadline.skips(candidate.effect.name):
         return None
-    starts = list(score.starts[: policy.starts])
-    own = {name: starts[0][name] for name in candidate.added}
-    for hint in () if before.added else evaluator.hints:
-        known = {k: hint.get(k, v) for k, v in before.values.items()}
-        starts.append({**starts[0], **candidate.values(known, own)})
     best: CandidateFit | None = None
-    for start in starts:
+    for start in score.starts[: policy.starts]:
         spec = before.with_candidate(candidate, start)
         enough = inf if best is None else evaluator.enough(best, 1.0)
         fit = evaluator.fit_briefly(spec, policy.trial_evaluations, enough)

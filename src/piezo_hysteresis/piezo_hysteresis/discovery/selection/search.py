@@ -127,10 +127,9 @@ def _forward(
             evaluator, last = begun_as_told(evaluator, last, start)
         if last is None or not last.accepted:
             return Found(evaluator, start, current, tuple(steps), last)
-        found = _finished(evaluator, last.best)
+        current = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
-            found = pruned(evaluator, found, start)
-        evaluator, current = evaluator.settled(found, start)
+            current = pruned(evaluator, current, start)
         steps = steps_of(current, steps, last)
     return Found(evaluator, start, current, tuple(steps), last)
 
