@@ -195,11 +195,17 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     """Return the noise of every record; those that agree within their doubt share one value.
 
     Nothing says that two records are equally noisy. But where most of them are, as far as each
-    can tell, together they tell it better.
+    can tell, together they tell it better. They do not where those that agree scatter by more
+    than chance all together: each is near the middle of noise that follows something.
     """
     found = _of_one_colour(records)
     alike, middle = consensus(found)
-    shared = [alike if not noise.lines or _agrees(noise, middle) else noise for noise in found]
+    agreeing = [noise for noise in found if _agrees(noise, middle)]
+    equal = _scatter_by_chance(agreeing, alike.rms)
+    shared = [
+        alike if not noise.lines or (equal and _agrees(noise, middle)) else noise
+        for noise in found
+    ]
     # one that is hidden is at least as large as it shows itself
     pairs = zip(map(noise_of, records), shared, strict=True)
     return [own if own.hidden and own.rms > noise.rms else noise for own, noise in pairs]
@@ -246,6 +252,15 @@ def _agrees(noise: Noise, rms: float) -> bool:
     if not noise.lines:
         return False
     return abs(noise.rms - rms) <= rms * (AGREE + 3.0 * SPREAD / sqrt(noise.lines))
+
+
+def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
+    """Return whether values scatter about `rms` as their doubts say, by chi-square."""
+    doubts = [hypot(AGREE, SPREAD / sqrt(noise.lines)) for noise in found]
+    pairs = zip(found, doubts, strict=True)
+    squares = sum(((noise.rms / rms - 1.0) / doubt) ** 2 for noise, doubt in pairs)
+    freedom = max(len(found) - 1, 1)
+    return squares <= freedom + SURE * sqrt(2.0 * freedom)
 
 
 def floor_of(records: Sequence[Record]) -> Noise:
