@@ -8,34 +8,12 @@ together with it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from math import inf
 
-from piezo_hysteresis.discovery.data.dataset import Dataset, thinned
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
-from piezo_hysteresis.identification.starts import representative, starts
-
-
-def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, float]:
-    """Return the values of a baseline before any fit, by a scan of some samples.
-
-    Parameters
-    ----------
-    joint : ModelSpec
-        The baseline; what its model holds stays.
-    data : Dataset
-        With starts of the records as the baseline tells them.
-    samples : int
-        As many of the training views.
-    """
-    model = joint.model
-    short = thinned(data.training, samples, data.periods)
-    views = [replace(view, own_zero=True) for view in representative(short)]
-    held = {name: joint.values[name] for name in model.held}
-    found = starts(model, views, model.free_names, held, count=1)
-    return {name: found[0].values[name] for name in joint.values}
 
 
 def better_of_both(
@@ -46,7 +24,7 @@ def better_of_both(
 ) -> list[CandidateFit]:
     """Return first fits, each from the baseline's first values where these led farther.
 
-    Only for the first effect: with one the baseline was fitted together.
+    Only for the first effect: with one the baseline was fitted together. Nor where it is held.
 
     Parameters
     ----------
@@ -59,20 +37,19 @@ def better_of_both(
     fitted : sequence of CandidateFit
         First fits from where `before` is, the best first.
     """
-    best = {(fit.effect, fit.variant): fit for fit in fitted}
-    if before.added:
-        return list(best.values())
-    enough = evaluator.enough(fitted[0], evaluator.policy.final_within) if fitted else 0.0
+    needless = before.added or not chosen or evaluator.deadline.passed
+    values = None if needless else evaluator.first_values(before)
+    if values is None:
+        return list(fitted)
+    enough = evaluator.enough(fitted[0], evaluator.policy.final_within) if fitted else inf
 
-    def again(pair: tuple[ScreeningScore, Mapping[str, float]]) -> CandidateFit | None:
-        score, values = pair
-        if evaluator.deadline.skips(score.candidate.effect.name):
+    def again(score: ScreeningScore) -> CandidateFit | None:
+        candidate = score.candidate
+        if evaluator.deadline.skips(candidate.effect.name):
             return None
-        own = {name: score.starts[0][name] for name in score.candidate.added}
-        known = {**before.values, **values}
-        spec = before.with_candidate(
-            score.candidate, {**score.starts[0], **score.candidate.values(known, own)}
-        )
+        own = {name: score.starts[0][name] for name in candidate.added}
+        begun = {**score.starts[0], **candidate.values({**before.values, **values}, own)}
+        spec = before.with_candidate(candidate, begun)
         # from far off no first step promises what the whole way brings
         near = evaluator.fit_briefly(spec, evaluator.policy.first_evaluations)
         if near is None:
@@ -80,8 +57,8 @@ def better_of_both(
         fit = evaluator.fit_briefly(near, evaluator.policy.afresh_evaluations, enough)
         return evaluator.first_judged(fit or near)
 
-    pairs = [(score, values) for score in chosen for values in evaluator.hints]
-    for fit in evaluator.map(again, pairs):
+    best = {(fit.effect, fit.variant): fit for fit in fitted}
+    for fit in evaluator.map(again, chosen):
         if fit is None:
             continue
         known = best.get((fit.effect, fit.variant))

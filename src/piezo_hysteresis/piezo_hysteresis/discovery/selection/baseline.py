@@ -7,7 +7,7 @@ model file was given, one that saw the slowest records only, and the joint fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, thinned
 from piezo_hysteresis.discovery.selection.candidate_fit import (
@@ -19,6 +19,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.output_error import output_error, suited
+from piezo_hysteresis.identification.starts import representative, starts
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
@@ -107,6 +108,26 @@ def _rested(
         seen = renewed
         fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     return fit, seen
+
+
+def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, float]:
+    """Return the values of a baseline before any fit, by a scan of some samples.
+
+    Parameters
+    ----------
+    joint : ModelSpec
+        The baseline; what its model holds stays.
+    data : Dataset
+        With starts of the records as the baseline tells them.
+    samples : int
+        As many of the training views.
+    """
+    model = joint.model
+    short = thinned(data.training, samples, data.periods)
+    views = [replace(view, own_zero=True) for view in representative(short)]
+    held = {name: joint.values[name] for name in model.held}
+    found = starts(model, views, model.free_names, held, count=1)
+    return {name: found[0].values[name] for name in joint.values}
 
 
 def begin_alike(one: Dataset, other: Dataset) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import inf
@@ -69,9 +69,6 @@ class Evaluator(ABC):
     deadline : Deadline, optional
         When nothing more is begun.
     """
-
-    #: Other values of the baseline's parameters from which first fits may start.
-    hints: tuple[Mapping[str, float], ...] = ()
 
     def __init__(
         self,
@@ -163,6 +160,10 @@ class Evaluator(ABC):
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the laws of a model are known to leave."""
         return 0.0
+
+    def first_values(self, before: ModelSpec) -> dict[str, float] | None:
+        """Return the values of a baseline before any fit of it, None where it is held."""
+        return None
 
     def begun_anew(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
         """Return a model with the records begun as it tells, and who judges it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.anew import told_again
-from piezo_hysteresis.discovery.selection.baseline import begin_alike
+from piezo_hysteresis.discovery.selection.baseline import begin_alike, first_values
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.deadline import Deadline
@@ -35,8 +35,6 @@ class FreeEvaluator(Evaluator):
     ----------
     data, seed, workers, policy, deadline
         As in `Evaluator`.
-    hints : sequence of mapping of str to float
-        Other values of the baseline's parameters from which first fits may start.
     choices : Choices
         What is known of how records begin, where that is told again knowing an effect.
     """
@@ -47,12 +45,11 @@ class FreeEvaluator(Evaluator):
         seed: int,
         workers: int,
         policy: SelectionPolicy = POLICY,
-        hints: Sequence[Mapping[str, float]] = (),
         deadline: Deadline | None = None,
         choices: Choices = _AUTO,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
-        self.hints, self.choices = tuple(hints), choices
+        self.choices = choices
         self.negligible = policy.negligible + policy.noise_doubts * data.noise.doubt
         self.edges = block_edges(
             [v.measured.size for v in self.views],
@@ -65,8 +62,12 @@ class FreeEvaluator(Evaluator):
     def with_data(self, data: Dataset) -> FreeEvaluator:
         """Return the same evaluator on other data."""
         return FreeEvaluator(
-            data, self.seed, self.workers, self.policy, self.hints, self.deadline, self.choices
+            data, self.seed, self.workers, self.policy, self.deadline, self.choices
         )
+
+    def first_values(self, before: ModelSpec) -> dict[str, float]:
+        """Return the values of a baseline as a scan for start values finds them."""
+        return first_values(before, self.data, self.policy.screening_samples)
 
     def begun_anew(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
         """Return a model fitted to records that begin as it tells, if that is better."""

@@ -64,7 +64,8 @@ class SelectionPolicy:
         24,
         '1',
         'As many more of one that began where the baseline did, and has a longer way.',
-        'effort: after 16 the right effect was behind in 4 of 22 calibration draws, after 40 in 1',
+        'effort: from there alone the right effect was behind in 4 of 22 calibration draws after '
+        '16, in 2 after all 40',
     )
     first_tolerance: float = number(
         1e-4,

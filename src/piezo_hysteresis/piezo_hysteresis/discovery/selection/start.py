@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.data.dataset import Dataset
-from piezo_hysteresis.discovery.selection.afresh import first_values
 from piezo_hysteresis.discovery.selection.baseline import (
     Baselines,
     fitted_baselines,
@@ -84,9 +83,9 @@ def find(
     choices = zeros_apart(how.choices, data)
     base, seen = fitted_baselines(data, given, choices, how.workers)
     progress(0.12, 'baselines fitted')
-    policy = how.policy(POLICY)
-    hints = [first_values(base.joint, seen, policy.screening_samples)]
-    evaluator = FreeEvaluator(seen, how.seed, how.workers, policy, hints, how.deadline, choices)
+    evaluator = FreeEvaluator(
+        seen, how.seed, how.workers, how.policy(POLICY), how.deadline, choices
+    )
     return base, _judged(search(evaluator, base.joint, progress), progress)
 
 
