@@ -250,3 +250,41 @@ def test_noise_that_rounding_hides_from_differences_is_told_by_the_others(memory
     assert noises_of([growing])[0].rms == noise_of(growing).rms
     quiet = [replace(r, displacement=1e-3 * r.displacement) for r in sines]
     assert noises_of([*quiet, growing])[-1].rms == pytest.approx(noise_of(growing).rms)
+
+
+def amplitude_record(amplitude, seed, *, grows=True, share=0.9):
+    """Return slow noise on a sine, which follows its amplitude or does not."""
+    t = np.arange(6000) / RATE
+    u = amplitude * np.sin(2 * np.pi * 4.0 * t)
+    slow = slow_noise(6000, seed, share)
+    y = 1e-4 * u + (amplitude if grows else 1.0) * NOISE * slow
+    return Record(f'{amplitude}_{seed}', 1.0 / RATE, u, y, info=RecordInfo(amplitude=amplitude))
+
+
+def test_noise_that_falls_with_the_frequency_is_told_without_a_bias():
+    records = [amplitude_record(1.0, seed, share=0.95) for seed in range(40)]
+    # 0.92 where a median runs over a spectrum that falls
+    assert np.mean([noise_of(each).rms for each in records]) == pytest.approx(NOISE, rel=0.04)
+
+
+def test_noise_that_follows_the_drive_is_shared_by_none_of_another_drive():
+    amplitudes = (1.0, 0.85, 0.7, 0.55) * 2
+    records = [amplitude_record(a, seed) for seed, a in enumerate(amplitudes)]
+    found = noises_of(records)
+    for amplitude, own, noise in zip(amplitudes, map(noise_of, records), found, strict=True):
+        assert noise.rms == own.rms
+        assert noise.rms == pytest.approx(amplitude * NOISE, rel=3.0 * 0.5 * own.doubt)
+    alike = noises_of([amplitude_record(a, k, grows=False) for k, a in enumerate(amplitudes)])
+    assert len({noise.rms for noise in alike}) == 1
+
+
+def test_a_record_that_tells_no_noise_is_like_those_with_its_drive():
+    def constant(record):
+        return replace(record, displacement=np.full(len(record), 1e-6))
+
+    records = [amplitude_record(a, k) for k, a in enumerate((1.0, 1.0, 0.3, 0.3, 0.3, 1.0, 0.3))]
+    records[5:] = [constant(record) for record in records[5:]]
+    assert not any(noise_of(record).lines for record in records[5:])
+    loud, quiet = noises_of(records)[5:]
+    assert loud.rms == pytest.approx(NOISE, rel=0.15)
+    assert quiet.rms == pytest.approx(0.3 * NOISE, rel=0.15)

@@ -31,6 +31,8 @@ from piezo_hysteresis.records import Record
 # its lines are independent.
 WIDTH = 101
 RUNNING_MEDIAN = 0.704
+# How often a spectrum is levelled by its own colour: it rests then.
+_LEVELLED = 2
 # Records whose noise differs by less than this from most are the same.
 AGREE = 0.02
 # Standard deviation of an rms from one line of a spectrum by its median: 1 / (2 ln 2).
@@ -196,19 +198,21 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
 
     Nothing says that two records are equally noisy. But where most of them are, as far as each
     can tell, together they tell it better. They do not where those that agree scatter by more
-    than chance all together: each is near the middle of noise that follows something.
+    than chance all together: each is near the middle of noise that follows something. Where not
+    all agree, one that tells nothing is like those with the drive that is most like its own.
     """
     found = _of_one_colour(records)
     alike, middle = consensus(found)
-    agreeing = [noise for noise in found if _agrees(noise, middle)]
-    equal = _scatter_by_chance(agreeing, alike.rms)
-    shared = [
-        alike if not noise.lines or (equal and _agrees(noise, middle)) else noise
-        for noise in found
-    ]
+    agreeing = [_agrees(noise, middle) for noise in found]
+    known = [noise for noise in found if noise.lines]
+    if known and sum(agreeing) < len(known):
+        found = _like_their_drives(records, found)
+    pairs = list(zip(found, agreeing, strict=True))
+    together = _scatter_by_chance([noise for noise, agrees in pairs if agrees], alike.rms)
+    shared = [alike if not n.lines or (together and agrees) else n for n, agrees in pairs]
     # one that is hidden is at least as large as it shows itself
-    pairs = zip(map(noise_of, records), shared, strict=True)
-    return [own if own.hidden and own.rms > noise.rms else noise for own, noise in pairs]
+    both = zip(map(noise_of, records), shared, strict=True)
+    return [own if own.hidden and own.rms > noise.rms else noise for own, noise in both]
 
 
 def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
@@ -263,6 +267,18 @@ def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
     return squares <= freedom + SURE * sqrt(2.0 * freedom)
 
 
+def _like_their_drives(records: Sequence[Record], found: Sequence[Noise]) -> list[Noise]:
+    """Return the noise of every record, of one that tells none that of the nearest voltages."""
+    ranges = np.array([float(np.ptp(record.voltage)) for record in records])
+    told = [k for k, noise in enumerate(found) if noise.lines]
+    nearest = [float(np.min(np.abs(ranges[told] - each))) for each in ranges]
+    like = [
+        pooled([found[k] for k in told if abs(ranges[k] - each) <= AGREE * each + least])
+        for each, least in zip(ranges, nearest, strict=True)
+    ]
+    return [noise if noise.lines else other for noise, other in zip(found, like, strict=True)]
+
+
 def floor_of(records: Sequence[Record]) -> Noise:
     """Return the noise on which most records agree, what reports call the noise floor."""
     return consensus(_of_one_colour(records))[0]
@@ -311,11 +327,21 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     gain = gain_of_difference(window, period) if period else np.ones(power.size)
     # where the difference cancels everything there is nothing to see
     kept = np.flatnonzero(gain > 0.3)[2:]
-    smooth = median_filter(power[kept] / gain[kept], WIDTH, mode='reflect') / RUNNING_MEDIAN
-    turn = np.cos(2.0 * np.pi * kept / signal.size)
-    colour = float(smooth @ turn) / max(float(smooth.sum()), 1e-300)
+    seen, angle = power[kept] / gain[kept], 2.0 * np.pi * kept / signal.size
+    smooth = median_filter(seen, WIDTH, mode='reflect') / RUNNING_MEDIAN
+    colour = _first_correlation(smooth, angle)
+    # a median runs low where the spectrum falls within its width: it is levelled for it
+    for _ in range(_LEVELLED):
+        shape = density(min(max(colour, 0.0), _SLOWEST), angle)
+        smooth = shape * median_filter(seen / shape, WIDTH, mode='reflect') / RUNNING_MEDIAN
+        colour = _first_correlation(smooth, angle)
     alike = float(smooth.mean()) ** 2 / max(float(np.mean(smooth**2)), 1e-300)
     return Noise(float(np.sqrt(np.mean(smooth))), int(alike * kept.size / 2), colour)
+
+
+def _first_correlation(spectrum: FloatArray, angle: FloatArray) -> float:
+    """Return the correlation of one sample with the next, by a spectrum at `angle` [rad]."""
+    return float(spectrum @ np.cos(angle)) / max(float(spectrum.sum()), 1e-300)
 
 
 def differences_noise(measured: FloatArray) -> Noise:
