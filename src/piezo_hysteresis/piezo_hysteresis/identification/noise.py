@@ -270,10 +270,10 @@ def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
 def _like_their_drives(records: Sequence[Record], found: Sequence[Noise]) -> list[Noise]:
     """Return the noise of every record, of one that tells none that of the nearest voltages."""
     ranges = np.array([float(np.ptp(record.voltage)) for record in records])
-    told = [k for k, noise in enumerate(found) if noise.lines]
-    nearest = [float(np.min(np.abs(ranges[told] - each))) for each in ranges]
+    known = [k for k, noise in enumerate(found) if noise.lines]
+    nearest = [float(np.min(np.abs(ranges[known] - each))) for each in ranges]
     like = [
-        pooled([found[k] for k in told if abs(ranges[k] - each) <= AGREE * each + least])
+        pooled([found[k] for k in known if abs(ranges[k] - each) <= AGREE * each + least])
         for each, least in zip(ranges, nearest, strict=True)
     ]
     return [noise if noise.lines else other for noise, other in zip(found, like, strict=True)]
