@@ -5,7 +5,8 @@
 A baseline is identified on untouched records of a measured actuator and saved. Then an effect of
 random size is put into the measured displacement, by code that shares nothing with the suite, and
 `discover` gets the changed records and the ``model.yaml``. An untouched control must be ``none``.
-Records are those of `bench/discovery_measured.py`; what is not there is left out.
+With ``--reference`` an effect hides in the second half of a record, and the first half is the
+reference. Records are those of `bench/discovery_measured.py`; what is not there is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from scipy.signal import lfilter
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import Verdict, discover
+from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.records import Record, load
@@ -210,10 +212,27 @@ def baseline_of(case: Case, word: str, data: Path) -> ModelFile:
     return ModelFile.parse(identify(fitted, chain(word)).model_file().text())
 
 
-def examined(case: Case, word: str, data: Path, seed: Sequence[int], workers: int) -> list[Row]:
+def halves(record: Record) -> tuple[Record, Record]:
+    """Return a record up to its middle, and from there on."""
+    middle = len(record) // 2
+    return record.section(0, middle), record.section(middle, len(record))
+
+
+def examined(
+    case: Case,
+    word: str,
+    data: Path,
+    seed: Sequence[int],
+    workers: int,
+    *,
+    reference: bool = False,
+) -> list[Row]:
     """Return one row per effect, and that of the control."""
-    known = baseline_of(case, word, data)
-    records = load([data / file for file in case.judged])
+    if reference:
+        before, after = halves(load([data / case.fitted])[0])
+        known, records = as_on([before], chain(word), workers=workers), [after]
+    else:
+        known, records = baseline_of(case, word, data), load([data / f for f in case.judged])
     generator = np.random.default_rng(seed)
     rows: list[Row] = []
     control = float('nan')
@@ -242,6 +261,14 @@ HEAD = (
     '',
     '    python bench/discovery_hidden.py --data DATA --seed {seed} \\',
     '        --page docs/discovery_hidden.md',
+)
+REFERENCE_HEAD = (
+    '## With `--reference`',
+    '',
+    'The first half of the sine of each actuator was the reference, an effect was put into the',
+    'second half. `discover` got both, and the name of a baseline.',
+    '',
+    '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference',
 )
 SIZES = (
     'Sizes run from 0.25 to 1, where 1 is a delay or lag of 40 ms (8 ms at 150 V), a curve of',
@@ -294,6 +321,7 @@ def main() -> None:
     parser.add_argument('--data', type=Path, default=Path('../shared/data'))
     parser.add_argument('--seed', type=int, default=7)
     parser.add_argument('--workers', type=int, default=1)
+    parser.add_argument('--reference', action='store_true')
     parser.add_argument('--page', type=Path)
     arguments = parser.parse_args()
     rows: list[Row] = []
@@ -301,10 +329,17 @@ def main() -> None:
         if all((arguments.data / file).exists() for file in (case.fitted, *case.judged)):
             for place, word in enumerate(case.baselines):
                 drawn = arguments.seed, CASES.index(case), place
-                rows += examined(case, word, arguments.data, drawn, arguments.workers)
+                rows += examined(
+                    case,
+                    word,
+                    arguments.data,
+                    drawn,
+                    arguments.workers,
+                    reference=arguments.reference,
+                )
     if not rows:
         sys.exit(f'no measured record in {arguments.data}')
-    text = page(rows, arguments.seed)
+    text = page(rows, arguments.seed, REFERENCE_HEAD if arguments.reference else HEAD)
     print(text)
     if arguments.page:
         arguments.page.write_text(text, encoding='utf-8')

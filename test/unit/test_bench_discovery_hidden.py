@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench import foreign_worlds as foreign
-from bench.discovery_hidden import CASES, HIDDEN, Row, hide, page
+from bench.discovery_hidden import CASES, HIDDEN, Row, halves, hide, page
 from piezo_hysteresis.discovery.verdict.verdict import (
     Alternative,
     HeldOut,
@@ -37,6 +37,14 @@ def test_each_kind_changes_the_displacement_alone_and_by_its_size(kind: str) -> 
     assert HIDDEN[kind][1] in EFFECT_NAMES
     assert changed[0] == pytest.approx(0.25 * changed[1], rel=0.1)
     assert 1e-4 * STROKE < changed[1] < 0.2 * STROKE
+
+
+def test_what_is_judged_begins_where_its_reference_ends() -> None:
+    whole = measured()
+    before, after = halves(whole)
+    assert len(before) == len(after) == 2000
+    both = np.concatenate([before.displacement, after.displacement])
+    assert np.array_equal(both, whole.displacement)
 
 
 def verdict(word: str, names: tuple[str, ...], after: float) -> Verdict:
