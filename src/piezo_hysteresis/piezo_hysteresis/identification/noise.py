@@ -31,8 +31,8 @@ from piezo_hysteresis.records import Record
 # its lines are independent.
 WIDTH = 101
 RUNNING_MEDIAN = 0.704
-# How often a spectrum is levelled by its own colour: it rests then.
-_LEVELLED = 2
+# How often a median runs over a spectrum, levelled by the colour so far: it rests then.
+_PASSES = 3
 # Records whose noise differs by less than this from most are the same.
 AGREE = 0.02
 # Standard deviation of an rms from one line of a spectrum by its median: 1 / (2 ln 2).
@@ -94,7 +94,11 @@ class Noise:
     @property
     def memory(self) -> float:
         """Share of one sample that the next one keeps, 0 where `colour` is not known."""
-        return min(max(self.colour, 0.0), _SLOWEST) if isfinite(self.colour) else 0.0
+        return _memory(self.colour) if isfinite(self.colour) else 0.0
+
+
+def _memory(colour: float) -> float:
+    return min(max(colour, 0.0), _SLOWEST)
 
 
 def density(memory: float, angle: FloatArray) -> FloatArray:
@@ -204,8 +208,7 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     found = _of_one_colour(records)
     alike, middle = consensus(found)
     agreeing = [_agrees(noise, middle) for noise in found]
-    known = [noise for noise in found if noise.lines]
-    if known and sum(agreeing) < len(known):
+    if any(n.lines and not agrees for n, agrees in zip(found, agreeing, strict=True)):
         found = _like_their_drives(records, found)
     pairs = list(zip(found, agreeing, strict=True))
     together = _scatter_by_chance([noise for noise, agrees in pairs if agrees], alike.rms)
@@ -328,20 +331,14 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     # where the difference cancels everything there is nothing to see
     kept = np.flatnonzero(gain > 0.3)[2:]
     seen, angle = power[kept] / gain[kept], 2.0 * np.pi * kept / signal.size
-    smooth = median_filter(seen, WIDTH, mode='reflect') / RUNNING_MEDIAN
-    colour = _first_correlation(smooth, angle)
+    turn, colour = np.cos(angle), 0.0
     # a median runs low where the spectrum falls within its width: it is levelled for it
-    for _ in range(_LEVELLED):
-        shape = density(min(max(colour, 0.0), _SLOWEST), angle)
+    for _ in range(_PASSES):
+        shape = density(_memory(colour), angle)
         smooth = shape * median_filter(seen / shape, WIDTH, mode='reflect') / RUNNING_MEDIAN
-        colour = _first_correlation(smooth, angle)
+        colour = float(smooth @ turn) / max(float(smooth.sum()), 1e-300)
     alike = float(smooth.mean()) ** 2 / max(float(np.mean(smooth**2)), 1e-300)
     return Noise(float(np.sqrt(np.mean(smooth))), int(alike * kept.size / 2), colour)
-
-
-def _first_correlation(spectrum: FloatArray, angle: FloatArray) -> float:
-    """Return the correlation of one sample with the next, by a spectrum at `angle` [rad]."""
-    return float(spectrum @ np.cos(angle)) / max(float(spectrum.sum()), 1e-300)
 
 
 def differences_noise(measured: FloatArray) -> Noise:
