@@ -195,5 +195,18 @@ def _close(nodes: Sequence[Node]) -> None:
         close = getattr(node, 'close', None)
         if close is not None:
             close()
-        node.destroy_node()
+        destroy(node)
     rclpy.try_shutdown()
+
+
+def destroy(node: Node) -> None:
+    """Destroy a node with its actions, which `destroy_node` leaves.
+
+    Whatever is left holds the participant of the middleware. That then ends while the process
+    does, among threads of its own: some die in it, some wait for ever.
+    """
+    for waitable in tuple(node.waitables):
+        destroy = getattr(waitable, 'destroy', None)
+        if destroy is not None:
+            destroy()
+    node.destroy_node()

@@ -24,6 +24,7 @@ from piezo_ros_common.middleware import joined
 from piezo_ros_common.neighbours import Neighbours
 from piezo_ros_common.processes import NodeProcess, NodeProcesses, ProcessError
 from piezo_ros_common.qos import LATCHED
+from piezo_ros_common.running import destroy
 
 Progress = Callable[[float, str], None]
 
@@ -85,7 +86,7 @@ class Observer:
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
-        self.node.destroy_node()
+        destroy(self.node)
         rclpy.shutdown(context=self._context)
 
     def until(

@@ -16,6 +16,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
 from piezo_interfaces.action import Investigate
 from piezo_ros_common.middleware import prepare
+from piezo_ros_common.running import destroy
 
 # For a discovery node to be found, and to come back after a restart [s].
 FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0
@@ -57,7 +58,7 @@ class Asking:
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
-        self._node.destroy_node()
+        destroy(self._node)
         rclpy.shutdown(context=self._context)
 
     def investigate(self, goal: Any, told: Callable[[Any], None]) -> Any:

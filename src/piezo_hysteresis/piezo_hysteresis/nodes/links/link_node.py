@@ -105,6 +105,11 @@ class LinkNode(LifecycleNode):
         self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
         raise SystemExit(2)
 
+    def destroy_node(self) -> None:
+        """Destroy the node with its life cycle, which rclpy leaves and which would hold it."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     # --- parameters ----------------------------------------------------------------------------
 
     def limits(self) -> Limits:
