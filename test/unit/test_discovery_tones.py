@@ -81,6 +81,21 @@ def test_where_nothing_stands_out_no_clock_is_moved() -> None:
     assert on_one_clock(data, noise, (), ()) is data
 
 
+@pytest.mark.parametrize('hum', [39.57, 50.0, 31.3])
+def test_a_tone_is_seen_in_two_periods_of_the_drive(hum: float) -> None:
+    t = DT * np.arange(int(2.25 / DT))
+    noise = np.random.default_rng(2).normal(0.0, 1e-8, t.size)
+    triangle = 1e-6 * np.abs((t + 0.25) % 1.0 - 0.5)
+    for size in (SIZE, 0.0):
+        frequency, lines = beside_the_drive(
+            triangle + size * np.sin(phase_of(hum, DT, t.size)) + noise, DT, 1.0
+        )
+        clear = bool(np.max(lines) > 5.0 * 1e-8 * np.sqrt(t.size))
+        assert clear == (size > 0.0)
+        if size:
+            assert frequency[np.argmax(lines)] == pytest.approx(hum, abs=0.25)
+
+
 @pytest.mark.parametrize('hum', [50.0, 50.13, 13.0, 5.0, 0.0])
 def test_a_tone_on_a_high_harmonic_of_a_slow_drive_is_seen(hum: float) -> None:
     t = DT * np.arange(8000)

@@ -6,6 +6,8 @@ other, so one that stands far above its neighbours is none of the drive's.
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
@@ -18,8 +20,8 @@ BINS = 3.0
 # The mean and what its window spreads.
 _SLOW = 3
 # A line on a harmonic above the highest that is told stands alone where it is so many times as
-# large as any of the four harmonics beside it: ten harmonics that fall as a square law differ by
-# half from one to the next.
+# large as any of the four harmonics beside what it covers: ten harmonics that fall as a square law
+# differ by half from one to the next.
 _ALONE = 5.0
 
 
@@ -65,15 +67,23 @@ def beside_the_drive(
     if drive > 0.0:
         order = frequency / drive
         near = np.abs(order - np.round(order)) * drive < BINS / (signal.size * dt)
-        lines[near & ~_alone(lines, near, np.round(order).astype(np.int64))] = 0.0
+        orders, spacing = np.round(order).astype(np.int64), drive * signal.size * dt
+        lines[near & ~_alone(lines, near, orders, spacing)] = 0.0
     return frequency, lines
 
 
-def _alone(lines: FloatArray, near: BoolArray, order: IntArray) -> BoolArray:
-    """Return which lines belong to a harmonic that stands far above those beside it."""
-    peaks = np.zeros(int(order[-1]) + 5)
-    np.maximum.at(peaks, order[near] + 2, lines[near])
-    beside = np.max([peaks[:-4], peaks[1:-3], peaks[3:-1], peaks[4:]], axis=0)
-    alone = peaks[2:-2] > _ALONE * beside
+def _alone(lines: FloatArray, near: BoolArray, order: IntArray, spacing: float) -> BoolArray:
+    """Return which lines belong to a harmonic that stands far above those beside it.
+
+    In a record of few periods one line covers several harmonics; beside it are the next ones that
+    it does not reach, `spacing` lines being from one harmonic to the next.
+    """
+    apart = max(1, ceil(2.0 * BINS / spacing))
+    most, reach = int(order[-1]) + 1, apart + 1
+    peaks = np.zeros(most + 2 * reach)
+    np.maximum.at(peaks, order[near] + reach, lines[near])
+    shifts = (-reach, -apart, apart, reach)
+    beside = np.max([peaks[reach + k : reach + k + most] for k in shifts], axis=0)
+    alone = peaks[reach : reach + most] > _ALONE * beside
     alone[: HIGHEST_ORDER + 1] = False
     return np.asarray(alone[order])
