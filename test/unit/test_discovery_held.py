@@ -21,15 +21,17 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     takes_no_time,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.expectation import expectation
+from piezo_hysteresis.discovery.selection.expectation import Expectation, expectation
 from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
+from piezo_hysteresis.discovery.selection.uncertain import cost_of_change
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
+from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.reporting.discovery_folder import model_file
 
@@ -121,6 +123,7 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
 
 
 def test_a_value_costs_what_its_file_says_until_it_is_another_one(known: ModelFile) -> None:
+    known = replace(known, correlation=None)
     data = split(annotated([actuator(f, 1.0, 60 + f) for f in (1, 5)]))
     base, seen = held_data(data, known, Searching(Choices(), 1, 1, {}, Deadline()))
     assert known.discrepancy is not None
@@ -137,6 +140,27 @@ def test_a_value_costs_what_its_file_says_until_it_is_another_one(known: ModelFi
     assert moved(0.0) == pytest.approx(0.0)
     assert moved(1.0) == pytest.approx(0.5)
     assert moved(100.0) == pytest.approx(HELD.price)
+
+
+def test_values_that_make_up_for_each_other_cost_together() -> None:
+    names, price = ('one', 'two'), 2.0
+    covariance = np.array([[1.0, -0.999], [-0.999, 1.0]])
+
+    def cost(one: float, two: float, other: float = 0.0) -> float:
+        changes = {'one': one, 'two': two, 'held': other}
+        return cost_of_change(changes, names, covariance, price)
+
+    assert cost(0.0, 0.0) == 0.0
+    # along what the file leaves open, and along what it tells well: their sum
+    assert cost(1.0, -1.0) == pytest.approx(0.5, rel=0.01)
+    assert cost(0.5, 0.5) == pytest.approx(price)
+    assert cost(0.01, 0.01) == pytest.approx(0.1, rel=0.01)
+    # one is another, and the other is where it was
+    assert cost(50.0, 0.0) == pytest.approx(price)
+    assert cost(50.0, 20.0) == pytest.approx(2.0 * price)
+    assert cost(0.0, 0.0, 1e-9) == pytest.approx(price)
+    assert cost_of_change({'one': 1.0}, ('one',), np.eye(1), price) == pytest.approx(0.5)
+    assert cost_of_change({'one': 1.0}, (), np.empty((0, 0)), price) == price
 
 
 def test_what_takes_no_time_is_a_gain() -> None:
@@ -182,6 +206,29 @@ def test_a_reference_tells_what_is_no_news(known: ModelFile) -> None:
         changed = [hidden(actuator(f, 1.0, 40 + k), 'lag') for k, f in enumerate((1, 5))]
         verdict = discover(changed, baseline).verdict
         assert [each.name for each in verdict.effects] == ['amplifier_lag']
+
+
+def test_the_same_drive_again_is_compared_sample_by_sample() -> None:
+    view = replace(whole(actuator(1, 1.0, 0)), noise=1e-8)
+    missed = Discrepancy(False, (Condition(1.0, 1.0, STROKE, 4e-7, 1e-8, {2: 4e-7}),))
+    voltage, t = view.pick(view.voltage), DT * np.arange(view.measured.size)
+    left = 4e-7 * np.sin(2 * np.pi * (2.0 + 0.3 * t) * t)  # no harmonic of any drive
+    wander = 2e-7 * np.sin(2 * np.pi * 0.7 * t)
+    drift = 8e-7 * (t / t[-1] - 0.5)
+
+    def seen(*traces: FloatArray) -> Expectation:
+        again = tuple(Trace(voltage, each, DT) for each in traces)
+        return expectation(view, replace(missed, traces=again), STROKE)
+
+    elsewhere, once, twice = seen(), seen(left), seen(left + wander, left - wander)
+    assert np.array_equal(elsewhere.repeated, np.zeros(t.size))
+    for each in (once, twice):
+        assert each.repeated == pytest.approx(left)
+    # what the reference does not repeat is no news, and what it does is none that is expected
+    assert once.news(once.powers(wander))
+    assert not twice.news(twice.powers(wander))
+    assert once.news(once.powers(drift))
+    assert once.total < elsewhere.total
 
 
 def test_a_residual_is_compared_part_by_part() -> None:

@@ -18,6 +18,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_stray
 from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
+from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
 _DIGITS = 4
@@ -182,6 +183,8 @@ class Discrepancy:
         where it is smaller than elsewhere.
     conditions : tuple of Condition
         By frequency and amplitude; not empty.
+    traces : tuple of Trace
+        What was left of records that are at hand; a file holds none.
 
     Raises
     ------
@@ -191,6 +194,7 @@ class Discrepancy:
 
     held_out: bool
     conditions: tuple[Condition, ...]
+    traces: tuple[Trace, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if not self.conditions:

@@ -26,6 +26,7 @@ from piezo_hysteresis.identification.drive_lines import (
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
+from piezo_hysteresis.models.trace import stretches_of
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
 
 # Parts of a residual: orders 0 to the highest, then octaves.
@@ -51,8 +52,8 @@ class Expectation:
     window : ndarray, shape (n,)
         Weight of each sample in the spectrum.
     repeated : ndarray, shape (n,)
-        What the model is known to miss in the phase of the drive [m]: an error less this is
-        compared with `expected`.
+        What the model is known to miss under this drive [m]: an error less this is compared with
+        `expected`.
     octaves : float
         How far the drive is from the nearest one under which the model was judged.
     """
@@ -150,37 +151,63 @@ def expectation(
     octave_of = np.full(frequency.size, _ORDERS, dtype=np.int64)
     octave_of[1:] += np.floor(np.log2(np.arange(1, frequency.size))).astype(np.int64)
     parts = int(octave_of.max()) + 1
-    density = missed.density(frequency) * (frequency[1] * stroke**2)
-    beside, angle = float(density.sum()), 2.0 * np.pi * dt
-    density += noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, angle * frequency)
-    expected: FloatArray = np.bincount(octave_of, density, parts).astype(np.float64)
+    angle = 2.0 * np.pi * dt
+    beside = missed.density(frequency) * (frequency[1] * stroke**2)
+    white = noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, angle * frequency)
+    by_noise: FloatArray = np.bincount(octave_of, white, parts).astype(np.float64)
     ranks = np.bincount(line_of, minlength=parts)
     orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
     at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, angle * orders)
-    expected[:_ORDERS] += ranks[:_ORDERS] * at_lines
+    by_noise[:_ORDERS] += ranks[:_ORDERS] * at_lines
+    by_model: FloatArray = np.bincount(octave_of, beside, parts).astype(np.float64)
     repeated, known_lines = _repeating(voltage, dt, view.frequency, known, stroke)
     if repeated is None:
         known_lines = {n: (share * stroke) ** 2 for n, share in missed.harmonics.items()}
         repeated = np.zeros(count)
     for order, square in known_lines.items():
         if ranks[order]:
-            expected[order] += square
+            by_model[order] += square
         elif order:  # too few periods for a line
             near = _octaves_near(order * view.frequency * count * dt, parts - _ORDERS)
-            expected[_ORDERS:] += square * near
+            by_model[_ORDERS:] += square * near
+    total = (missed.share * stroke) ** 2
+    open_to = min(total, sum(known_lines.values()) + float(beside.sum()))
     independent = np.minimum(2 * np.bincount(octave_of, minlength=parts), policy.octave)
     independent[:_ORDERS] = np.minimum(ranks[:_ORDERS], policy.line)
-    total = (missed.share * stroke) ** 2
-    open_to = min(total, sum(known_lines.values()) + beside)
+    window = np.asarray(tukey(count, policy.taper), dtype=np.float64)
+    found = Expectation(
+        lines,
+        line_of,
+        octave_of,
+        np.zeros(parts),
+        independent.astype(np.float64),
+        window,
+        repeated,
+        known.octaves_from(view.frequency, amplitude),
+    )
+    seen = stretches_of(known.traces, view.voltage[view.first :], view.dt, view.stride)
+    if seen is not None:
+        found = replace(found, repeated=seen.mean(axis=0))
+        by_model = _beyond_the_mean(found, seen, by_noise)
     anywhere = policy.shape * open_to + LEAST_POWER * total
-    expected = np.where(independent > 0, expected + anywhere, 0.0)
+    expected = np.where(independent > 0, by_noise + by_model + anywhere, 0.0)
     # how the mean follows the amplitude no file of steady drives tells
     expected[0] += total
-    expected += 1e-14 * stroke**2 + 1e-300
-    window = np.asarray(tukey(count, policy.taper), dtype=np.float64)
-    numbers = independent.astype(np.float64)
-    apart = known.octaves_from(view.frequency, amplitude)
-    return Expectation(lines, line_of, octave_of, expected, numbers, window, repeated, apart)
+    return replace(found, expected=expected + 1e-14 * stroke**2 + 1e-300)
+
+
+def _beyond_the_mean(found: Expectation, seen: FloatArray, by_noise: FloatArray) -> FloatArray:
+    """Return by which mean square what is left may differ from its mean over stretches.
+
+    That mean holds their noise, and what one stretch leaves is not quite what another does.
+    Stretches overlap, so that they differ rather too little.
+    """
+    count = len(seen)
+    least = by_noise / count
+    if count == 1:
+        return least
+    apart = sum(found.powers(each - found.repeated) for each in seen) / (count - 1)
+    return np.maximum(least, (1.0 + 1.0 / count) * apart - by_noise)
 
 
 # Amplitudes at which what is missed of a growing drive is worked out, between them it is linear.

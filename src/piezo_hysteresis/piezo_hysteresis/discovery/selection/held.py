@@ -5,8 +5,8 @@ only what an effect adds, the zeros and starts of the records and their clock ar
 left is judged against noise and discrepancy together.
 
 That the values themselves have changed is a rival like any other, `PARAMETER_SHIFT`. Each of them
-is either still what the file says, and then its standard deviation holds it, or it is another, and
-then it costs what a parameter costs; the cheaper counts.
+is either still what the file says, and then its deviations and correlations hold it, or it is
+another, and then it costs what a parameter costs; the cheaper counts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.expectation import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.discovery.selection.uncertain import widened
+from piezo_hysteresis.discovery.selection.uncertain import cost_of_change, widened
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
@@ -82,11 +82,11 @@ class HeldEvaluator(Evaluator):
         self._fixed = frozenset(base.model.free_names)
         self.late = given.sampling_offset
         self.clock = clock_about(self.late, self.views[0].dt)
-        covariance = given.covariance()
+        self._uncertain = given.covariance()
 
         def expected(views: Sequence[Target]) -> tuple[Expectation, ...]:
             found = expectations(data, views, self.known, policy)
-            return found if covariance is None else widened(found, base, views, *covariance)
+            return widened(found, base, views, *self._uncertain)
 
         self.expected, self.expected_held_out = expected(data.training), expected(data.held_out)
 
@@ -153,11 +153,9 @@ class HeldEvaluator(Evaluator):
     def _moved(self, fit: CandidateFit) -> float:
         """Return what it costs that values of the baseline, or the clock, are others [nats]."""
         total = self.policy.price if self._clock_moved(fit) else 0.0
-        for name in fit.shifted:
-            change = fit.values[name] - self.base.values[name]
-            std = self.given.deviations.get(name, 0.0)
-            drawn = 0.5 * (change / std) ** 2 if std > 0.0 else np.inf
-            total += min(drawn, self.policy.price) if change else 0.0
+        changes = {name: fit.values[name] - self.base.values[name] for name in fit.shifted}
+        if any(changes.values()):
+            total += cost_of_change(changes, *self._uncertain, self.policy.price)
         return total
 
     def counted(self, fit: CandidateFit) -> int:

@@ -1,4 +1,8 @@
-"""What a baseline misses on records of the actuator as it was: elsewhere that is no news."""
+"""What a baseline misses on records of the actuator as it was: elsewhere that is no news.
+
+Where the reference has the drive of a record in question, what is missed there is taken off
+sample by sample, so that what both have in common cancels; elsewhere in the phase of the drive.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import Model, ModelFile
+from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record
 
 
@@ -44,17 +49,28 @@ def as_on(
     """
     chosen = choices or Choices()
     records = annotated(reference)
-    if isinstance(baseline, Model):
-        file = identify(
-            records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero
-        ).model_file()
+    if isinstance(baseline, ModelFile):
+        file = baseline
     else:
-        late = baseline.sampling_offset
-        views = views_of(baseline.model, baseline.values, records, late, chosen)
-        left = residuals_of(baseline.model, baseline.values, records, views, late)
-        file = replace(baseline, discrepancy=discrepancy_of(left, held_out=True))
-    if file.discrepancy is None:
+        file = _identified(records, baseline, chosen, workers)
+    late = file.sampling_offset
+    views = views_of(file.model, file.values, records, late, chosen)
+    left = residuals_of(file.model, file.values, records, views, late)
+    missed = discrepancy_of(left, held_out=file is baseline)
+    if missed is None:
         raise IdentificationError(
             'the reference does not move the actuator: give records of drives like those to judge'
         )
-    return file
+    traces = tuple(
+        Trace(each.voltage, each.error, each.dt, view.begins.kind)
+        for each, view in zip(left, views, strict=True)
+        if each.voltage is not None
+    )
+    return replace(file, discrepancy=replace(missed, traces=traces))
+
+
+def _identified(
+    records: Sequence[Record], model: Model, chosen: Choices, workers: int
+) -> ModelFile:
+    found = identify(records, model, workers=workers, begins=chosen.start, zero=chosen.zero)
+    return found.model_file()

@@ -115,7 +115,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
     for searched in (True, False):
         if not searched and (
             how.choices.start != 'auto'
-            or not _invented(data, found[0][1].evaluator.data)
+            or not _invented(data, found[0][1].evaluator.data, given)
             or how.deadline.skips('records that begin as they say')
         ):
             break
@@ -124,7 +124,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
         still = evaluator.judged(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
         each = search(evaluator, base, progress)
-        levels = _invented(data, each.evaluator.data)
+        levels = _invented(data, each.evaluator.data, given)
         found.append((each.evaluator.score(each.final) + policy.price * levels, each))
     return min(found, key=lambda pair: pair[0])[1]
 
@@ -157,10 +157,17 @@ def held_data(
     return judged_on(clocked or nominal, seen.training), seen
 
 
-def _invented(data: Dataset, seen: Dataset) -> int:
-    """Return how many numbers tell the starts of records that seem to begin at rest at 0 V."""
+def _invented(data: Dataset, seen: Dataset, given: ModelFile) -> int:
+    """Return how many numbers tell the starts of records that seem to begin at rest at 0 V.
+
+    Where a record of the reference with the same drive began so, nothing was invented.
+    """
+    traces = () if given.discrepancy is None else given.discrepancy.traces
     count = 0
     for before, after in zip(data.training, seen.training, strict=True):
-        if before.begins.kind == STEP.kind and after.begins != before.begins:
+        voltage, kind = after.voltage[after.first :], after.begins.kind
+        if before.begins.kind != STEP.kind or after.begins == before.begins:
+            continue
+        if not any(trace.began_so(voltage, after.dt, kind) for trace in traces):
             count += 1 + len(after.begins.levels)
     return count

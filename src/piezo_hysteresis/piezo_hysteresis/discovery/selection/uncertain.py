@@ -6,7 +6,7 @@ show on others. That is no news: it is what the covariance of the file says.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,14 +60,75 @@ def widened(
     return tuple(replace(x, expected=x.expected + m) for x, m in zip(expected, more, strict=True))
 
 
-def _directions(covariance: FloatArray) -> list[FloatArray]:
-    """Return steps of a standard deviation along independent directions."""
+def cost_of_change(
+    changes: Mapping[str, float], names: Sequence[str], covariance: FloatArray, price: float
+) -> float:
+    """Return what it costs that values are others than the file says [nats].
+
+    Gains that make up for each other are told badly one by one, and well in their sum: a change of
+    all of them by a percent is many deviations of that sum and hardly one of any. So a change is
+    told in one of two ways, the cheaper counts: some values are others, at the price of a
+    parameter each, and the rest lies within its deviations; or so along independent directions.
+
+    Parameters
+    ----------
+    changes : mapping of str to float
+        Of values; one that is not among `names` was held, and its change is another value.
+    names, covariance : sequence of str, ndarray of shape (p, p)
+        Of the values that were fitted.
+    price : float
+        Of a parameter [nats].
+    """
+    held = price * sum(bool(change) and name not in names for name, change in changes.items())
+    at = [k for k, name in enumerate(names) if name in changes]
+    found = _principal(covariance[np.ix_(at, at)]) if at else None
+    if found is None:
+        return held
+    scale, size, way = found
+    size = np.maximum(size, _NONE * max(float(size.max()), _NONE))
+    step = np.array([changes[names[k]] for k in at]) / scale
+    along = float(np.minimum(0.5 * (way.T @ step) ** 2 / size, price).sum())
+    return held + min(along, _one_by_one(step, (way * size) @ way.T, price))
+
+
+def _one_by_one(step: FloatArray, correlation: FloatArray, price: float) -> float:
+    """Return the least cost where some values are others, found one after another [nats]."""
+    kept = list(range(step.size))
+    best = _within(step, correlation)
+    for others in range(1, step.size + 1):
+        rests = [[each for each in kept if each != k] for k in kept]
+        costs = [_within(step[rest], correlation[np.ix_(rest, rest)]) for rest in rests]
+        kept = rests[int(np.argmin(costs))]
+        best = min(best, min(costs) + others * price)
+    return best
+
+
+def _within(step: FloatArray, correlation: FloatArray) -> float:
+    """Return half the square of the deviations by which values moved together [nats]."""
+    if not np.any(step):
+        return 0.0
+    found = symmetric_eigen(correlation)
+    if found is None:
+        return float('inf')
+    size, way = found
+    size = np.maximum(size, _NONE * max(float(size.max()), _NONE))
+    return 0.5 * float(np.sum((way.T @ step) ** 2 / size))
+
+
+def _principal(covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return deviations, and the principal values and directions of the correlation."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(std > 0.0, std, 1.0)
     found = symmetric_eigen(covariance / np.outer(scale, scale))
+    return None if found is None else (scale, *found)
+
+
+def _directions(covariance: FloatArray) -> list[FloatArray]:
+    """Return steps of a standard deviation along independent directions."""
+    found = _principal(covariance)
     if found is None:
         return []
-    size, way = found
+    scale, size, way = found
     kept = size > _NONE * max(float(size.max()), 0.0)
     return [scale * np.sqrt(s) * v for s, v in zip(size[kept], way.T[kept], strict=True)]
 
