@@ -5,8 +5,10 @@
 A baseline is identified on untouched records of a measured actuator and saved. Then an effect of
 random size is put into the measured displacement, by code that shares nothing with the suite, and
 `discover` gets the changed records and the ``model.yaml``. An untouched control must be ``none``.
-With ``--reference`` an effect hides in the second half of a record, and the first half is the
-reference. Records are those of `bench/discovery_measured.py`; what is not there is left out.
+With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
+same records with noise of their own; with ``--reference parts`` the reference is the beginning of
+a sine, and the effect hides in the rest of it. Records are those of
+`bench/discovery_measured.py`; what is not there is left out.
 """
 
 from __future__ import annotations
@@ -44,6 +46,8 @@ class Case:
     baselines: tuple[str, ...]
     slow: float  # time in which a drift or a loss reaches its size [s]
     delay: float  # largest delay or lag [s]
+    noise: float = 0.0  # rms at rest [m]
+    parted: float = np.inf  # where the sine is parted for a reference [s]
 
 
 CASES = (
@@ -55,6 +59,8 @@ CASES = (
         ('prandtl_ishlinskii', 'classical'),
         70.0,
         0.04,
+        6e-8,
+        20.0,
     ),
     Case(
         '150 V',
@@ -64,6 +70,8 @@ CASES = (
         ('prandtl_ishlinskii+creep', 'classical'),
         10.0,
         0.008,
+        4.5e-8,
+        7.0,
     ),
 )
 
@@ -212,25 +220,36 @@ def baseline_of(case: Case, word: str, data: Path) -> ModelFile:
     return ModelFile.parse(identify(fitted, chain(word)).model_file().text())
 
 
-def halves(record: Record) -> tuple[Record, Record]:
-    """Return a record up to its middle, and from there on."""
-    middle = len(record) // 2
-    return record.section(0, middle), record.section(middle, len(record))
+def noisy(records: Sequence[Record], rms: float, seed: Sequence[int]) -> list[Record]:
+    """Return the records with white noise more [m], as if they had been taken again."""
+    generator = np.random.default_rng(seed)
+    return [
+        replace(r, displacement=r.displacement + rms * generator.standard_normal(len(r)))
+        for r in records
+    ]
+
+
+def compared(
+    case: Case, word: str, data: Path, how: str, seed: Sequence[int], workers: int
+) -> tuple[ModelFile, list[Record], Case]:
+    """Return what is known from a reference, the records to hide effects in, and their times."""
+    if how == 'repeated':
+        before = load([data / file for file in case.judged])
+        known = as_on(before, chain(word), workers=workers)
+        return known, noisy(before, case.noise, (*seed, 1)), case
+    whole = load([data / case.fitted])[0]
+    middle = int(case.parted / whole.dt)
+    after = whole.section(middle, len(whole))
+    known = as_on([whole.section(0, middle)], chain(word), workers=workers)
+    return known, [after], replace(case, slow=after.dt * len(after))
 
 
 def examined(
-    case: Case,
-    word: str,
-    data: Path,
-    seed: Sequence[int],
-    workers: int,
-    *,
-    reference: bool = False,
+    case: Case, word: str, data: Path, seed: Sequence[int], workers: int, reference: str = ''
 ) -> list[Row]:
     """Return one row per effect, and that of the control."""
     if reference:
-        before, after = halves(load([data / case.fitted])[0])
-        known, records = as_on([before], chain(word), workers=workers), [after]
+        known, records, case = compared(case, word, data, reference, seed, workers)
     else:
         known, records = baseline_of(case, word, data), load([data / f for f in case.judged])
     generator = np.random.default_rng(seed)
@@ -262,14 +281,26 @@ HEAD = (
     '    python bench/discovery_hidden.py --data DATA --seed {seed} \\',
     '        --page docs/discovery_hidden.md',
 )
-REFERENCE_HEAD = (
-    '## With `--reference`',
-    '',
-    'The first half of the sine of each actuator was the reference, an effect was put into the',
-    'second half. `discover` got both, and the name of a baseline.',
-    '',
-    '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference',
-)
+REFERENCE_HEADS = {
+    'repeated': (
+        '## With `--reference`: the same experiments again',
+        '',
+        'The untouched records were the reference. An effect was put into the same records with',
+        'white noise of their own, as large as that at rest: what an actuator does otherwise',
+        'from one day to the next is not in it. `discover` got both, and the name of a baseline.',
+        '',
+        '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
+    ),
+    'parts': (
+        '## With `--reference`: the beginning of a record',
+        '',
+        'The beginning of the sine of each actuator was the reference (20 s; 7 s at 150 V), and',
+        'an effect was put into the rest of it, which begins in motion with a memory that nobody',
+        'knows. A drift and a loss reach their size at its end.',
+        '',
+        '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference parts',
+    ),
+}
 SIZES = (
     'Sizes run from 0.25 to 1, where 1 is a delay or lag of 40 ms (8 ms at 150 V), a curve of',
     '2.5 % at the ends, a tone of 1.5 % of the stroke, a drift of 15 % and a loss of 16 % in',
@@ -321,7 +352,7 @@ def main() -> None:
     parser.add_argument('--data', type=Path, default=Path('../shared/data'))
     parser.add_argument('--seed', type=int, default=7)
     parser.add_argument('--workers', type=int, default=1)
-    parser.add_argument('--reference', action='store_true')
+    parser.add_argument('--reference', choices=sorted(REFERENCE_HEADS), default='')
     parser.add_argument('--page', type=Path)
     arguments = parser.parse_args()
     rows: list[Row] = []
@@ -329,17 +360,11 @@ def main() -> None:
         if all((arguments.data / file).exists() for file in (case.fitted, *case.judged)):
             for place, word in enumerate(case.baselines):
                 drawn = arguments.seed, CASES.index(case), place
-                rows += examined(
-                    case,
-                    word,
-                    arguments.data,
-                    drawn,
-                    arguments.workers,
-                    reference=arguments.reference,
-                )
+                given = arguments.data, drawn, arguments.workers, arguments.reference
+                rows += examined(case, word, *given)
     if not rows:
         sys.exit(f'no measured record in {arguments.data}')
-    text = page(rows, arguments.seed, REFERENCE_HEAD if arguments.reference else HEAD)
+    text = page(rows, arguments.seed, REFERENCE_HEADS.get(arguments.reference, HEAD))
     print(text)
     if arguments.page:
         arguments.page.write_text(text, encoding='utf-8')

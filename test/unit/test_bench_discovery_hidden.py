@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from bench import foreign_worlds as foreign
-from bench.discovery_hidden import CASES, HIDDEN, Row, halves, hide, page
+from bench.discovery_hidden import CASES, HIDDEN, Row, compared, hide, noisy, page
 from piezo_hysteresis.discovery.verdict.verdict import (
     Alternative,
     HeldOut,
@@ -15,7 +18,7 @@ from piezo_hysteresis.discovery.verdict.verdict import (
     Verdict,
 )
 from piezo_hysteresis.models import EFFECT_NAMES
-from piezo_hysteresis.records import Record
+from piezo_hysteresis.records import Record, write_csv
 
 DT, STROKE = 1e-3, 2e-5
 
@@ -39,12 +42,29 @@ def test_each_kind_changes_the_displacement_alone_and_by_its_size(kind: str) -> 
     assert 1e-4 * STROKE < changed[1] < 0.2 * STROKE
 
 
-def test_what_is_judged_begins_where_its_reference_ends() -> None:
+def test_records_taken_again_have_noise_of_their_own() -> None:
+    before = measured()
+    one, other = (noisy([before], 1e-8, (seed,))[0] for seed in (1, 2))
+    assert np.array_equal(one.voltage, before.voltage)
+    for record in (one, other):
+        assert np.std(record.displacement - before.displacement) == pytest.approx(1e-8, rel=0.1)
+    apart = np.std(one.displacement - other.displacement)
+    assert apart == pytest.approx(np.sqrt(2.0) * 1e-8, rel=0.1)
+
+
+def test_what_is_judged_begins_where_its_reference_ends(tmp_path: Path) -> None:
     whole = measured()
-    before, after = halves(whole)
-    assert len(before) == len(after) == 2000
-    both = np.concatenate([before.displacement, after.displacement])
-    assert np.array_equal(both, whole.displacement)
+    case = replace(CASES[0], fitted='one.csv', judged=('one.csv',), parted=0.5 * whole.duration)
+    write_csv(tmp_path / 'one.csv', whole)
+    known, (after,), within = compared(case, 'classical', tmp_path, 'parts', (1,), 1)
+    assert known.discrepancy is not None
+    (trace,) = known.discrepancy.traces
+    both = np.concatenate([trace.voltage, after.voltage])
+    assert both == pytest.approx(whole.voltage)
+    assert within.slow == pytest.approx(after.dt * len(after))
+    known, (again,), within = compared(case, 'classical', tmp_path, 'repeated', (1,), 1)
+    assert np.std(again.displacement - whole.displacement) == pytest.approx(case.noise, rel=0.1)
+    assert within is case
 
 
 def verdict(word: str, names: tuple[str, ...], after: float) -> Verdict:
