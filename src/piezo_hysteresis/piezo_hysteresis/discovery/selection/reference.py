@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices
@@ -64,7 +66,7 @@ def as_on(
     traces = tuple(
         Trace(each.voltage, each.error, each.dt, view.begins.kind)
         for each, view in zip(left, views, strict=True)
-        if each.voltage is not None
+        if each.voltage is not None and np.all(np.isfinite(each.error))
     )
     return replace(file, discrepancy=replace(missed, traces=traces))
 
