@@ -206,7 +206,7 @@ def destroy(node: Node) -> None:
     does, among threads of its own: some die in it, some wait for ever.
     """
     for waitable in tuple(node.waitables):
-        destroy = getattr(waitable, 'destroy', None)
-        if destroy is not None:
-            destroy()
+        end = getattr(waitable, 'destroy', None)
+        if end is not None:
+            end()
     node.destroy_node()

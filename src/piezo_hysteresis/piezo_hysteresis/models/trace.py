@@ -43,11 +43,14 @@ class Trace:
     begins: str = ''
 
     def began_so(self, voltage: FloatArray, dt: float, begins: str) -> bool:
-        """Return whether the record began in a way, with a voltage as in `stretches`."""
+        """Return whether the record began in a way, with a voltage as far off as in `stretches`.
+
+        What is constant in it counts for nothing here.
+        """
         count = min(voltage.size, self.voltage.size)
         off = self.voltage[:count] - voltage[:count]
         same = float(np.std(off)) <= SAME * float(np.std(voltage[:count]))
-        return same and self.begins == begins and abs(dt / self.dt - 1.0) <= _SAME_RATE
+        return same and self.begins == begins and self._has_rate_of(dt)
 
     def stretches(self, voltage: FloatArray, dt: float) -> list[tuple[float, FloatArray]]:
         """Return where the same voltage was applied: how far it is off [V] and what was left.
@@ -60,17 +63,16 @@ class Trace:
             Its sampling interval [s].
         """
         scale = float(np.std(voltage))
-        if (
-            abs(dt / self.dt - 1.0) > _SAME_RATE
-            or voltage.size > self.voltage.size
-            or scale == 0.0
-        ):
+        if not self._has_rate_of(dt) or voltage.size > self.voltage.size or scale == 0.0:
             return []
         off = _distances(self.voltage, voltage)
         near = np.flatnonzero(off <= SAME * scale)
         runs = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1) if near.size else []
         best = [int(run[np.argmin(off[run])]) for run in runs]
         return [(float(off[lag]), self.error[lag : lag + voltage.size]) for lag in best]
+
+    def _has_rate_of(self, dt: float) -> bool:
+        return abs(dt / self.dt - 1.0) <= _SAME_RATE
 
 
 def stretches_of(

@@ -53,11 +53,11 @@ def as_on(
     records = annotated(reference)
     if isinstance(baseline, ModelFile):
         file = baseline
+        views = views_of(file.model, file.values, records, file.sampling_offset, chosen)
     else:
-        file = _identified(records, baseline, chosen, workers)
-    late = file.sampling_offset
-    views = views_of(file.model, file.values, records, late, chosen)
-    left = residuals_of(file.model, file.values, records, views, late)
+        found = identify(records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero)
+        file, views = found.model_file(), found.views
+    left = residuals_of(file.model, file.values, records, views, file.sampling_offset)
     missed = discrepancy_of(left, held_out=file is baseline)
     if missed is None:
         raise IdentificationError(
@@ -69,10 +69,3 @@ def as_on(
         if each.voltage is not None and np.all(np.isfinite(each.error))
     )
     return replace(file, discrepancy=replace(missed, traces=traces))
-
-
-def _identified(
-    records: Sequence[Record], model: Model, chosen: Choices, workers: int
-) -> ModelFile:
-    found = identify(records, model, workers=workers, begins=chosen.start, zero=chosen.zero)
-    return found.model_file()

@@ -81,38 +81,33 @@ def cost_of_change(
     """
     held = price * sum(bool(change) and name not in names for name, change in changes.items())
     at = [k for k, name in enumerate(names) if name in changes]
-    found = _principal(covariance[np.ix_(at, at)]) if at else None
-    if found is None:
-        return held
-    scale, size, way = found
-    size = np.maximum(size, _NONE * max(float(size.max()), _NONE))
-    step = np.array([changes[names[k]] for k in at]) / scale
-    along = float(np.minimum(0.5 * (way.T @ step) ** 2 / size, price).sum())
-    return held + min(along, _one_by_one(step, (way * size) @ way.T, price))
+    step, own = np.array([changes[names[k]] for k in at]), covariance[np.ix_(at, at)]
+    along = float(np.minimum(_within(step, own), price).sum())
+    return held + min(along, _one_by_one(step, own, price))
 
 
-def _one_by_one(step: FloatArray, correlation: FloatArray, price: float) -> float:
+def _one_by_one(step: FloatArray, covariance: FloatArray, price: float) -> float:
     """Return the least cost where some values are others, found one after another [nats]."""
     kept = list(range(step.size))
-    best = _within(step, correlation)
+    best = float(_within(step, covariance).sum())
     for others in range(1, step.size + 1):
         rests = [[each for each in kept if each != k] for k in kept]
-        costs = [_within(step[rest], correlation[np.ix_(rest, rest)]) for rest in rests]
+        costs = [float(_within(step[r], covariance[np.ix_(r, r)]).sum()) for r in rests]
         kept = rests[int(np.argmin(costs))]
         best = min(best, min(costs) + others * price)
     return best
 
 
-def _within(step: FloatArray, correlation: FloatArray) -> float:
-    """Return half the square of the deviations by which values moved together [nats]."""
+def _within(step: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return what lies within deviations costs along each independent direction [nats]."""
     if not np.any(step):
-        return 0.0
-    found = symmetric_eigen(correlation)
+        return np.zeros(step.size)
+    found = _principal(covariance)
     if found is None:
-        return float('inf')
-    size, way = found
+        return np.full(step.size, np.inf)
+    scale, size, way = found
     size = np.maximum(size, _NONE * max(float(size.max()), _NONE))
-    return 0.5 * float(np.sum((way.T @ step) ** 2 / size))
+    return np.asarray(0.5 * (way.T @ (step / scale)) ** 2 / size)
 
 
 def _principal(covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
