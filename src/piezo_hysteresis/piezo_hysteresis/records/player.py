@@ -128,6 +128,11 @@ class Player:
         """End playing, from any thread; a wait under way ends at once."""
         self._stop.set()
 
+    @property
+    def stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stop.is_set()
+
     def __iter__(self) -> Iterator[Played]:
         lap = 0
         while not self._stop.is_set():

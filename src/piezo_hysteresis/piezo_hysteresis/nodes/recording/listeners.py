@@ -15,6 +15,10 @@ from piezo_hysteresis.runtime.confirmation import Progress
 from piezo_ros_common.neighbours import Neighbours
 
 
+class Ended(Exception):
+    """Nobody is waited for any more: the node that plays is about to end."""
+
+
 class Listeners:
     """The nodes that report on ``~/status`` how many samples they have taken in.
 
@@ -28,6 +32,8 @@ class Listeners:
         Returns the longest wait [s].
     neighbours : Neighbours
         Of the node; who of them has just come is waited for.
+    ended : callable
+        Returns whether the node is about to end; every wait raises `Ended` then.
     recorders : bool
         Wait for recorders only, for nobody where there is none.
 
@@ -45,12 +51,14 @@ class Listeners:
         topic: str,
         timeout: Callable[[], float],
         neighbours: Neighbours,
+        ended: Callable[[], bool],
         *,
         recorders: bool = False,
     ) -> None:
         self._node = node
         self._neighbours = neighbours
         self._timeout = timeout
+        self._ended = ended
         self._recorders = recorders
         self.awaited = ''
         self.since = 0.0
@@ -68,7 +76,7 @@ class Listeners:
         """
         begun = time.monotonic()
         while not self._complete(begun):
-            if time.monotonic() - begun > self._timeout() or not self._node.context.ok():
+            if self._impatient(begun):
                 raise PiezoError(self._missing())
             time.sleep(0.02)
 
@@ -105,7 +113,7 @@ class Listeners:
         """
         begun = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
-            if time.monotonic() - begun > self._timeout() or not self._node.context.ok():
+            if self._impatient(begun):
                 raise PiezoError('the listeners could not be connected; start them and play again')
             time.sleep(0.02)
 
@@ -146,24 +154,25 @@ class Listeners:
         if not behind():
             return 0.0
         begun = time.monotonic()
-
-        def patient() -> bool:
-            return time.monotonic() - begun < self._timeout() and self._node.context.ok()
-
-        # In short steps, so that a node that is shut down meanwhile ends too.
-        while (late := behind()) and patient():
+        # In short steps, so that a node that is to end meanwhile ends too.
+        while (late := behind()) and not self._impatient(begun):
             self.awaited, self.since = ', '.join(late), begun
             with self._condition:
                 self._condition.wait_for(lambda: not behind(), 0.1)
             if behind():
                 self._reports.look()  # who has gone takes nothing any more
         self.awaited = ''
-        if late and self._node.context.ok():
+        if late:
             raise PiezoError(
                 f'{", ".join(late)} did not take {what} within {self._timeout():g} s: it died or '
                 'is overloaded; restart it and play again'
             )
         return time.monotonic() - begun
+
+    def _impatient(self, begun: float) -> bool:
+        if self._ended():
+            raise Ended
+        return time.monotonic() - begun > self._timeout()
 
     def _notify(self) -> None:
         with self._condition:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -18,7 +19,7 @@ from piezo_common import topics
 from piezo_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_common.stamps import stamp_into
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.recording.listeners import Listeners
+from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners
 from piezo_hysteresis.nodes.recording.message_types import message_type
 from piezo_hysteresis.parameters.tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
@@ -38,6 +39,9 @@ FURTHEST = 2048
 
 # Messages that come so much too late are counted [s].
 LATE = 0.05
+
+# So long what was sent last may be on its way once playing is stopped [s].
+LAST_WAY = 1.0
 
 # Silence of a listener that is said [s].
 SILENCE = 2.0
@@ -117,13 +121,15 @@ class PlayerNode(Node):
             if self._listeners is not None:
                 self._listeners.wait_taken(sent)
             self.get_logger().info(f'played {sent} samples')
+        except Ended:
+            pass
         except PiezoError as error:
             self.get_logger().error(str(error))
             self._problem = str(error)
             self.exit_code = 2
         except Exception:
-            if self.context.ok():  # else the node is being stopped
-                raise
+            self.exit_code = 1
+            raise
         finally:
             if not self.stop.done():
                 self.stop.set_result(True)
@@ -140,12 +146,14 @@ class PlayerNode(Node):
         while time.monotonic() - begun < self._timeout() and not any(
             publisher.get_subscription_count() for publisher in self._topics.values()
         ):
+            if self._ends():
+                raise Ended
             time.sleep(0.02)
         if len(states) == 1:
             self._find_recorders(states[0])
 
     def _find_listeners(self, state: str) -> None:
-        listeners = self._listeners = Listeners(self, state, self._timeout, self._neighbours)
+        listeners = self._listeners = self._listeners_of(state)
         listeners.find()
         # What lies in front of the first marker of the bag belongs to no record.
         marker = self._marker = state.removesuffix(topics.STATE) + topics.MARKER
@@ -158,13 +166,21 @@ class PlayerNode(Node):
         listeners.begin()
 
     def _find_recorders(self, state: str) -> None:
-        listeners = Listeners(self, state, self._timeout, self._neighbours, recorders=True)
+        listeners = self._listeners_of(state, recorders=True)
         listeners.find()
         if listeners.anybody:
             listeners.wait_matched(list(self._topics.values()))
             listeners.begin()
             self._listeners, self._marker = listeners, state.removesuffix(topics.STATE)
             self._marker += topics.MARKER
+
+    def _listeners_of(self, state: str, *, recorders: bool = False) -> Listeners:
+        return Listeners(
+            self, state, self._timeout, self._neighbours, self._ends, recorders=recorders
+        )
+
+    def _ends(self) -> bool:
+        return self._player.stopped or not self.context.ok()
 
     def _timeout(self) -> float:
         """Return how long somebody is waited for [s]: without end while others still start."""
@@ -215,9 +231,14 @@ class PlayerNode(Node):
         return judge(findings, fine, values)
 
     def close(self) -> None:
-        """Stop playing."""
+        """Stop playing; what was sent until now still arrives."""
         self._player.stop()
-        self._thread.join(2.0)
+        # The thread uses what is destroyed next. Nothing it does takes long: every wait ends now.
+        self._thread.join()
+        end = time.monotonic() + LAST_WAY
+        for publisher in self._topics.values():
+            left = max(0.0, end - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=left))
         self._diagnostics.last_word()
 
 
