@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from ament_index_python.packages import get_package_prefix
 from listening import Listener
+from rclpy.action import ActionClient
 
 from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_hysteresis.records import Record, write_bag
+from piezo_interfaces.action import Discover
 from piezo_ros_common.processes import NodeProcesses
+from piezo_sim.sweep import simulate
 
 pytestmark = pytest.mark.ros
 
@@ -110,3 +113,24 @@ def test_a_player_that_waits_for_a_listener_ends_at_once(
     finally:
         player.kill()
         player.wait()
+
+
+def test_a_discovery_under_way_ends_with_its_node(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path
+) -> None:
+    plan = [
+        {'kind': 'sine', 'frequency': f, 'amplitude': 1.0, 'duration': 2.0} for f in (2, 7, 23)
+    ]
+    hidden = {'effects.sensor_nonlinearity': True}
+    write_bag(tmp_path / 'bag', simulate('generic_bouc_wen', plan, hidden, 4))
+    node = processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
+    client = ActionClient(listener.node, Discover, 'discover')
+    listener.until(client.server_is_ready)
+    feedback: list[float] = []
+    goal = Discover.Goal(data=['bag'], baseline='classical', out='out', seed=3, workers=2)
+    client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback.fraction))
+    listener.until(lambda: feedback, 120.0)
+    node.signal(signal.SIGINT)
+    assert node.wait(20.0) == 0, node.tail(30)
+    assert 'Traceback' not in node.log.read_text()
+    assert not (tmp_path / 'out').exists()

@@ -35,7 +35,7 @@ class DiscoveryNode(Node):
     def __init__(self) -> None:
         super().__init__('discovery')
         self._params = NodeParameters(self, DISCOVERY)
-        self._busy = False
+        self._busy = self._closing = False
         self._at = ''
         self._problem = ''
         self._verdict = ''
@@ -55,7 +55,8 @@ class DiscoveryNode(Node):
         )
 
     def close(self) -> None:
-        """Leave an actuator that is investigated at rest."""
+        """Leave an actuator that is investigated at rest; a discovery ends with its next word."""
+        self._closing = True
         self._investigations.close()
 
     # --- for an investigation ------------------------------------------------------------------
@@ -140,9 +141,11 @@ class DiscoveryNode(Node):
             self.get_logger().error(str(error))
         except Exception as error:
             result.message = f'{type(error).__name__}: {error}; report it with the log of the node'
-            raise
+            if not self._closing:  # a node that ends takes away what it was about to use
+                raise
         finally:
-            self.executor.create_task(done.set_result, True)
+            if not self._closing:
+                self.executor.create_task(done.set_result, True)
 
     def _discover(self, goal: Any, result: Discover.Result) -> None:
         # Heavy imports stay out of the start of the node.
@@ -155,7 +158,7 @@ class DiscoveryNode(Node):
         baseline = named(name) if name in NAMES else ModelFile.load(name)
 
         def progress(fraction: float, words: str) -> None:
-            if goal.is_cancel_requested:
+            if self._closing or goal.is_cancel_requested:
                 raise Cancelled('cancelled; nothing was written')
             self._at = f'{words}, {fraction:.0%}'
             goal.publish_feedback(
