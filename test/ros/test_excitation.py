@@ -217,6 +217,7 @@ def test_an_experiment_plays_any_waveform_and_changes_without_a_jump(loop: Loop)
     }.items():
         accept(name, value)
     start = len(loop.states)
+    first = loop.states[-1].sample + 1 if loop.states else 0
     accept('mode', 'voltage')
     assert not loop.send(**GOAL).accepted
     loop.listener.until(lambda: len(loop.states) > start + 300)
@@ -228,12 +229,18 @@ def test_an_experiment_plays_any_waveform_and_changes_without_a_jump(loop: Loop)
     accept('mode', 'idle')
     loop.listener.serve(0.1)
 
+    # A listener that is starved does not hear every tick of a loop that runs as fast as it can.
     voltage = np.array([state.voltage for state in loop.states[start:]])
+    tick = np.array([state.sample for state in loop.states[start:]]) - first
     spec = {'kind': 'multisine', 'seed': 3, 'highest': 40.0, 'frequency': 5.0, 'amplitude': 0.5}
-    expected = from_spec({**spec, 'ramp': 0.1}).sample(np.arange(250) * (1.0 / RATE)).value
-    np.testing.assert_allclose(voltage[:250], expected, rtol=0, atol=1e-12)
+    before = tick[tick < 250]
+    assert before.size >= 50
+    expected = from_spec({**spec, 'ramp': 0.1}).sample(before * (1.0 / RATE)).value
+    np.testing.assert_allclose(voltage[: before.size], expected, rtol=0, atol=1e-12)
     steepest = 0.8 * 2 * np.pi * 42.0 / RATE
-    assert np.abs(np.diff(voltage)).max() < 1.5 * steepest
+    next_to_each_other = np.diff(tick) == 1
+    assert next_to_each_other.sum() >= 500
+    assert np.abs(np.diff(voltage))[next_to_each_other].max() < 1.5 * steepest
 
 
 def test_states_of_others_do_not_move_an_experiment(loop: Loop) -> None:
