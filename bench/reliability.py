@@ -43,12 +43,15 @@ class Class:
         Between what [1].
     said, right : int
         How often, and how often rightly.
+    mean : float
+        What was said on average [1].
     """
 
     low: float
     high: float
     said: int
     right: int
+    mean: float
 
     @property
     def share(self) -> float:
@@ -82,9 +85,11 @@ def classes(said: Sequence[tuple[float, bool]]) -> list[Class]:
     """Return names by probability, and how many of each class were right."""
     found = []
     for low, high in pairwise(EDGES):
-        hits = [right for probability, right in said if low <= probability < high]
-        if hits:
-            found.append(Class(low, min(high, 1.0), len(hits), sum(hits)))
+        inside = [pair for pair in said if low <= pair[0] < high]
+        if inside:
+            given, hits = zip(*inside, strict=True)
+            mean = sum(given) / len(given)
+            found.append(Class(low, min(high, 1.0), len(hits), sum(hits), mean))
     return found
 
 
@@ -95,19 +100,19 @@ def drawn(found: Sequence[Class]) -> Figure:
     axes = figure.add_subplot()
     axes.plot([0, 1], [0, 1], color='0.6', lw=1.0, label='as often as said')
     for each in found:
-        middle, (low, high) = 0.5 * (each.low + each.high), each.interval
+        low, high = each.interval
         axes.errorbar(
-            middle,
+            each.mean,
             each.share,
             yerr=[[each.share - low], [high - each.share]],
-            xerr=0.5 * (each.high - each.low),
+            xerr=[[each.mean - each.low], [each.high - each.mean]],
             fmt='o',
             color='tab:blue',
             capsize=3,
         )
         axes.annotate(
             f'{each.right}/{each.said}',
-            (middle, each.share),
+            (each.mean, each.share),
             textcoords='offset points',
             xytext=(-6, 6),
             ha='right',
@@ -130,11 +135,11 @@ def main() -> None:
     pages = [DOCS / name for name in PAGES if (DOCS / name).exists()]
     said = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
     found = classes(said)
-    print('| said with | names | right | 95 % |\n|---|---:|---:|---|')
+    print('| said with | mean | names | right | 95 % |\n|---|---:|---:|---:|---|')
     for each in found:
         low, high = each.interval
         print(
-            f'| {each.low:g} to {each.high:g} | {each.said} | {each.right} | '
+            f'| {each.low:g} to {each.high:g} | {each.mean:.2f} | {each.said} | {each.right} | '
             f'{100 * low:.0f} to {100 * high:.0f} % |'
         )
     if arguments.picture:
