@@ -1,17 +1,20 @@
 """Install requirement files into the virtual environment that runs this: by uv, else by pip.
 
 uv takes a third of the time and a quarter of the processor. It is asked only where it does what
-pip was told by its configuration; wherever it fails pip takes over. It is kept nowhere.
+pip was told by its configuration; wherever it fails pip takes over, which takes nothing for
+installed that is not all there. It is kept nowhere.
 
     .venv/bin/python tools/install_wheels.py -r requirements.txt -c constraints-ros.txt
 """
 
 from __future__ import annotations
 
+import csv
 import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -60,6 +63,18 @@ def told(config: str) -> dict[str, str] | None:
     return environment
 
 
+def incomplete(site: Path) -> list[Path]:
+    """Return the metadata of packages of which a file is missing; compiled code may be."""
+    found = []
+    for record in sorted(site.glob('*.dist-info/RECORD')):
+        with record.open(encoding='utf-8', newline='') as lines:
+            names = [line[0] for line in csv.reader(lines) if line]
+        if not all(name.endswith('.pyc') or (site / name).exists() for name in names):
+            found.append(record.parent)
+    bare = (path for path in site.glob('*.dist-info') if not (path / 'RECORD').exists())
+    return found + sorted(bare)
+
+
 def run(words: Sequence[object], environment: dict[str, str] | None = None) -> bool:
     """Run a command; return whether it went well."""
     env = {**os.environ, **(environment or {})}
@@ -88,10 +103,18 @@ def by_uv(arguments: Sequence[str], quiet: Sequence[str]) -> bool:
 def main(arguments: Sequence[str]) -> int:
     """Install what the arguments say, as those of pip; return the exit code."""
     quiet = () if sys.stderr.isatty() else ('-q',)
-    if by_uv(arguments, quiet):
+    site = Path(sysconfig.get_path('purelib'))
+    if by_uv(arguments, quiet) and not incomplete(site):
         return 0
     print('setup: uv cannot be used here; pip takes longer', file=sys.stderr)
-    return 0 if run((*PIP, 'install', '--no-compile', *quiet, *arguments)) else 1
+    for metadata in incomplete(site):  # of an installation that was broken off
+        shutil.rmtree(metadata)
+    if not run((*PIP, 'install', '--no-compile', *quiet, *arguments)):
+        return 1
+    if left := incomplete(site):
+        names = ', '.join(path.stem for path in left)
+        print(f'setup: files of {names} are missing: remove .venv and try again', file=sys.stderr)
+    return 1 if left else 0
 
 
 if __name__ == '__main__':

@@ -54,6 +54,47 @@ def test_pip_takes_over_where_uv_fails(
     assert 'pip takes longer' in capsys.readouterr().err
 
 
+def test_pip_takes_nothing_for_installed_that_is_not_all_there(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    site, libraries = tmp_path / 'site', tmp_path / 'lib'
+    libraries.mkdir()
+
+    def install(name: str, *, whole: bool) -> Path:
+        metadata = site / f'{name}-1.dist-info'
+        metadata.mkdir(parents=True)
+        listed = [f'../lib/{name}.so,,', f'{name}/gone.pyc,,', f'{metadata.name}/RECORD,,']
+        (metadata / 'RECORD').write_text('\n'.join(listed))
+        if whole:
+            (libraries / f'{name}.so').touch()
+        return metadata
+
+    whole, half = install('whole', whole=True), install('half', whole=False)
+    begun = site / 'begun-1.dist-info'
+    begun.mkdir()
+    assert install_wheels.incomplete(site) == [half, begun]
+
+    def run(words: list[object], environment: object = None) -> bool:
+        if install_wheels.UV in words or Path(str(words[0])).name == 'uv':
+            return True  # and yet not all is there
+        missing = not half.exists()
+        install('half' if missing else 'third', whole=missing)
+        return True
+
+    monkeypatch.setattr(install_wheels, 'run', run)
+    monkeypatch.setattr(install_wheels, 'told', lambda config: {})
+    monkeypatch.setattr(install_wheels.sysconfig, 'get_path', lambda name: str(site))
+    assert install_wheels.main(['-r', 'some.txt']) == 0
+    assert install_wheels.incomplete(site) == []
+    assert whole.exists()
+    assert not begun.exists()
+    assert install_wheels.main(['-r', 'some.txt']) == 0  # nothing is left to do
+    (libraries / 'whole.so').unlink()
+    assert install_wheels.main(['-r', 'some.txt']) == 1
+    assert not whole.exists()
+    assert 'third-1' in capsys.readouterr().err
+
+
 def test_copies_of_libraries_become_links_to_the_version(tmp_path: Path) -> None:
     content = os.urandom(repair_wheels.LARGE)
     for name in ('lib/libx.so', 'lib/libx.so.2', 'lib/libx.so.2.1', 'other.libs/libx.so'):
