@@ -38,6 +38,13 @@ ARGUMENTS = {
 }
 
 
+def _plant_of(model_file):
+    """Return the parameters that make a controller take its plant from the model, where given."""
+    if not model_file:
+        return {}
+    return {'model_file': model_file, 'plant.gain': 0.0, 'plant.natural_frequency': 0.0}
+
+
 def _scenario_file(context, name):
     """Return the path of a scenario that is named, or is a path already."""
     if name.endswith('.yaml'):
@@ -95,14 +102,14 @@ def _nodes(context):
             package='piezo_hysteresis',
             executable='attenuation',
             condition=IfCondition(str(values['correction'] == 'attenuation')),
-            parameters=[scenario],
+            parameters=[scenario, _plant_of(values['model_file'])],
             **where('attenuation'),
         ),
         Node(
             package='piezo_hysteresis',
             executable='feedback',
             condition=IfCondition(str(values['correction'] == 'feedback')),
-            parameters=[scenario],
+            parameters=[scenario, _plant_of(values['model_file'])],
             **where('feedback'),
         ),
         Node(

@@ -24,6 +24,7 @@ from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.runtime.plant import mode_of
 
 REPETITIVE = 'repetitive'
 ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
@@ -276,13 +277,7 @@ class Builder:
 
     def mode_gain(self) -> ModeGain:
         """Return it as the nodes have it: a mode and a delay."""
-        values = self.model.model.unpack(self.model.packed)
-        gain, delay = abs(self.gain()(0.0)), values.get('delay', 0.0)
-        k1, k2 = structure_coefficients(values)
-        if k2 == 0.0:
-            return ModeGain(gain, 0.0, 1.0, self.dt, delay)
-        frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
-        return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), self.dt, delay)
+        return mode_of(self.model, abs(self.gain()(0.0)), self.dt)
 
     def straight(self) -> Link:
         """Return no compensation: the reference divided by the gain."""

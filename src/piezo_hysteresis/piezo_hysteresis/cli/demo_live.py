@@ -126,7 +126,7 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     clock.lap('identification')
     gain = _gain(sweep, plan)
     runs = []
-    for k, (name, settings) in enumerate(_settings(found, gain, folder).items()):
+    for k, (name, settings) in enumerate(_settings(gain, folder).items()):
         progress((0.4, 0.55, 0.7)[k], f'tracking {plan.tracked:g} Hz: {name}')
         bag = folder / 'bags' / name.replace(' + ', '_and_').replace(' ', '_')
         learning = plan.learning_seconds if settings['attenuation'].get('enabled', True) else 0.0
@@ -170,20 +170,14 @@ def _gain(sweep: Sequence[Record], plan: Plan) -> float:
     return float((y - np.mean(y)) @ u / (u @ u))
 
 
-def _settings(found: Identification, gain: float, folder: Path) -> dict[str, dict[str, Any]]:
+def _settings(gain: float, folder: Path) -> dict[str, dict[str, Any]]:
     """Parameters of feedforward and attenuation for each run."""
     inverse = {'model_file': str(folder / 'model.yaml')}
-    plant = {
-        'plant.gain': abs(found.values['A1'] - found.values['A']),
-        'plant.natural_frequency': found.values['natural_frequency'],
-        'plant.damping_ratio': found.values['damping_ratio'],
-    }
-    on = plant
     off = {'enabled': False}
     return {
         'no compensation': {'feedforward': {'gain': gain}, 'attenuation': off},
         'feedforward': {'feedforward': inverse, 'attenuation': off},
-        'feedforward + attenuation': {'feedforward': inverse, 'attenuation': on},
+        'feedforward + attenuation': {'feedforward': inverse, 'attenuation': inverse},
     }
 
 

@@ -75,7 +75,7 @@ def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dic
         ('piezo_sim', 'simulator',
          {'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers}),
         (own, 'feedforward', known or {'gain': 1.2857e-4}),
-        (own, 'attenuation', {'enabled': bool(model)}),
+        (own, 'attenuation', {'enabled': bool(model), **known}),
         (own, 'identification', {'only_records': False}),
         (own, 'discovery', {'folder': arguments.folder, **known}),
         (own, 'dashboard', {'folder': arguments.folder, 'port': arguments.port}),

@@ -35,6 +35,7 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
     HarmonicAttenuation,
     forget_ramp,
 )
+from piezo_hysteresis.compensation.harmonics.supervision import GUARD_SIZE, forget_guard
 from piezo_hysteresis.compensation.inverses import base as inverses
 from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.limiter import (
@@ -259,6 +260,7 @@ def attenuation_section(link: HarmonicAttenuation) -> Section:
     def reset(s: FloatArray) -> None:
         forget_watch(s[gain:])
         forget_ramp(s[gain:])
+        forget_guard(s[gain + attenuation.GUARD : gain + attenuation.GUARD + GUARD_SIZE])
         forget(s[own:], s[numbers:packed], s[packed:gain], dt)
 
     @leaf

@@ -44,6 +44,12 @@ def _range_rule(values: Mapping[str, Value]) -> str:
     return 'limits.low must stay below limits.high; set both in one atomic call'
 
 
+def _plant_rule(values: Mapping[str, Value]) -> str:
+    if _number(values, 'plant.natural_frequency') == 0.0 or _number(values, 'plant.gain') != 0.0:
+        return ''
+    return 'plant.natural_frequency belongs to plant.gain; set that first'
+
+
 LINK = (
     RATE,
     ParameterSpec('limits.low', -1.2, 'Lowest voltage passed on.', 'V', -500.0, 500.0),
@@ -99,9 +105,29 @@ LINK = (
 )
 
 PLANT = (
-    ParameterSpec('plant.gain', 1e-4, 'Quasi-static displacement per volt.', 'm/V', above=0.0),
     ParameterSpec(
-        'plant.natural_frequency', 0.0, 'Natural frequency; 0 for none.', 'Hz', 0.0, 1e5
+        'model_file',
+        '',
+        'Model file that the plant is taken from, where plant.gain is 0.',
+        read_only=True,
+    ),
+    MODEL_FOLDER,
+    ParameterSpec(
+        'plant.gain',
+        0.0,
+        'Quasi-static displacement per volt, negative where the sensor counts the other way; 0 '
+        'takes the plant from the model, and without one finds it out from 1e-4 m/V.',
+        'm/V',
+        -1.0,
+        1.0,
+    ),
+    ParameterSpec(
+        'plant.natural_frequency',
+        0.0,
+        'Natural frequency; 0 for none; belongs to plant.gain.',
+        'Hz',
+        0.0,
+        1e5,
     ),
     ParameterSpec('plant.damping_ratio', 0.02, 'Damping ratio.', '1', above=0.0, high=10.0),
 )
@@ -146,7 +172,12 @@ ATTENUATION = ParameterTable(
         *specs_of(AttenuationSettings),
         *PLANT,
     ),
-    rules=(_range_rule, _window_rule, rule_of(AttenuationSettings, CompensationError)),
+    rules=(
+        _range_rule,
+        _window_rule,
+        _plant_rule,
+        rule_of(AttenuationSettings, CompensationError),
+    ),
 )
 
 FEEDBACK = ParameterTable(
@@ -177,5 +208,5 @@ FEEDBACK = ParameterTable(
         ParameterSpec('plant.denominator', [0.0], 'Its denominator.'),
         *PLANT,
     ),
-    rules=(_range_rule, _window_rule),
+    rules=(_range_rule, _window_rule, _plant_rule),
 )

@@ -54,7 +54,7 @@ _ALL = (
         tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status', '/diagnostics'),
-        services=('~/reset',),
+        services=('~/load_model', '~/reset'),
         managed=True,
     ),
     NodeSheet(
@@ -65,7 +65,7 @@ _ALL = (
         tables.FEEDBACK,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(topics.VOLTAGE_COMMAND, '~/status', '/diagnostics'),
-        services=('~/reset',),
+        services=('~/load_model', '~/reset'),
         managed=True,
     ),
     NodeSheet(

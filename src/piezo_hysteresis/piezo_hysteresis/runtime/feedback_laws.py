@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -12,7 +13,9 @@ from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import Pid
 from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.runtime.laws import Law
+from piezo_hysteresis.runtime.plant import known_mode
 
 # Groups of parameters that shape the law of each method.
 _GROUPS: dict[str, tuple[str, ...]] = {
@@ -26,14 +29,18 @@ _GROUPS: dict[str, tuple[str, ...]] = {
 class FeedbackLaws:
     """Makes laws on the tracking error, see `LawMaker`."""
 
-    def build(self, values: Mapping[str, Any], dt: float) -> Law | None:
+    def build(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> Law | None:
         """Return the law of `values`; None for ``none``."""
         limits = Limits(values['limits.low'], values['limits.high'], values['limits.slew'])
         method = values['method']
         if method == 'none':
             return None
         if method == 'h_infinity':
-            return _h_infinity(_group(values, 'h_infinity.'), _plant(values), dt, limits)
+            return _h_infinity(
+                _group(values, 'h_infinity.'), _plant(values, dt, model), dt, limits
+            )
         gains = PidGains(**_group(values, 'pid.'))
         if method == 'pid':
             return Pid(gains, dt, limits=limits)
@@ -46,7 +53,13 @@ class FeedbackLaws:
         """Return whether `name` matters for the method in force."""
         return name == 'method' or name.startswith(_GROUPS[values['method']])
 
-    def adjust(self, law: Law | None, values: Mapping[str, Any], changed: Collection[str]) -> bool:
+    def adjust(
+        self,
+        law: Law | None,
+        values: Mapping[str, Any],
+        changed: Collection[str],
+        model: ModelFile | None = None,
+    ) -> bool:
         """Change the gains of a PID in place: its integral carries on."""
         if not isinstance(law, Pid) or not all(name.startswith('pid.') for name in changed):
             return False
@@ -61,7 +74,7 @@ def _group(values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
 Polynomials = tuple[tuple[float, ...], tuple[float, ...]]
 
 
-def _plant(values: Mapping[str, Any]) -> Polynomials:
+def _plant(values: Mapping[str, Any], dt: float, model: ModelFile | None) -> Polynomials:
     """Return numerator and denominator of the plant in s."""
     numerator, denominator = values['plant.numerator'], values['plant.denominator']
     if any(numerator) and any(denominator):
@@ -70,14 +83,14 @@ def _plant(values: Mapping[str, Any]) -> Polynomials:
         raise CompensationError(
             'plant.numerator and plant.denominator belong together; set both in one atomic call'
         )
-    omega = 6.283185307179586 * values['plant.natural_frequency']
-    if omega == 0.0:
+    mode = known_mode(values, dt, model)
+    if mode is None or mode.natural_frequency == 0.0:
         raise CompensationError(
-            'h_infinity needs a plant that falls off: give plant.natural_frequency, or a '
-            'numerator and denominator'
+            'h_infinity needs a plant that falls off: give a model_file with a mode, plant.gain '
+            'and plant.natural_frequency, or a numerator and denominator'
         )
-    damping = 2.0 * values['plant.damping_ratio'] * omega
-    return (values['plant.gain'] * omega**2,), (1.0, damping, omega**2)
+    omega = 2.0 * math.pi * mode.natural_frequency
+    return (mode.gain * omega**2,), (1.0, 2.0 * mode.damping_ratio * omega, omega**2)
 
 
 def _h_infinity(weights: dict[str, Any], plant: Polynomials, dt: float, limits: Limits) -> Law:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, Protocol
 
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.models import ModelFile
 
 
 class Law(Protocol):
@@ -24,8 +25,12 @@ class Law(Protocol):
 class LawMaker(Protocol):
     """Makes the law that the parameters of a node describe."""
 
-    def build(self, values: Mapping[str, Any], dt: float) -> Law | None:
+    def build(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> Law | None:
         """Return the law of the parameters `values` at ticks of `dt` [s]; None for none.
+
+        The plant is that of `plant.*` or, where ``plant.gain`` is 0, of the loaded `model`.
 
         Raises
         ------
@@ -36,5 +41,11 @@ class LawMaker(Protocol):
     def shapes(self, values: Mapping[str, Any], name: str) -> bool:
         """Return whether the parameter `name` shapes the law of `values` at all."""
 
-    def adjust(self, law: Law | None, values: Mapping[str, Any], changed: Collection[str]) -> bool:
+    def adjust(
+        self,
+        law: Law | None,
+        values: Mapping[str, Any],
+        changed: Collection[str],
+        model: ModelFile | None = None,
+    ) -> bool:
         """Change `law` to the `changed` of `values`; return False where it takes a new one."""

@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping
 from piezo_common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.runtime.watchdog import Watchdog
 
-# Counters that mean that a law has switched itself off.
+# Counters that are not 0 while a law has switched itself off.
 ALARMS = {
     'inverted_plant': 'the actuator answers with the opposite sign: check the sensor or amplifier',
     'diverged': 'the loop swings between its limits: lower the gains',
+    'faded_out': 'the correction made the error larger than it is without it: it has faded out '
+    'and tries again, see backed_off; check model_file or plant.gain and plant.natural_frequency',
 }
 
 _SENTENCES: dict[str, Finding] = {
@@ -31,6 +33,8 @@ _SENTENCES: dict[str, Finding] = {
     'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),
     'clamped_slopes': (Level.WARN, 'the model has no inverse here: its slope is clamped'),
     'frozen': (Level.WARN, 'the sensor repeats the same reading'),
+    'backed_off': (Level.ERROR, 'the correction made the error larger: it begins anew from 0'),
+    'reverted': (Level.WARN, 'a step of the correction made the error larger and was taken back'),
 }
 
 INACTIVE = 'inactive: passes the voltage on'

@@ -3,7 +3,9 @@
 In windows locked to the reference's phase, the error of each order, ``Re(E exp(j n phi))``, is
 found by least squares; the correction moves by ``step_size E / G``, and the change that follows
 refines G. A wrong sign, a resonance that has moved or a frequency that steps is thereby followed.
-An error that keeps growing makes the order start anew from 0.
+A step after which the error of a whole period is 2.5 times that of the window before is taken back
+at once, and until an observation has confirmed the gain further steps are a small share of it.
+An error that keeps growing makes the order start anew from 0, with the gain that was learned.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     solve_normal,
 )
 from piezo_hysteresis.compensation.harmonics.settings import (
+    FIRST_STEP,
     ORDERS,
     RESONANCE,
     SETTLE,
@@ -29,6 +32,7 @@ from piezo_hysteresis.compensation.harmonics.settings import (
     WITH_MEAN,
 )
 from piezo_hysteresis.compensation.harmonics.steering import (
+    CHANGED,
     ERROR,
     LINE_SIZE,
     MODELLED,
@@ -39,14 +43,16 @@ from piezo_hysteresis.compensation.harmonics.steering import (
     THETA,
     begin_line,
     believed,
+    doubt,
     harmonic_of,
     move,
 )
 from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.jit import jit, scratch
 
-# Share of the changes of all other lines that may show in one line.
-_COUPLING = 0.005
+# Share of the changes of all other lines that may show in one line; 1 to 7 % were seen in the loop
+# of a bimorph while its third harmonic was far off.
+_COUPLING = 0.03
 # Relative change of the frequency from one tick to the next that is a step, not a chirp.
 _FREQUENCY_STEP = 2e-3
 # Orders that are strong in the error of a hysteretic plant, and one that is where a plant is so
@@ -55,12 +61,26 @@ _FREQUENCY_STEP = 2e-3
 _STRONG = (1.0, 2.0, 3.0, 5.0, 7.0, 9.0)
 _STRONG_EVEN = 6.0
 _BESIDES = len(_STRONG) + 1
+# A step that multiplies the mean square error of a period by more than this is taken back. A full
+# step with the wrong sign makes 1.9^2 = 3.6 of it, is the clearest observation there is, and the
+# next step mends it.
+_HARM = 6.25
+# One that multiplies that of a window by less did no harm.
+_HARMLESS = 1.2
+# Fewest ticks that are compared.
+_FEWEST = 16.0
+# What becomes of the share of a step after one that is taken back, and after one that did no harm.
+_LESS, _MORE = 0.1, 3.0
+_LEAST_SHARE = 1e-4
 
 # Places in the memory: the window, its orders, what was counted, then the mean as a line, the
 # other lines, the orders that are fitted, the basis and the normal equations.
 _FREQUENCY, _TICKS, _SKIP, _LENGTH, _COUNT, _FITTED = range(6)
-WINDOWS, RESTARTS, BOUNDED = range(6, 9)
-_MEAN = 9
+WINDOWS, RESTARTS, BOUNDED, REVERTED = range(6, 10)
+# The share of a step while the gain is in doubt; mean square error [m^2] of the last window, 0 for
+# none; since the last step the sum of squares, its ticks and the turn it began with.
+_SHARE, _POWER, _SQUARES, _SQUARED, _TURN = range(10, 15)
+_MEAN = 15
 _LINES = _MEAN + LINE_SIZE
 
 
@@ -89,6 +109,7 @@ def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Forget every correction."""
     for k in range(memory.size):
         memory[k] = 0.0
+    memory[_SHARE] = p[FIRST_STEP]
     begin_line(memory[_MEAN:_LINES], 0.0)
 
 
@@ -106,6 +127,9 @@ def update(
         drop_window(frequency, False, memory, p, g, dt)
     memory[_FREQUENCY] = frequency
     memory[_TICKS] += 1.0
+    if harmful(error, phase, memory):
+        take_back(memory, p, g, dt)
+        return
     if memory[_TICKS] <= memory[_SKIP]:
         return
     first, fitted = fitted_at(p), int(memory[_FITTED])
@@ -119,6 +143,46 @@ def update(
     )
     if memory[_TICKS] >= memory[_SKIP] + memory[_LENGTH]:
         close_window(memory, p, g, dt)
+
+
+@jit
+def harmful(error: float, phase: float, memory: FloatArray) -> bool:
+    """Take one error; tell whether a period ended that is far worse than the window before."""
+    turn = math.floor(phase / (2.0 * math.pi))
+    if memory[_SQUARED] == 0.0:
+        memory[_TURN] = turn
+    ended = turn != memory[_TURN] and memory[_SQUARED] >= _FEWEST
+    worse = False
+    if ended:
+        power = memory[_SQUARES] / memory[_SQUARED]
+        worse = memory[_POWER] > 0.0 and power > _HARM * memory[_POWER]
+        memory[_SQUARES], memory[_SQUARED], memory[_TURN] = 0.0, 0.0, turn
+    memory[_SQUARES] += error * error
+    memory[_SQUARED] += 1.0
+    return worse
+
+
+@jit
+def take_back(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Take the last step of every line back, and measure again before the next one."""
+    memory[REVERTED] += 1.0
+    memory[_SHARE] = max(_LESS * memory[_SHARE], _LEAST_SHARE)
+    doubt(memory[_MEAN:_LINES])
+    for i in range(int(memory[_COUNT])):
+        doubt(memory[_LINES + LINE_SIZE * i : _LINES + LINE_SIZE * (i + 1)])
+    drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
+
+
+@jit
+def retreat(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+    """Put every correction to 0; the gains are kept, but are to be confirmed again."""
+    memory[_SHARE] = max(_LESS * memory[_SHARE], _LEAST_SHARE)
+    for i in range(-1, int(memory[_COUNT])):
+        line = memory[_MEAN + LINE_SIZE * (i + 1) : _MEAN + LINE_SIZE * (i + 2)]
+        line[THETA] = line[THETA + 1] = line[MOVED] = line[MOVED + 1] = 0.0
+        doubt(line)
+    if memory[_FREQUENCY] > 0.0:
+        drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
 @jit
@@ -164,7 +228,9 @@ def drop_window(
     fresh = memory[WINDOWS] == 0.0 and memory[_FREQUENCY] == 0.0
     settle = max(round(p[SETTLE] / dt), int(memory[_LENGTH]) // 2)
     memory[_SKIP] = 0.0 if fresh else settle
-    memory[_TICKS] = 0.0
+    memory[_TICKS] = memory[_SQUARES] = memory[_SQUARED] = 0.0
+    if not kept:
+        memory[_POWER] = 0.0
     choose_orders(frequency, memory, p, dt)
     reschedule(frequency, kept, memory, p, g, dt)
     m = 1 + 2 * int(memory[_FITTED])
@@ -231,7 +297,7 @@ def reschedule(
         gain = gain_at(folded(line[ORDER] * frequency, dt), g)
         line[MODELLED], line[MODELLED + 1] = gain.real, gain.imag
         if not kept:
-            line[RISES] = line[SEEN] = line[MOVED] = line[MOVED + 1] = 0.0
+            line[RISES] = line[SEEN] = line[MOVED] = line[MOVED + 1] = line[CHANGED] = 0.0
     memory[_MEAN + MODELLED] = gain_at(0.0, g).real
     memory[_MEAN + MODELLED + 1] = 0.0
 
@@ -248,6 +314,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
         drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
         return
     memory[WINDOWS] += 1.0
+    judge_window(normal[m * (m + 1) + m] / (memory[_TICKS] - memory[_SKIP]), memory)
     count = int(memory[_COUNT])
     with_mean = p[WITH_MEAN] > 0.0
     errors, changes = scratch((count + 1, 2)), scratch(count + 1)
@@ -270,12 +337,25 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
         at = _LINES + LINE_SIZE * i if i < count else _MEAN
         foreign = math.hypot(deviation, _COUPLING * (total - changes[i]))
         happened = move(
-            memory[at : at + LINE_SIZE], complex(errors[i, 0], errors[i, 1]), deviation, foreign, p
+            memory[at : at + LINE_SIZE],
+            complex(errors[i, 0], errors[i, 1]),
+            deviation,
+            foreign,
+            memory[_SHARE],
+            p,
         )
         memory[RESTARTS] += 1.0 if happened == 1 else 0.0
         memory[BOUNDED] += 1.0 if happened == 2 else 0.0
     memory[_MEAN + THETA + 1] = 0.0
     drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
+
+
+@jit
+def judge_window(power: float, memory: FloatArray) -> None:
+    """Take the mean square error [m^2] of a window: without harm the next steps may be larger."""
+    if 0.0 < power <= _HARMLESS * memory[_POWER]:
+        memory[_SHARE] = min(_MORE * memory[_SHARE], 1.0)
+    memory[_POWER] = power
 
 
 # --- what people ask -----------------------------------------------------------------------------
@@ -297,7 +377,7 @@ def gains(memory: FloatArray) -> dict[int, complex]:
 
 
 def counters(memory: FloatArray) -> dict[str, int]:
-    """Return windows evaluated and orders that were restarted or held at their bound."""
-    names = ('windows', 'restarts', 'bounded')
-    counts = memory[WINDOWS : BOUNDED + 1]
+    """Return windows evaluated, orders restarted or held at their bound, steps taken back."""
+    names = ('windows', 'restarts', 'bounded', 'reverted')
+    counts = memory[WINDOWS : REVERTED + 1]
     return {name: int(count) for name, count in zip(names, counts, strict=True)}

@@ -12,7 +12,21 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.compensation.harmonics import afc, filtered_rls, rls
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.settings import (
+    SETTLE,
+    WITH_MEAN,
+    AttenuationSettings,
+)
+from piezo_hysteresis.compensation.harmonics.supervision import (
+    GUARD_SIZE,
+    RESUME,
+    RETREAT,
+    fade,
+    forget_guard,
+    guard_counters,
+    learns,
+    supervise,
+)
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.sensor import (
     ACCELERATION,
@@ -38,9 +52,10 @@ __all__ = ['AttenuationSettings', 'Harmonic', 'HarmonicAttenuation']
 RAMP = 0.02
 
 # Places in the memory, behind that of the watch: the period of the reference, its largest
-# amplitude so far and that of the one before.
+# amplitude so far and that of the one before; then the memory of the supervision.
 _TURN, _LARGEST, _BEFORE = range(WATCH_SIZE, WATCH_SIZE + 3)
-OWN = WATCH_SIZE + 3  # where the memory of the law begins
+GUARD = WATCH_SIZE + 3
+OWN = GUARD + GUARD_SIZE  # where the memory of the law begins
 
 # Places in the settings of the link.
 DT, FROZEN = range(2)
@@ -65,6 +80,10 @@ class HarmonicLaw(NamedTuple):
         Takes what was seen of this window for a transient: nothing is to be learned from it.
     regain : callable
         Takes a new model of the plant gain.
+    retreat : callable
+        Puts every correction to 0, and keeps what was learned of the plant.
+    fading : bool
+        Whether it learns while it fades in: one that learns from what its own steps do cannot.
     harmonics, counters : callable
         What people ask; no kernels.
     """
@@ -75,6 +94,8 @@ class HarmonicLaw(NamedTuple):
     voltage: Callable[..., float]
     disturb: Callable[[FloatArray, FloatArray, FloatArray, float], None]
     regain: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    retreat: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    fading: bool
     harmonics: Callable[[FloatArray, FloatArray, FloatArray, float], list[Harmonic]]
     counters: Callable[[FloatArray], dict[str, int]]
 
@@ -82,7 +103,8 @@ class HarmonicLaw(NamedTuple):
 def _law(module: Any, size: Callable[[FloatArray], int]) -> HarmonicLaw:
     return HarmonicLaw(
         size, module.forget, module.update, module.voltage, module.disturb, module.regain,
-        module.harmonics, module.counters,
+        getattr(module, 'retreat', module.forget), module is not afc, module.harmonics,
+        module.counters,
     )  # fmt: skip
 
 
@@ -125,23 +147,38 @@ def forget_ramp(memory: FloatArray) -> None:
 def stepping(law: HarmonicLaw) -> Callable[..., float]:
     """Return the kernel of a link: ``step(point, read, received, memory, settings, p, g)``.
 
-    It answers `received` minus the correction [V].
+    It answers `received` minus the correction [V]; see `supervision` for its weight.
     """
-    update, voltage, disturb = law.update, law.voltage, law.disturb
+    update, voltage, disturb, retreat = law.update, law.voltage, law.disturb, law.retreat
+    fading = law.fading
 
     @jit
     def step(
         point: FloatArray, read: FloatArray, received: float, memory: FloatArray,
         settings: FloatArray, p: FloatArray, g: FloatArray,
     ) -> float:  # fmt: skip
-        dt, own = settings[DT], memory[OWN:]
-        if ramp_ended(point, memory):
+        dt, own, guard = settings[DT], memory[OWN:], memory[GUARD:OWN]
+        ramping = ramp_ended(point, memory)
+        if ramping:
             disturb(own, p, g, dt)
         place = partner_of(point, read, memory, settings[FROZEN])
         if place >= 0:
             error = read[READ_DISPLACEMENT] - memory[place + DISPLACEMENT]
-            update(error, memory[place + FREQUENCY], memory[place + PHASE], own, p, g, dt)
-        return received - voltage(point[FREQUENCY], point[PHASE], own, p, g, dt)
+            frequency, phase = memory[place + FREQUENCY], memory[place + PHASE]
+            asked = supervise(
+                error, frequency, phase, memory[_BEFORE], ramping, p[WITH_MEAN] > 0.0, p[SETTLE],
+                guard, dt,
+            )  # fmt: skip
+            if asked == RETREAT:
+                retreat(own, p, g, dt)
+            elif asked == RESUME:
+                disturb(own, p, g, dt)
+            if learns(guard, fading):
+                update(error, frequency, phase, own, p, g, dt)
+        weight = fade(guard, fading, dt)
+        if weight == 0.0:
+            return received
+        return received - weight * voltage(point[FREQUENCY], point[PHASE], own, p, g, dt)
 
     return step
 
@@ -204,11 +241,13 @@ class HarmonicAttenuation:
         self._law.regain(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
 
     def counters(self) -> dict[str, int]:
-        """Return what the law and the watch over the sensor counted."""
-        return {**self._law.counters(self.memory[OWN:]), **self._watch.counters()}
+        """Return what the law, its supervision and the watch over the sensor counted."""
+        own = self._law.counters(self.memory[OWN:])
+        return {**own, **guard_counters(self.memory[GUARD:OWN]), **self._watch.counters()}
 
     def reset(self) -> None:
         """Forget everything but the settings."""
         self._watch.reset()
         forget_ramp(self.memory)
+        forget_guard(self.memory[GUARD:OWN])
         self._law.forget(self.memory[OWN:], self.packed, self.packed_gain, self.dt)

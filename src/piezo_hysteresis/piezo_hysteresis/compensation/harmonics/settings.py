@@ -68,6 +68,14 @@ class AttenuationSettings:
     step_size: float = setting(
         0.9, 'afc: share of the error that one step removes.', '1', above=0.0, high=1.0
     )
+    first_step: float = setting(
+        1.0,
+        'afc: share of that step that an order takes until one observation has confirmed the gain '
+        'of the plant; 0.05 at most where nothing is known of the plant.',
+        '1',
+        above=0.0,
+        high=1.0,
+    )
     largest_step: float = setting(
         0.1, 'afc: bound on one step of an order.', 'V', above=0.0, high=500.0
     )
@@ -138,7 +146,7 @@ class AttenuationSettings:
             self.settle, self.span, self.step_size, self.largest_step, self.largest_correction,
             self.forgetting, self.gain, float(self.fit == 'recursion'),
             float(get_args(SignRule).index(self.sign_rule)), self.switch_frequency, self.resonance,
-            float(0 in self.orders),
+            float(0 in self.orders), self.first_step,
         ]  # fmt: skip
         return np.array([*own, *(order for order in self.orders if order > 0)], dtype=np.float64)
 
@@ -146,6 +154,6 @@ class AttenuationSettings:
 # Places in the packed settings.
 (
     SETTLE, SPAN, STEP_SIZE, LARGEST_STEP, LARGEST, FORGETTING, ERROR_GAIN, RECURSIVE, SIGN_RULE,
-    SWITCH, RESONANCE, WITH_MEAN, ORDERS,
-) = range(13)  # fmt: skip
+    SWITCH, RESONANCE, WITH_MEAN, FIRST_STEP, ORDERS,
+) = range(14)  # fmt: skip
 COMPUTED, PRINTED = 0.0, 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import math
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
@@ -14,16 +15,25 @@ _PRIOR = 0.1
 _MEMORY = 0.6
 # An observation, or an error, is clear where it stands so many deviations out of the noise.
 _SIGNIFICANCE = 4.0
-# The gain stays within this factor of the modelled magnitude; its phase is free.
-_GAIN_RANGE = 8.0
+# The gain stays within this factor of the modelled magnitude, so that no number overflows: beside
+# a resonance that was not modelled the true gain is 30 to 300 times it.
+_GAIN_RANGE = 1e4
+# A clear observation that differs from the estimate by more than this share of the larger one
+# replaces it: the mean of two gains of opposite sign is near 0, and a step is divided by it.
+_CONTRADICTION = 0.5
+_CLEAR = 0.9
+# Share of a change that dies out only after its window, of which the next change consists in part.
+_UNSETTLED = 0.1
 # So many windows of growth in a row, up to what the correction itself does, are divergence.
 _RISES = 3
 
 # Places in the memory of a line. Complex numbers take two: correction theta [V], last error [m],
 # gain as modelled [m/V] and the ratio by which the one that is believed differs, last move of
-# theta [V].
+# theta [V], whether a clear observation has confirmed the gain since it was last in doubt, and the
+# size of the last change of the error [m].
 ORDER, THETA, ERROR, MODELLED, RATIO, WEIGHT, MOVED, RISES, SEEN = 0, 1, 3, 5, 7, 9, 10, 12, 13
-LINE_SIZE = 14
+CONFIRMED, CHANGED = 14, 15
+LINE_SIZE = 16
 
 
 @jit
@@ -49,9 +59,15 @@ def observe(line: FloatArray, change: complex, clearness: float) -> None:
     if moved == 0.0 or modelled == 0.0:
         return
     seen = -change / moved / modelled
+    before = complex(line[RATIO], line[RATIO + 1])
     kept = _MEMORY * line[WEIGHT]
+    apart = abs(seen - before) > _CONTRADICTION * max(abs(seen), abs(before))
+    if clearness > _CLEAR:
+        line[CONFIRMED] = 1.0
+        if apart:
+            kept = 0.0
     line[WEIGHT] = kept + clearness
-    ratio = (kept * complex(line[RATIO], line[RATIO + 1]) + clearness * seen) / line[WEIGHT]
+    ratio = (kept * before + clearness * seen) / line[WEIGHT]
     size = abs(ratio)
     if size > 0.0:
         ratio *= min(max(size, 1.0 / _GAIN_RANGE), _GAIN_RANGE) / size
@@ -66,8 +82,21 @@ def clearness_of(size: float, deviation: float) -> float:
 
 
 @jit
-def move(line: FloatArray, error: complex, deviation: float, foreign: float, p: FloatArray) -> int:
+def doubt(line: FloatArray) -> None:
+    """Take the last step back; the gain is kept, but is to be confirmed again."""
+    for k in range(2):
+        line[THETA + k] -= line[MOVED + k]
+        line[MOVED + k] = 0.0
+    line[SEEN] = line[RISES] = line[CONFIRMED] = line[CHANGED] = 0.0
+
+
+@jit
+def move(
+    line: FloatArray, error: complex, deviation: float, foreign: float, share: float, p: FloatArray
+) -> int:
     """Refine the gain from what the last step did, then take the next step.
+
+    A line whose gain has not been confirmed takes only `share` of that step.
 
     Returns
     -------
@@ -81,17 +110,21 @@ def move(line: FloatArray, error: complex, deviation: float, foreign: float, p: 
     if seen:
         change = error - before_error
         expected = max(abs(change), abs(believed(line) * moved))
-        observe(line, change, clearness_of(expected, foreign))
+        unclear = math.hypot(foreign, _UNSETTLED * line[CHANGED])
+        observe(line, change, clearness_of(expected, unclear))
+        line[CHANGED] = abs(change)
     grown = seen and abs(error) > 1.1 * abs(before_error) + 3.0 * deviation
     line[RISES] = line[RISES] + 1.0 if grown else 0.0
     line[ERROR], line[ERROR + 1], line[SEEN] = error.real, error.imag, 1.0
     gain, happened = believed(line), 0
     if line[RISES] >= _RISES and abs(error) > 0.5 * abs(gain * theta):
         happened, theta = 1, complex(0.0, 0.0)
-        line[RISES], line[RATIO], line[RATIO + 1], line[WEIGHT] = 0.0, 1.0, 0.0, _PRIOR
+        line[RISES] = line[CONFIRMED] = 0.0
     elif gain != 0.0:
         # What may be noise is followed less, so that noise is not fed into the voltage.
         step = p[STEP_SIZE] * clearness_of(abs(error), deviation) * error / gain
+        if line[CONFIRMED] == 0.0:
+            step *= share
         size = abs(step)
         if size > p[LARGEST_STEP]:
             step *= p[LARGEST_STEP] / size

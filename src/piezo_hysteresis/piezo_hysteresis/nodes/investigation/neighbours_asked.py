@@ -22,7 +22,7 @@ PATIENCE = 30.0
 COMPILED_WITHIN = 120.0
 EXCITATION = 'excitation'
 # Who uses a model, in the order in which they are asked.
-USERS = ('feedforward', 'gap_monitor')
+USERS = ('feedforward', 'attenuation', 'feedback', 'gap_monitor')
 
 
 class Cancelled(PiezoError):

@@ -13,11 +13,14 @@ from piezo_common.table import ParameterTable, Value
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
+from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.runtime.laws import Law, LawMaker
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
+from piezo_interfaces.srv import LoadModel
 from piezo_ros_common.flat import nanoseconds_of_head
 from piezo_ros_common.qos import LOOP
 
@@ -53,8 +56,11 @@ class TrackingNode(LinkNode):
     ) -> None:
         super().__init__(name, table, output, topics.VOLTAGE_FEEDFORWARD)
         self._laws = laws
+        self._model: ModelFile | None = None
         self._report = None if report is None else report(self)
         try:
+            path = self.parameters.text('model_file')
+            self._model = ModelFile.load(path) if path else None
             self._install(self._built({}))
         except PiezoError as error:
             self.give_up(str(error))
@@ -66,6 +72,7 @@ class TrackingNode(LinkNode):
         if wired:
             self._subscribe()
         self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(LoadModel, '~/load_model', self._on_load_model)
         self.autostart()
 
     def _subscribe(self) -> None:
@@ -81,7 +88,7 @@ class TrackingNode(LinkNode):
         return CrossFade(self.dt, self.parameters.number('transition'))
 
     def _built(self, changes: dict[str, Value]) -> Law | None:
-        return self._laws.build({**self.parameters.values, **changes}, self.dt)
+        return self._laws.build({**self.parameters.values, **changes}, self.dt, self._model)
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the law and of the reference."""
@@ -105,8 +112,12 @@ class TrackingNode(LinkNode):
         """Take changed parameters over; a new law begins without a correction."""
         super().apply(changes)
         values = self.parameters.values
-        own = [name for name in changes if self._laws.shapes(values, name)]
-        if own and not self._laws.adjust(self.law, values, own):
+        self._reshape([name for name in changes if self._laws.shapes(values, name)])
+
+    def _reshape(self, changed: list[str]) -> None:
+        """Change the law, or make a new one, where the parameters `changed` shape it."""
+        values = self.parameters.values
+        if changed and not self._laws.adjust(self.law, values, changed, self._model):
             self._install(self._built({}))
             self.go_over()
 
@@ -227,4 +238,22 @@ class TrackingNode(LinkNode):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
         response.success, response.message = True, 'the correction starts anew'
+        return response
+
+    # --- the model of the plant ------------------------------------------------------------------
+
+    def _on_load_model(
+        self, request: LoadModel.Request, response: LoadModel.Response
+    ) -> LoadModel.Response:
+        before = self._model
+        try:
+            self._model = requested_model(request, self.parameters.text('model_folder'))
+            self._built({})
+            if self._laws.shapes(self.parameters.values, 'plant.gain'):
+                self._reshape(['plant.gain'])
+            name = self._model.model.name
+            response.success, response.message = True, f'takes the plant from {name} now'
+        except PiezoError as error:
+            self._model = before
+            response.success, response.message = False, str(error)
         return response

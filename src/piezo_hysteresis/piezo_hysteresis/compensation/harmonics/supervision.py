@@ -1,0 +1,193 @@
+"""Supervision of a correction: one that makes the error larger fades out and tries again later.
+
+The mean square of the error over whole periods is compared with that of a window without a
+correction. Where it stays above, the correction fades out and the error is measured without it.
+If it is smaller then, the correction did harm: it begins anew from 0 after a wait that doubles
+from failure to failure, and fades in more slowly each time where it learns meanwhile. If it is
+not, something else has made the error larger and the correction fades in again. The comparison is
+an experiment, so it needs no model of the plant and holds for every law.
+"""
+
+from __future__ import annotations
+
+import math
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.jit import jit
+
+# Shortest window, the time over which a correction fades, and by how much longer it takes to fade
+# in after each failure [s].
+_SPAN, _FADE, _SLOWER = 0.25, 0.2, 2.0
+# Wait after the first failure, doubled by each further one up to the longest [s].
+_WAIT, _LONGEST = 1.0, 60.0
+# Shortest time between two experiments that found no harm, doubled by each further one [s].
+_COOL = 2.0
+# Mean square error, as a multiple of that without a correction, that is suspicious in so many
+# windows in a row; that is suspicious at once; and that is so after the frequency has changed, for
+# which there is no measurement without a correction yet.
+_LARGER, _WINDOWS, _FAR, _STALE = 1.21, 6.0, 25.0, 4.0
+# The correction has done harm where it multiplied the mean square error by this.
+_HARM = 1.1
+# Below this share of the error without it a correction is a success: failures are forgotten.
+_SUCCESS = 0.25
+# Relative change of the frequency after which the measurement without a correction is stale.
+_CHANGE = 0.05
+
+RUNNING, MEASURING, WAITING = range(3)
+# What `supervise` asks of the law.
+NOTHING, RETREAT, RESUME = range(3)
+
+# Places in the memory: state; weight of the correction; mean square error without it [m^2], the
+# amplitude of the reference then [m], its frequency [Hz] and whether both still hold; the window:
+# sum of squares, sum, ticks, turn it began with; suspicious windows in a row; mean square error
+# before the experiment; failures and harmless experiments in a row; time that is left [s]; how
+# often a correction was faded out for good, and how many experiments there were.
+(
+    STATE, WEIGHT, BASE, SIZE, FREQUENCY, VALID, SQUARES, SUM, TICKS, TURN, RISES, BEFORE,
+    FAILURES, CHECKS, LEFT, BACKED_OFF, CHECKED,
+) = range(17)  # fmt: skip
+GUARD_SIZE = 17
+
+
+@jit
+def forget_guard(memory: FloatArray) -> None:
+    """Forget everything: the correction has its full weight."""
+    for k in range(GUARD_SIZE):
+        memory[k] = 0.0
+    memory[WEIGHT] = 1.0
+
+
+@jit
+def learns(memory: FloatArray, fading: bool) -> bool:
+    """Return whether the law may learn from the error: in full force, or while `fading` in too."""
+    return bool(memory[STATE] == RUNNING and (fading or memory[WEIGHT] == 1.0))
+
+
+@jit
+def fade(memory: FloatArray, fading: bool, dt: float) -> float:
+    """Take one tick; return the weight of the correction, 0..1.
+
+    A law that learns while `fading` in does so more slowly after each failure.
+    """
+    if memory[STATE] == RUNNING:
+        time = _FADE + (_SLOWER * memory[FAILURES] if fading else 0.0)
+        memory[WEIGHT] = min(memory[WEIGHT] + dt / time, 1.0)
+    else:
+        memory[WEIGHT] = max(memory[WEIGHT] - dt / _FADE, 0.0)
+    return float(memory[WEIGHT])
+
+
+@jit
+def empty_window(memory: FloatArray) -> None:
+    """Begin a window."""
+    memory[SQUARES] = memory[SUM] = memory[TICKS] = 0.0
+
+
+@jit
+def supervise(
+    error: float, frequency: float, phase: float, size: float, disturbed: bool, with_mean: bool,
+    settle: float, memory: FloatArray, dt: float,
+) -> int:  # fmt: skip
+    """Take the error of one tick.
+
+    Parameters
+    ----------
+    error : float
+        y - d [m].
+    frequency, phase, size : float
+        Of the reference: [Hz], accumulated [rad], amplitude [m].
+    disturbed : bool
+        Whether the reference is changing its amplitude.
+    with_mean : bool
+        Whether the mean of the error is what the law takes off, too.
+    settle : float
+        Wait until the error has settled without the correction [s].
+    memory : ndarray, shape (GUARD_SIZE,)
+        What is remembered.
+    dt : float
+        Sampling interval [s].
+
+    Returns
+    -------
+    int
+        `RETREAT` where the law is to begin anew from 0 with what it has learned, `RESUME` where it
+        goes on after a pause, else `NOTHING`.
+    """
+    if memory[STATE] == RUNNING:
+        memory[LEFT] = max(memory[LEFT] - dt, 0.0)
+        if memory[WEIGHT] < 1.0:
+            empty_window(memory)
+            return RESUME
+    elif memory[WEIGHT] > 0.0:
+        memory[LEFT] = max(memory[LEFT], settle)
+        return NOTHING
+    elif memory[LEFT] > 0.0:
+        memory[LEFT] -= dt
+        empty_window(memory)
+        return NOTHING
+    if frequency <= 0.0 or size <= 0.0 or disturbed:
+        empty_window(memory)
+        return NOTHING
+    turn = math.floor(phase / (2.0 * math.pi))
+    if memory[TICKS] == 0.0:
+        memory[TURN] = turn
+    answer = NOTHING
+    if turn != memory[TURN] and memory[TICKS] * dt >= _SPAN:
+        mean = memory[SUM] / memory[TICKS]
+        power = memory[SQUARES] / memory[TICKS] - (0.0 if with_mean else mean * mean)
+        empty_window(memory)
+        memory[TURN] = turn
+        answer = judge(power, frequency, size, memory)
+    memory[SQUARES] += error * error
+    memory[SUM] += error
+    memory[TICKS] += 1.0
+    return answer
+
+
+@jit
+def judge(power: float, frequency: float, size: float, memory: FloatArray) -> int:
+    """Take the mean square error [m^2] of a window and decide."""
+    if memory[STATE] != RUNNING or memory[BASE] == 0.0:
+        memory[BASE], memory[SIZE], memory[FREQUENCY] = power, size, frequency
+        memory[VALID], memory[RISES] = 1.0, 0.0
+    elif judged_larger(power, frequency, size, memory):
+        memory[STATE], memory[BEFORE] = MEASURING, power
+        memory[CHECKED] += 1.0
+        return NOTHING
+    if memory[STATE] == MEASURING:
+        if memory[BEFORE] > _HARM * power:
+            memory[LEFT] = min(_WAIT * 2.0 ** memory[FAILURES], _LONGEST)
+            memory[FAILURES] += 1.0
+            memory[BACKED_OFF] += 1.0
+            memory[STATE] = WAITING
+            return RETREAT
+        memory[LEFT] = min(_COOL * 2.0 ** memory[CHECKS], _LONGEST)
+        memory[CHECKS] += 1.0
+    memory[STATE] = RUNNING
+    return NOTHING
+
+
+@jit
+def judged_larger(power: float, frequency: float, size: float, memory: FloatArray) -> bool:
+    """Return whether the error [m^2] is so much larger than without a correction to be tested."""
+    if abs(frequency - memory[FREQUENCY]) > _CHANGE * memory[FREQUENCY]:
+        memory[VALID] = 0.0
+    larger = size / memory[SIZE]
+    base = memory[BASE] * max(1.0, larger * larger)
+    if power < _SUCCESS * base:
+        memory[FAILURES] = memory[CHECKS] = 0.0
+    bound = (_LARGER if memory[VALID] > 0.0 else _STALE) * base
+    # More error than there is reference is suspicious, whatever the measurement without it was.
+    suspicious = power > min(bound, max(0.5 * size * size, base))
+    memory[RISES] = memory[RISES] + 1.0 if suspicious else 0.0
+    far = memory[RISES] >= _WINDOWS or power > _FAR * base
+    return bool(far and memory[LEFT] == 0.0)
+
+
+def guard_counters(memory: FloatArray) -> dict[str, int]:
+    """Return how often the correction backed off, was put to the test, and whether it is off."""
+    return {
+        'backed_off': int(memory[BACKED_OFF]),
+        'tested': int(memory[CHECKED]),
+        'faded_out': int(memory[STATE] == WAITING),
+    }
