@@ -14,7 +14,7 @@ _SENTENCES: dict[str, Finding] = {
     'missed': (Level.WARN, 'ticks had no command: the voltage before was held'),
     'overruns': (Level.WARN, 'ticks were late themselves: the machine is too slow'),
     'stamp_jumps': (Level.WARN, 'time stamps of commands jump: only their numbers count'),
-    'slew_limited': (Level.WARN, 'commands jump: they are slowed down to command_slew'),
+    'slew_limited': (Level.WARN, 'commands jump or come late: they are slowed down to the slew'),
 }
 
 

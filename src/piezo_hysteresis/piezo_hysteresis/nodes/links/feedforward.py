@@ -102,7 +102,7 @@ class Feedforward(LinkNode):
         self.stamps.true_time(sample, nanoseconds_of_head(head))
         if sample <= newest:
             self._inversion.forget()
-            self.begin_anew()
+            self.begin_anew(sample)
         self._follow_model()
         voltage = self._inversion.voltage(point)
         if voltage is None:
