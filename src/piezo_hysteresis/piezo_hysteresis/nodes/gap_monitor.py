@@ -50,7 +50,7 @@ class GapMonitorNode(Node):
         self._params = NodeParameters(self, GAP_MONITOR)
         self._params.serve(self._apply)
         self._stamps = StampValidator(1.0 / self._params.number('rate'))
-        self._model_parameters = ModelParameters(self._params)
+        self._model_parameters = ModelParameters(self, self._params, self._take)
         self._message = Gap()
         self._publisher = self.create_publisher(Gap, topics.GAP, LATCHED)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
@@ -62,16 +62,14 @@ class GapMonitorNode(Node):
         try:
             if path:
                 self._model_parameters.load(ModelFile.load(path))
-            self._follow_model()
+            self._model_parameters.follow()
         except PiezoError as error:
             self.get_logger().fatal(str(error))
             raise SystemExit(2) from None
 
-    def _follow_model(self) -> None:
-        loaded = self._model_parameters.take()
-        if loaded is not None:
-            self._loaded = loaded
-            self._new_monitor()
+    def _take(self, loaded: ModelFile) -> None:
+        self._loaded = loaded
+        self._new_monitor()
 
     def _new_monitor(self) -> None:
         if self._loaded is None:
@@ -99,10 +97,6 @@ class GapMonitorNode(Node):
         if not (math.isfinite(message.voltage) and math.isfinite(message.displacement)):
             self._refused += 1
             return
-        try:
-            self._follow_model()
-        except PiezoError as error:
-            self.get_logger().error(f'{error} (the model before stays in force)')
         if self._monitor is None:
             return
         report = self._monitor.add(message.voltage, message.displacement)
@@ -149,7 +143,6 @@ class GapMonitorNode(Node):
         try:
             loaded = requested_model(request, self._params.text('model_folder'))
             self._model_parameters.load(loaded)
-            self._follow_model()
             response.success, response.message = True, f'comparing with {loaded.model.name} now'
         except PiezoError as error:
             response.success, response.message = False, str(error)

@@ -54,7 +54,7 @@ class Feedforward(LinkNode):
         self._inversion = Inversion(
             self.dt, self.limits(), value('start'), value('transition'), law
         )
-        self._model_parameters = ModelParameters(self.parameters)
+        self._model_parameters = ModelParameters(self, self.parameters, self._take, self._refusal)
         self._load_at_start(self.parameters.text('model_file'))
         if wired:
             self.create_subscription(
@@ -103,7 +103,6 @@ class Feedforward(LinkNode):
         if sample <= newest:
             self._inversion.forget()
             self.begin_anew(sample)
-        self._follow_model()
         voltage = self._inversion.voltage(point)
         if voltage is None:
             voltage = point.displacement / self._gain
@@ -135,17 +134,14 @@ class Feedforward(LinkNode):
         try:
             if path:
                 self._model_parameters.load(ModelFile.load(path))
-            self._take(self._model_parameters.take())
+            self._model_parameters.follow()
         except PiezoError as error:
             self.give_up(str(error))
 
-    def _follow_model(self) -> None:
-        try:
-            self._take(self._model_parameters.take())
-        except PiezoError as error:
-            self.get_logger().error(f'{error} (the model before stays in force)')
+    def _refusal(self, loaded: ModelFile) -> str:
+        return self._inversion.refusal(self.parameters.text('law'), loaded)
 
-    def _take(self, loaded: ModelFile | None) -> None:
+    def _take(self, loaded: ModelFile) -> None:
         """Invert `loaded` from now on.
 
         Raises
@@ -153,36 +149,18 @@ class Feedforward(LinkNode):
         PiezoError
             If it cannot be inverted; the old one then stays.
         """
-        if loaded is None or not self._inversion.take(loaded):
+        if not self._inversion.take(loaded):
             return
         self.go_over()
         chain = ', '.join(loaded.model.block_names)
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
-
-    def load(self, loaded: ModelFile) -> None:
-        """Make `loaded` the model; on any error the one before stays, in the parameters too.
-
-        Raises
-        ------
-        PiezoError
-            If it cannot be inverted.
-        """
-        before = self._inversion.loaded
-        try:
-            self._model_parameters.load(loaded)
-            self._take(self._model_parameters.take())
-        except PiezoError:
-            if before is not None:
-                self._model_parameters.load(before)
-                self._model_parameters.take()
-            raise
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response
     ) -> LoadModel.Response:
         try:
             loaded = requested_model(request, self.parameters.text('model_folder'))
-            self.load(loaded)
+            self._model_parameters.load(loaded)
             response.success, response.message = True, f'inverts {loaded.model.name} now'
         except PiezoError as error:
             response.success, response.message = False, str(error)
@@ -206,7 +184,7 @@ class Feedforward(LinkNode):
 
     def _use(self, message: ModelEstimate) -> str:
         try:
-            self.load(model_from(message))
+            self._model_parameters.load(model_from(message))
         except PiezoError as error:
             return f'model/estimate cannot be used: {error}'
         return ''
