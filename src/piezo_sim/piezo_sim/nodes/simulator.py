@@ -207,7 +207,8 @@ class Simulator(Node):
         if self._lock_step and self._waiting_since is not None:
             silent = min(time.monotonic() - self._waiting_since, self._neighbours.quiet())
             waited = silent if silent > self._params.number('lock_step_deadline') else 0.0
-        return self._health.judge(self._book, self._tick, self._plant.fault, waited)
+        remark = self._plant.idle_effects
+        return self._health.judge(self._book, self._tick, self._plant.fault, waited, remark)
 
     def _publish_status(self) -> None:
         now = time.monotonic()
@@ -264,6 +265,8 @@ class Simulator(Node):
 
     def _apply_plant(self, changes: dict[str, Value]) -> None:
         self._plant.set_parameters(_for_plant(changes, self._plant))
+        if remark := self._plant.idle_effects:
+            self.get_logger().warning(remark)
         before = (self._book.low, self._book.high)
         self._book.low, self._book.high = command_range(self._plant)
         if before != (self._book.low, self._book.high):
