@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
+from math import isfinite
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -94,7 +94,7 @@ class GapMonitorNode(Node):
         self._stamps.true_time(message.sample, nanoseconds_of(message.header.stamp))
         if message.sample < newest and self._monitor is not None:
             self._monitor.reset()
-        if not (math.isfinite(message.voltage) and math.isfinite(message.displacement)):
+        if not (isfinite(message.voltage) and isfinite(message.displacement)):
             self._refused += 1
             return
         if self._monitor is None:
@@ -131,11 +131,10 @@ class GapMonitorNode(Node):
             return judge(findings, 'no model is loaded: call ~/load_model', counts)
         if report is None:
             return judge(findings, 'waits for the first window', counts)
-        fine = f'the model is {report.floors:.3g} noise floors away'
-        if report.beyond_floor:
-            message = f'{fine}; it looks like {report.family}: record a sweep and run discover'
-            findings.append((Level.WARN, message))
-        return judge(findings, fine, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
+        said = report.words
+        if report.beyond_floor and report.share >= self._params.number('advise_from'):
+            findings.append((Level.WARN, f'{said}; {report.advice}'))
+        return judge(findings, said, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response

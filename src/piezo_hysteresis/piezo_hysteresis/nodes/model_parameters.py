@@ -96,10 +96,12 @@ class ModelParameters:
             If the node cannot use it; the one before stays, in the parameters too.
         """
         self._write(loaded)
-        self.follow()
+        self.follow(loaded)
 
-    def follow(self) -> None:
+    def follow(self, given: ModelFile | None = None) -> None:
         """Use the model that the parameters describe, where they have changed.
+
+        A model that was given as a whole is used as it is: parameters hold its values only.
 
         Raises
         ------
@@ -113,6 +115,8 @@ class ModelParameters:
             return
         try:
             loaded = self._described({})
+            if given is not None and given.values == loaded.values:
+                loaded = given
             self._use(loaded)
         except PiezoError:
             if self._used is not None:
