@@ -79,20 +79,21 @@ def refuses_and_ramps(listener: Listener, step: float, ramp: float) -> None:
     listener.until(lambda: states and publisher.get_subscription_count() > 0)
     ticks = 0
 
-    def command(voltage: float, ready: Callable[[], bool]) -> None:
+    def command(voltage: float, often: int, ready: Callable[[], bool] = bool) -> None:
+        first = ticks
+
         def again() -> bool:
             nonlocal ticks
             ticks += 1
             publisher.publish(VoltageCommand(sample=ticks, voltage=voltage))
-            return ready()
+            return ticks > first + often or ready()
 
         listener.until(again)
 
-    command(1.0, lambda: states[-1].voltage == 1.0)
+    command(1.0, 10_000, lambda: states[-1].voltage == 1.0)
     begin = len(states)
     for wrong in (math.nan, math.inf, -math.inf):
-        sent = ticks
-        command(wrong, lambda n=sent: ticks > n + 20)
+        command(wrong, 20)
     listener.until(lambda: states[-1].voltage == 0.0)
     samples = np.array([state.sample for state in states])
     voltage = np.array([state.voltage for state in states])

@@ -133,7 +133,7 @@ class Feedforward(LinkNode):
     def _load_at_start(self, path: str) -> None:
         try:
             if path:
-                self._model_parameters.load(ModelFile.load(path))
+                self.load(ModelFile.load(path))
             self._model_parameters.follow()
         except PiezoError as error:
             self.give_up(str(error))
@@ -155,12 +155,22 @@ class Feedforward(LinkNode):
         chain = ', '.join(loaded.model.block_names)
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
 
+    def load(self, loaded: ModelFile) -> None:
+        """Make `loaded` the model; on any error the one before stays, in the parameters too.
+
+        Raises
+        ------
+        PiezoError
+            If it cannot be inverted.
+        """
+        self._model_parameters.load(loaded)
+
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response
     ) -> LoadModel.Response:
         try:
             loaded = requested_model(request, self.parameters.text('model_folder'))
-            self._model_parameters.load(loaded)
+            self.load(loaded)
             response.success, response.message = True, f'inverts {loaded.model.name} now'
         except PiezoError as error:
             response.success, response.message = False, str(error)
@@ -184,7 +194,7 @@ class Feedforward(LinkNode):
 
     def _use(self, message: ModelEstimate) -> str:
         try:
-            self._model_parameters.load(model_from(message))
+            self.load(model_from(message))
         except PiezoError as error:
             return f'model/estimate cannot be used: {error}'
         return ''
