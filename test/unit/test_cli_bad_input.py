@@ -101,6 +101,7 @@ BAD = [
     ('compensate', f'{SINE} --low nan', 'limits nan .. 1.2 V are not finite'),
     ('compensate', f'{SINE} --low 2 --high 1', 'limits are empty'),
     ('compensate', f'{SINE} --slew nan', 'slew limit must be positive'),
+    ('compensate', f'{SINE} --slew inf', 'slew limit must be positive and finite'),
 ]  # fmt: skip
 
 

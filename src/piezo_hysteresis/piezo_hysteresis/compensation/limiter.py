@@ -72,10 +72,10 @@ def require_limits(limits: Limits) -> None:
     """
     if reason := range_refusal(limits.low, limits.high):
         raise CompensationError(reason)
-    if not limits.slew > 0:
+    if not 0.0 < limits.slew < math.inf:
         raise CompensationError(
-            f'the slew limit must be positive, got {limits.slew:g} V/s; give the largest '
-            'change that the amplifier follows'
+            f'the slew limit must be positive and finite, got {limits.slew:g} V/s; give the '
+            'largest change that the amplifier follows'
         )
 
 
