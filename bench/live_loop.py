@@ -105,7 +105,6 @@ class Loop:
         own: dict[str, dict[str, object]] = {
             'simulator': {
                 'clock': s.clock,
-                'command_slew': s.slew,
                 'ramp': 0.25 * s.slew,
                 'command_timeout': s.patience,
                 'amplifier.range_low': s.low,

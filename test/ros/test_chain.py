@@ -173,6 +173,21 @@ def test_a_model_that_cannot_be_inverted_is_refused(chain: Chain, change, words:
     chain.smooth(50, share=0.0)
 
 
+def test_the_parameters_show_the_model_that_is_in_force(chain: Chain) -> None:
+    def shown() -> float:
+        return float(chain.listener.get_parameter('feedforward', 'model.A1'))
+
+    assert 'A1' in chain.listener.set_one('feedforward', 'model.A1', 0.0)
+    assert shown() == MODEL['A1']
+    # together with others, as a file sets them, it is judged once all are set
+    together = {'model.name': 'other', 'model.A1': 0.0}
+    assert all(r.successful for r in chain.listener.set_parameters('feedforward', together))
+    chain.listener.until(lambda: shown() == MODEL['A1'])
+    assert 'in use' in chain.listener.set_one('feedforward', 'model.chain', [''])
+    chain.run(50)
+    chain.smooth(50, share=0.0)
+
+
 def test_paths_of_models_stay_inside_the_folder(chain: Chain) -> None:
     for path in ('/etc/hostname', '../../x.yaml'):
         request = LoadModel.Request(path=path)
@@ -285,7 +300,7 @@ def test_an_inactive_link_passes_the_voltage_and_comes_back(chain: Chain) -> Non
 
 def test_limits_bind_and_belong_together(chain: Chain) -> None:
     reason = chain.listener.set_one('feedforward', 'limits.low', 2.0)
-    assert 'limits.low must stay below' in reason
+    assert 'low = 2 V is not below' in reason
     parameters = [
         Parameter(f'limits.{name}', value=value)
         for name, value in {'low': -0.3, 'high': 0.3, 'slew': 20.0}.items()

@@ -66,7 +66,8 @@ def test_the_security_policy_allows_what_every_node_does(campaign: Campaign) -> 
 
     assert wait_until(all_are_known, 60.0)
     profiles = {p.attrib['node']: p for p in Xml.parse(POLICY).getroot().iter('profile')}
-    between = {'/' + topics.VOLTAGE_ATTENUATED}  # the campaign remaps, the policy does not
+    attenuated = '/' + topics.VOLTAGE_ATTENUATED
+    between = {attenuated, topics.slew_of(attenuated)}  # the campaign remaps, the policy does not
     for name in NODES:
         profile = profiles[name]
         said = {n for n, _ in graph.get_publisher_names_and_types_by_node(name, '/')}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +17,15 @@ from rclpy.action import ActionClient
 
 from piezo_common.stamps import nanoseconds_of
 from piezo_interfaces.action import RunSweep
-from piezo_interfaces.msg import ActuatorState, RecordMarker
+from piezo_interfaces.msg import ActuatorState, RecordMarker, VoltageCommand
 from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'hardware.md'
+TUTORIAL = PAGE.parent / 'tutorials' / 'driver.md'
+SLEW, RAMP = 200.0, 1.0  # of the drivers there: at most, and without commands [V/s]
 
 
 def run_a_sweep(listener: Listener) -> list[RecordMarker]:
@@ -41,22 +46,72 @@ def run_a_sweep(listener: Listener) -> list[RecordMarker]:
     return markers
 
 
+def start_driver(
+    page: Path, folder: Path, processes: NodeProcesses, listener: Listener
+) -> subprocess.Popen[bytes]:
+    """Run the first Python block of a page as it stands there."""
+    code = re.search(r'```python\n(.*?)```', page.read_text(), re.DOTALL)
+    assert code
+    (folder / 'driver.py').write_text(code.group(1))
+    listener.listen(ActuatorState, 'actuator/state')
+    words = [sys.executable, str(folder / 'driver.py')]
+    return subprocess.Popen(words, env=processes.environment, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize(
+    ('page', 'rate'), [(PAGE, 1000.0), (TUTORIAL, 500.0)], ids=['page', 'tutorial']
+)
+def test_a_driver_refuses_what_is_no_number_and_turns_every_jump_into_a_ramp(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path, page: Path, rate: float
+) -> None:
+    driver = start_driver(page, tmp_path, processes, listener)
+    try:
+        refuses_and_ramps(listener, SLEW / rate, RAMP / rate)
+    finally:
+        driver.send_signal(signal.SIGINT)
+        driver.wait(10)
+
+
+def refuses_and_ramps(listener: Listener, step: float, ramp: float) -> None:
+    """Command a jump, then what is no number, then nothing."""
+    states = listener.heard['actuator/state']
+    publisher = listener.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
+    listener.until(lambda: states and publisher.get_subscription_count() > 0)
+    ticks = 0
+
+    def command(voltage: float, often: int, ready: Callable[[], bool] = bool) -> None:
+        first = ticks
+
+        def again() -> bool:
+            nonlocal ticks
+            ticks += 1
+            publisher.publish(VoltageCommand(sample=ticks, voltage=voltage))
+            return ticks > first + often or ready()
+
+        listener.until(again)
+
+    command(1.0, 10_000, lambda: states[-1].voltage == 1.0)
+    begin = len(states)
+    for wrong in (math.nan, math.inf, -math.inf):
+        command(wrong, 20)
+    listener.until(lambda: states[-1].voltage == 0.0)
+    samples = np.array([state.sample for state in states])
+    voltage = np.array([state.voltage for state in states])
+    assert np.all(np.isfinite(voltage))
+    change = np.diff(voltage) / np.diff(samples)
+    assert np.max(np.abs(change)) <= step * (1.0 + 1e-9)
+    assert -ramp * (1.0 + 1e-9) <= change[begin:].min() < 0.0
+    assert change[begin:].max() <= 0.0
+
+
 def test_the_driver_of_the_page_serves_an_excitation(
     processes: NodeProcesses, listener: Listener, tmp_path: Path
 ) -> None:
-    code = re.search(r'```python\n(.*?)```', PAGE.read_text(), re.DOTALL)
-    assert code
-    (tmp_path / 'driver.py').write_text(code.group(1))
-    listener.listen(ActuatorState, 'actuator/state')
-    driver = subprocess.Popen(
-        [sys.executable, str(tmp_path / 'driver.py')],
-        env=processes.environment,
-        stderr=subprocess.DEVNULL,
-    )
+    driver = start_driver(PAGE, tmp_path, processes, listener)
     try:
         settings = {'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 3.0, 'ramp': 0.1}
-        processes.start('piezo_hysteresis', 'excitation', settings)
         states = listener.heard['actuator/state']
+        processes.start('piezo_hysteresis', 'excitation', settings)
         listener.until(lambda: any(abs(s.voltage) == 1.2 for s in states), 60.0)
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)
@@ -77,6 +132,7 @@ def test_the_driver_of_the_page_serves_an_excitation(
     assert np.max(np.abs(voltage)) == 1.2  # the driver's own limit
     samples = np.array([state.sample for state in states])
     assert np.all(np.diff(samples) >= 1)
+    assert np.max(np.abs(np.diff(voltage)) / np.diff(samples)) <= SLEW / 1000.0 * (1.0 + 1e-9)
     # displacement of tick k answers the voltage of tick k - 1
     next_to = np.diff(samples) == 1
     displacement = np.array([state.displacement for state in states])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ from listening import Listener
 from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal
 from piezo_hysteresis.records import load
+from piezo_interfaces.msg import VoltageCommand
 from piezo_ros_common.processes import NodeProcesses
 
 pytestmark = pytest.mark.ros
@@ -54,10 +58,20 @@ def test_a_budget_that_is_spent_leaves_the_actuator_at_rest_and_a_larger_one_goe
     processes: NodeProcesses, listener: Listener, tmp_path: Path
 ) -> None:
     bench = Bench(processes, listener, write_model(tmp_path))
+    commands = listener.listen(VoltageCommand, 'voltage/command')
+    for wrong in ((0.3, -0.3), (-0.3, nan), (0.0, -0.3), (-30.0, 30.0)):
+        refused = bench.ended(bench.ask([], low=wrong[0], high=wrong[1]))
+        assert refused.status == GoalStatus.STATUS_ABORTED
+        assert 'the voltage limits' in refused.result.message
+    verb = [sys.executable, '-m', 'piezo_hysteresis', 'investigate', '--low=-0.3']
+    told = subprocess.run(verb, env=processes.environment, capture_output=True, text=True)
+    assert told.returncode == 2
+    assert 'highest voltage is not given' in told.stderr
     refused = bench.ended(bench.ask([], budget=0.5))
     assert refused.status == GoalStatus.STATUS_ABORTED
     assert 'allow more seconds' in refused.result.message
     assert not (tmp_path / 'out').exists()
+    assert commands == []  # nothing has moved
 
     feedback: list[Any] = []
     spent = bench.ended(bench.ask(feedback, budget=2.0)).result

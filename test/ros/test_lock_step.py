@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 from listening import Listener
@@ -19,7 +21,7 @@ from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.tables import ATTENUATION
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate
-from piezo_ros_common.processes import NodeProcesses
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
 from piezo_sim.plant import Plant
 
 pytestmark = pytest.mark.ros
@@ -111,3 +113,42 @@ def test_processes_give_the_numbers_of_the_offline_loop(
     assert known.pop('offset') == 0.0  # of the named model; no column stands for it
     assert known == pytest.approx(rls.estimate().parameters(), rel=1e-12)
     assert np.max(np.abs(voltage)) > 0.3
+
+
+def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
+    processes: NodeProcesses, listener: Listener
+) -> None:
+    slew, per_tick = {'limits.slew': 60.0}, 60.0 / RATE
+    settings: dict[str, tuple[str, dict[str, object]]] = {
+        'simulator': ('piezo_sim', {'clock': 'lock_step', 'wait_for': 3}),
+        'feedforward': ('piezo_hysteresis', slew),
+        'attenuation': ('piezo_hysteresis', {**slew, **MODE}),
+        'excitation': (
+            'piezo_hysteresis',
+            {'mode': 'reference', 'frequency': 7.0, 'reference.amplitude': 1e-4, 'ramp': 0.2},
+        ),
+    }
+
+    def start(name: str) -> NodeProcess:
+        package, words = settings[name]
+        return processes.start(package, name, words)
+
+    states = listener.listen(ActuatorState, 'actuator/state')
+    running = {name: start(name) for name in settings}
+    listener.until(lambda: states and states[-1].sample > 700)
+    for name in ('attenuation', 'simulator', 'attenuation', 'attenuation'):
+        running[name].signal(signal.SIGKILL)
+        processes.forget(running[name])
+        listener.serve(0.3)  # nothing moves
+        last, stood = states[-1].voltage, states[-1].sample
+        begin = len(states)
+        running[name] = start(name)
+        listener.until(lambda n=begin: len(states) > n + 500)
+        if name == 'simulator':
+            assert states[begin].sample == 0
+            last = 0.0  # where a fresh actuator rests
+        else:
+            assert states[begin].sample == stood + 1
+        applied = np.array([last, *(state.voltage for state in states[begin:])])
+        assert np.max(np.abs(np.diff(applied))) <= per_tick * (1.0 + 1e-9)
+        assert np.ptp(applied) > 0.3

@@ -32,9 +32,9 @@ class Loop:
         self.health = listener.watch_health()
         self.states = listener.listen(ActuatorState, 'actuator/state')
         rate = {'rate': RATE}
-        slew = {'command_slew': SLEW, 'ramp': 5.0}
+        ramp = {'ramp': 5.0}  # no command_slew: the links tell theirs
         drive = {'mode': 'reference', 'frequency': 1.0, 'reference.amplitude': 5e-5}
-        processes.start('piezo_sim', 'simulator', {**rate, **slew, 'command_timeout': 0.5})
+        processes.start('piezo_sim', 'simulator', {**rate, **ramp, 'command_timeout': 0.5})
         processes.start('piezo_hysteresis', 'excitation', {**rate, **drive, 'deadline': 3600.0})
         self.links = self.start_links()
         self.moves()
@@ -84,6 +84,22 @@ def test_controllers_in_one_process_die_and_come_back(loop: Loop) -> None:
     loop.listener.says(loop.health, 'simulator', DiagnosticStatus.ERROR, 'no commands')
     loop.listener.until(lambda: loop.states[-1].voltage == 0.0)
     loop.links = loop.start_links()
+    loop.moves()
+    loop.safe()
+
+
+def test_commands_that_come_late_move_nothing_faster_than_the_slew_of_the_links(
+    loop: Loop,
+) -> None:
+    before = len(loop.states)
+    for _ in range(8):
+        loop.links.signal(signal.SIGSTOP)
+        loop.listener.serve(0.09)  # shorter than any watchdog
+        loop.links.signal(signal.SIGCONT)
+        loop.listener.serve(0.12)
+    voltage = np.array([state.voltage for state in loop.states[before:]])
+    # held meanwhile, so that what comes after would be a jump
+    assert np.count_nonzero(np.diff(voltage) == 0.0) > 8 * 10
     loop.moves()
     loop.safe()
 

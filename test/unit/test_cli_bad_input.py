@@ -98,9 +98,10 @@ BAD = [
     ('compensate', f'{SINE} --from-seconds nan', '--from-seconds must be 0 or more'),
     ('compensate', f'{SINE} --resonance -3', '--resonance must be 0 or more'),
     ('compensate', f'{SINE} --rate 0', 'rate must be positive'),
-    ('compensate', f'{SINE} --low nan', 'limits must be finite'),
+    ('compensate', f'{SINE} --low nan', 'limits nan .. 1.2 V are not finite'),
     ('compensate', f'{SINE} --low 2 --high 1', 'limits are empty'),
     ('compensate', f'{SINE} --slew nan', 'slew limit must be positive'),
+    ('compensate', f'{SINE} --slew inf', 'slew limit must be positive and finite'),
 ]  # fmt: skip
 
 

@@ -177,6 +177,17 @@ def test_a_token_is_asked_of_everybody(serve):
     assert ask(server, '/', Cookie=f'{shown[:-1]}x')[0] == 401
 
 
+def test_no_log_holds_what_stands_behind_an_address(serve, caplog):
+    server = serve(token=TOKEN)
+    with caplog.at_level('DEBUG'):
+        for path in ('/', '/reports/one/report.html', '/nowhere'):
+            for host in ('127.0.0.1', 'rebound.example'):
+                ask(server, f'{path}?token={TOKEN}', host)
+        ask(server, f'/?token={TOKEN}x')
+    assert '403 GET /' in caplog.text
+    assert TOKEN not in caplog.text
+
+
 @pytest.mark.parametrize(
     ('more', 'says'),
     [

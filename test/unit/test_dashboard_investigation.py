@@ -49,7 +49,10 @@ def test_the_button_asks_with_limits_and_budget():
 
 def test_an_impossible_range_is_told_and_not_asked():
     orders = []
-    assert 'below the lowest' in asked(orders, low=2.0, high=1.0)
+    assert 'is not below' in asked(orders, low=2.0, high=1.0)
+    assert 'highest voltage is not given' in asked(orders, low=-2.0)
+    assert 'lowest voltage is not given' in asked(orders, high=2.0)
+    assert 'not finite' in asked(orders, low=float('nan'), high=2.0)
     assert orders == []
 
 

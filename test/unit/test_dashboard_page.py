@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -73,6 +74,15 @@ def test_numbers_are_said_in_micrometres_and_floors():
     assert 'resonance' in words
     assert 'at 3×' in words
     assert 'No gap monitor' in gap_words([], False)
+    mean = Gap(0.0, 4.1e-6, 2e-8, 205.0, 23.0, (0, 1), (4e-6, 1e-7), True, 'drift or an offset')
+    words = gap_words([mean], True, stroke=200e-6, untracked=0.05e-6)
+    assert '4.1 µm rms' in words
+    assert '2 % of the motion' in words
+    assert 'most of it in the mean' in words
+    assert 'Tracking does not suffer' in words
+    assert 'suffer' not in gap_words([mean], True, stroke=200e-6, untracked=3e-6)
+    known = dataclasses.replace(mean, beyond=False)
+    assert 'no more than the model is known to miss' in gap_words([known], True)
     estimate = ShownEstimate(
         0.0, 'classical', 'rls', '', ('A', 'f'), ('m/V', 'Hz'), (1.2e-4, 68.0), (1e-7, 0.0),
         1e-8, math.nan, True,

@@ -9,7 +9,7 @@ from dashboard_fakes import live_at
 
 from piezo_hysteresis.dashboard.controls import ParameterState
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, LogLine, NodeState
+from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, LogLine, NodeState
 from piezo_hysteresis.dashboard.wellbeing import MUTE, banner, overall, pulse
 from piezo_hysteresis.dashboard.words import (
     LOG_SHOWN,
@@ -55,6 +55,14 @@ def test_the_light_is_that_of_the_worst_node_and_names_it(level):
     live.nodes['attenuation'] = NodeState('attenuation', False, 100.0)
     assert overall(live).level == 'ok'  # a node that has gone is told of by the banner
     assert 'attenuation' in banner(live)
+
+
+def test_a_gap_that_the_correction_makes_up_for_alarms_nobody():
+    live = running([100.0], gap_monitor=('warning', 'record a sweep and run discover'))
+    live.gaps.append(Gap(100.0, 6e-6, 1e-8, 600.0, 23.0, (0,), (6e-6,), True, 'drift'))
+    assert overall(live, (5e-6, 8e-5)).level == 'warning'
+    assert overall(live, (5e-8, 8e-5)).level == 'ok'
+    assert overall(live).level == 'warning'  # nothing is tracked
 
 
 def test_a_node_that_says_nothing_any_more_does_not_count_as_fine():

@@ -9,6 +9,7 @@ import pytest
 
 from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport, family_of, fundamental
 from piezo_hysteresis.models import ModelFile, Provenance, named
+from piezo_hysteresis.models.discrepancy import Condition, Discrepancy
 from piezo_sim.plant import Plant
 
 RATE = 1000.0
@@ -16,10 +17,15 @@ FLOOR = 2e-8
 TRUE = {'A1': 1.4e-4, 'A': 6.3e-5, 'beta': 1.2, 'gamma': 0.3, 'offset': 0.0}
 
 
-def run(effects: Mapping[str, float | bool], seconds: float = 4.0) -> list[GapReport]:
+def run(
+    effects: Mapping[str, float | bool], seconds: float = 4.0, known: Discrepancy | None = None
+) -> list[GapReport]:
     model = named('classical')
     loaded = ModelFile(
-        model, {**model.defaults(), **TRUE}, provenance=Provenance(noise_floor=FLOOR)
+        model,
+        {**model.defaults(), **TRUE},
+        discrepancy=known,
+        provenance=Provenance(noise_floor=FLOOR),
     )
     monitor = GapMonitor(loaded, 1.0 / RATE, 0.0, 500)
     plant = Plant.from_preset('generic_bouc_wen', rate=RATE, seed=2, overrides=effects)
@@ -68,6 +74,25 @@ def test_a_missing_effect_is_far_off_and_its_family_named(effect: str, word: str
     assert word in last.family
 
 
+def test_what_the_model_is_known_to_miss_is_no_gap_and_more_than_that_is() -> None:
+    delayed = {'effects.transport_delay': True}
+    before = run(delayed)[-1]
+    assert before.beyond_floor
+    stroke = before.rms / before.share
+    harmonics = dict(zip(before.orders, before.sizes, strict=True))
+    known = Discrepancy(True, (Condition(7.0, 1.0, stroke, before.rms, FLOOR, harmonics),))
+    same = run(delayed, known=known)[-1]
+    assert same.floors == before.floors
+    assert not same.beyond_floor
+    assert same.family == ''
+    assert 'no more than it is known to miss' in same.words
+    more = run({**delayed, 'effects.electrostriction': True}, known=known)[-1]
+    assert more.beyond_floor
+    assert more.family.startswith('electrostriction')
+    assert f'{more.rms / before.rms:.2g} times what it is known to miss' in more.words
+    assert f'{100 * more.share:.2g} % of the motion' in more.words
+
+
 def test_one_window_beyond_the_floor_is_no_alarm() -> None:
     model = named('classical')
     loaded = ModelFile(model, {**model.defaults(), **TRUE})
@@ -88,4 +113,12 @@ def test_the_fundamental_of_a_drive() -> None:
 
 def test_families_follow_the_harmonics() -> None:
     assert 'drift' in family_of([0, 1, 2], [1e-6, 0.0, 0.0], 1e-6, FLOOR)
+    mostly_mean = family_of([0, 1, 3], [4e-6, 3e-7, 6e-7], 4.1e-6, FLOOR)
+    assert 'offset' in mostly_mean
+    assert 'resonance' not in mostly_mean
+    # a square law has a mean beside its second harmonic, of twice the power
+    assert 'electrostriction' in family_of([0, 1, 2], [2e-6, 1e-7, 1.4e-6], 2.5e-6, FLOOR)
+    assert 'resonance' in family_of([0, 1, 3], [1e-7, 1e-6, 6e-7], 1.2e-6, FLOOR)
+    # what is known of the third harmonic tells nothing
+    assert 'creep' in family_of([0, 1, 3], [1e-7, 1e-6, 6e-7], 1.2e-6, FLOOR, {3: 6e-7})
     assert 'hum' in family_of([0, 1, 2], [0.0, 0.0, 0.0], 1e-6, FLOOR)

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
+from piezo_common.ranges import range_refusal
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError, known_range
+from piezo_hysteresis.investigation.limits import (
+    ExperimentLimits,
+    InvestigationError,
+    granted_range,
+    known_range,
+)
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record
@@ -94,7 +100,39 @@ def test_the_usual_range_is_what_the_model_was_judged_on(model):
     assert known_range(0.0, 150.0, model) == (0.0, 2.0 * known)
 
 
-@pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (float('nan'), 1.0)])
+NAN, INF = float('nan'), float('inf')
+NO_RANGES = [
+    (0.3, -0.3),
+    (-0.3, NAN),
+    (NAN, 0.3),
+    (-INF, INF),
+    (0.0, -0.3),
+    (0.3, 0.0),
+    (1.0, 1.0),
+]
+
+
+@pytest.mark.parametrize(('low', 'high'), NO_RANGES)
+def test_limits_that_are_given_are_kept_or_refused(low, high, model):
+    assert range_refusal(low, high)
+    with pytest.raises(InvestigationError, match='voltage limits'):
+        granted_range((low, high), (-1.0, 1.0), model)
+
+
+def test_one_limit_alone_is_refused_and_none_is_what_is_known(model):
+    assert 'highest voltage is not given' in range_refusal(-0.3, None)
+    assert 'lowest voltage is not given' in range_refusal(None, 0.3)
+    assert range_refusal(None, None) == range_refusal(-0.3, 0.3) == ''
+    assert granted_range((-0.3, 0.2), (-1.0, 1.0), model) == (-0.3, 0.2)
+    assert granted_range((-3.0, 0.2), (0.0, 0.0), model) == (-3.0, 0.2)
+    assert granted_range((0.0, 0.0), (-0.5, 1.0), model) == known_range(-0.5, 1.0, model)
+    with pytest.raises(InvestigationError, match=r'exceed the -1 \.\. 1 V'):
+        granted_range((-3.0, 0.2), (-1.0, 1.0), model)
+    with pytest.raises(InvestigationError, match='does not say'):
+        granted_range((0.0, 0.0), (0.0, 0.0), model)
+
+
+@pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (NAN, 1.0)])
 def test_a_range_without_rest_is_refused(low, high):
     with pytest.raises(InvestigationError):
         ExperimentLimits(low, high)

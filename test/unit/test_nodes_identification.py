@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -231,6 +233,13 @@ def test_an_estimate_settles() -> None:
     course, _ = swept('rls_ud', 3.0)
     assert not course.settled(course.method.estimate())
     assert course.settled(course.method.estimate())
+
+
+def test_an_estimate_whose_free_run_is_no_model_has_not_settled() -> None:
+    course, displacement = swept('rls_ud', 3.0)
+    for free_run, settled in ((0.0, False), (0.0, True), (6e-4, False), (math.nan, False)):
+        assert course.settled(course.method.estimate(), free_run) is settled
+    assert course.settled(course.method.estimate(), 0.5 * float(np.std(displacement)))
 
 
 def test_forgetting_zero_is_that_of_the_method() -> None:

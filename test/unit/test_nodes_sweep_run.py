@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.runtime.confirmation import Progress, Taken
-from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
+from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, Kept, Pause, SweepRun, kept_message
 
 RATE = 1000.0
@@ -281,3 +281,11 @@ def test_samples_without_a_gap_are_known_by_their_ends() -> None:
     taken.marker(78, kept=False)
     hear()
     assert (known.taken, known.marked, known.edge) == (5, 1, 77)
+
+
+def test_a_drive_out_of_range_is_told_what_would_fit():
+    said = narrowed(-48.0, 48.0, 0.0, 100.0)
+    assert 'offset of 50 V (options "{offset: 50}"' in said
+    assert 'smaller amplitude' in narrowed(-80.0, 80.0, 0.0, 100.0)
+    shifted = Sweep([5.0], [48.0], 0.5, 1000.0, options=parse_options('{offset: 50}'))
+    assert 0.0 <= shifted.extremes[0] < shifted.extremes[1] <= 100.0

@@ -273,3 +273,21 @@ def test_the_manual_names_every_effect_preset_fault_and_waveform():
     words = [row.name for row in Plant().effect_table]
     words += [*preset_names(), *FAULTS, *(kind for kind in KINDS if 'composite' not in kind)]
     assert [word for word in words if word not in text] == []
+
+
+@pytest.mark.parametrize(
+    'effect', ['friction', 'contact', 'stiffness', 'restoring_hysteresis', 'amplitude_damping']
+)
+def test_an_effect_without_effect_says_so(effect):
+    overrides = {'effects.resonance': False, 'effects.noise': False, f'effects.{effect}': True}
+    plant = Plant.from_preset('generic_bouc_wen', overrides=overrides)
+    assert f'effects.{effect} without effect' in plant.idle_effects
+    _, command = sine(9.0, seconds=0.3)
+    answered = plant.run(command)
+    plant = Plant.from_preset(
+        'generic_bouc_wen', overrides={**overrides, f'effects.{effect}': False}
+    )
+    assert plant.idle_effects == ''
+    np.testing.assert_array_equal(plant.run(command), answered)
+    plant.set_parameters({f'effects.{effect}': True, 'effects.resonance': True})
+    assert plant.idle_effects == ''

@@ -86,6 +86,8 @@ def _sweep(options: argparse.Namespace) -> int:
     for spec in specs:
         if options.warm_up is not None:
             spec.setdefault('warm_up', options.warm_up)
+    if remark := plant.idle_effects:
+        print(f'warning: {remark}', file=sys.stderr)
     started = time.perf_counter()
     records = simulate(
         options.preset, specs, overrides, options.seed, options.rate,

@@ -204,7 +204,5 @@ def _derive_modes(d: Any, v: Mapping[str, float]) -> float:
             d['propagator'][i] = propagators(omega, zeta, d['step'])
     d['static_share'] = 0.0 if modes[0][0] > 0.0 else modes[0][2] * compliance
     d['dynamic'] = bool(np.any(d['active']))
-    bends = ('structure.cubic', 'structure.quadratic_damping', 'structure.pump_depth')
-    forces = (*bends, 'friction.coulomb', 'restoring.share', 'contact.stiffness')
-    d['nonlinear'] = bool(d['active'][0]) and any(v[name] != 0.0 for name in forces)
+    d['nonlinear'] = bool(d['active'][0]) and any(v[name] != 0.0 for name in structure.FORCES)
     return max((float(d['omega'][i]) for i in range(structure.MODES) if d['active'][i]), default=0)

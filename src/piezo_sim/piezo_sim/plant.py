@@ -13,7 +13,7 @@ import numpy.typing as npt
 from piezo_sim import derive
 from piezo_sim.errors import PlantError
 from piezo_sim.layout import EFFECTS, PARAMETERS, STATE_TYPE
-from piezo_sim.parts import chain
+from piezo_sim.parts import chain, structure
 from piezo_sim.presets import Preset, load_preset
 from piezo_sim.table import PlantEffect, PlantParameter
 
@@ -220,6 +220,24 @@ class Plant:
     def effects(self) -> dict[str, bool]:
         """Which effects are on."""
         return dict(self._switches)
+
+    @property
+    def idle_effects(self) -> str:
+        """Which effects are on and change nothing, and what to do; empty where none is."""
+        if self._derived['active'][0][0]:
+            return ''
+        idle = [
+            f'effects.{effect.name}'
+            for effect in EFFECTS
+            if self._switches[effect.name]
+            and any(name in structure.FORCES and self._values[name] for name in effect.neutral)
+        ]
+        if not idle:
+            return ''
+        return (
+            f'{" and ".join(idle)} without effect: the first mode, on which such a force acts, is '
+            'off; switch effects.resonance on'
+        )
 
     def switch(self, effect: str, on: bool = True) -> None:
         """Switch one effect on or off."""

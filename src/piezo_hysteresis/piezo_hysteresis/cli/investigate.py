@@ -14,6 +14,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from piezo_common.ranges import range_refusal
 from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
@@ -28,9 +29,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('--model', metavar='YAML', help='model in use; without it that of the discovery node')
     add('--out', metavar='DIR', default='investigation', help="below the node's folder")
-    add('--low', type=float, default=0.0, metavar='V', help='lowest voltage')
+    add('--low', type=float, metavar='V', help='lowest voltage, given with --high')
     add(
-        '--high', type=float, default=0.0, metavar='V',
+        '--high', type=float, metavar='V',
         help='highest voltage; without both what the actuator takes and the model was judged on',
     )  # fmt: skip
     add('--slew', type=float, default=0.0, metavar='V/S', help='fastest change of the voltage')
@@ -53,6 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Investigate, or repeat an investigation."""
     if arguments.replay:
         return _replay(Path(arguments.replay), arguments.workers)
+    if reason := range_refusal(arguments.low, arguments.high):
+        raise PiezoError(reason)
     text = ''
     if arguments.model:
         from piezo_hysteresis.models import ModelFile
@@ -63,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
     goal = goal_of(
         model_yaml=text,
         out=arguments.out,
-        low=arguments.low,
-        high=arguments.high,
+        low=arguments.low or 0.0,  # both 0 for neither
+        high=arguments.high or 0.0,
         slew=arguments.slew,
         frequency=arguments.max_frequency,
         stroke=1e-6 * arguments.stroke,

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from piezo_common.ranges import range_refusal
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits, largest_change, packed_energy
@@ -69,17 +70,12 @@ def require_limits(limits: Limits) -> None:
     CompensationError
         If the range is empty, the slew not positive, or any of them not finite.
     """
-    if not (math.isfinite(limits.low) and math.isfinite(limits.high)):
-        raise CompensationError('the voltage limits must be finite; give low and high in V')
-    if not limits.low < limits.high:
+    if reason := range_refusal(limits.low, limits.high):
+        raise CompensationError(reason)
+    if not 0.0 < limits.slew < math.inf:
         raise CompensationError(
-            f'the voltage limits are empty: low = {limits.low:g} V is not below '
-            f'high = {limits.high:g} V; exchange or widen them'
-        )
-    if not limits.slew > 0:
-        raise CompensationError(
-            f'the slew limit must be positive, got {limits.slew:g} V/s; give the largest '
-            'change that the amplifier follows'
+            f'the slew limit must be positive and finite, got {limits.slew:g} V/s; give the '
+            'largest change that the amplifier follows'
         )
 
 

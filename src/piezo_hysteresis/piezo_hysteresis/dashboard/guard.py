@@ -47,6 +47,7 @@ class GuardedApplication(BokehTornado):
 
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
         """Return what answers a request; every one, a WebSocket's too, comes through here."""
+        request.uri = request.path  # what is logged of it; a token may stand behind
         refusal = self._access.refusal(request.headers)
         if refusal is None and self._shows_token(request):
             cookie = f'{self._access.cookie}={self._access.proof}; HttpOnly; SameSite=Lax; Path=/'

@@ -8,6 +8,7 @@ from typing import Any
 
 from bokeh.models import Column, ColumnDataSource, Legend, LegendItem, NumericInput, Range1d, Row
 
+from piezo_common.ranges import range_refusal
 from piezo_hysteresis.dashboard.axes import live_axes
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
 from piezo_hysteresis.dashboard.forms import JobBox
@@ -50,13 +51,13 @@ class InvestigationForm:
         )  # fmt: skip
 
     def _start(self) -> None:
-        low, high = float(self._low.value or 0.0), float(self._high.value or 0.0)
-        if high < low:
-            raise PiezoError('the highest voltage is below the lowest: change one of them')
+        low, high = self._low.value, self._high.value
+        if reason := range_refusal(low, high):
+            raise PiezoError(reason)
         slew, budget = float(self._slew.value or 0.0), float(self._budget.value or 0.0)
         if slew < 0.0 or budget < 0.0:
             raise PiezoError('neither the speed nor the budget can be below 0')
-        self._order(InvestigationOrder(low, high, slew, budget, self._next_name()))
+        self._order(InvestigationOrder(low or 0.0, high or 0.0, slew, budget, self._next_name()))
 
     def refresh(
         self, job: BackgroundJob, beliefs: Sequence[ShownBelief], offered: bool, now: float

@@ -32,9 +32,9 @@ class Gap:
     orders, harmonics : tuple
         Rms at each harmonic order [m].
     beyond : bool
-        Whether it is significantly above the floor.
+        Whether it is significantly above the floor and what the model is known to miss.
     family : str
-        Effect that it looks like.
+        Effects that such a gap comes of.
     """
 
     at: float

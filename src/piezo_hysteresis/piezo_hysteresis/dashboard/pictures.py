@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
 from bokeh.models import Div, RadioButtonGroup, Row, Select, Toggle
 
 from piezo_hysteresis.dashboard.live import Live
@@ -39,6 +41,7 @@ class Pictures:
         self._seconds = 2.0
         self._drawn = (-1, 0.0)
         self.tracking = NOTHING  # rms of the error and of the reference [m]
+        self._stroke = math.nan  # range of the displacement [m]
         self._tracking = words_div('tracking')
         self._gap_words = words_div('gap_words')
         self._estimates = words_div('estimates')
@@ -107,13 +110,16 @@ class Pictures:
                 self._tell_tracking(window, scene.fundamental)
 
     def _tell_tracking(self, window: Window, fundamental: float) -> None:
+        moved = window.displacement[np.isfinite(window.displacement)]
+        self._stroke = float(np.ptp(moved)) if moved.size else math.nan
         self.tracking = error_rms(window, fundamental) if window.tracked else NOTHING
         say(self._tracking, tracking_words(*self.tracking))
 
     def _slow_words(self, live: Live) -> None:
         gaps, estimates = list(live.gaps), list(live.estimates)
         parameters = live.parameters
-        say(self._gap_words, gap_words(gaps, 'gap_monitor' in parameters, live.actuator))
+        monitored, error = 'gap_monitor' in parameters, self.tracking[0]
+        say(self._gap_words, gap_words(gaps, monitored, live.actuator, self._stroke, error))
         known = 'identification' in parameters
         say(self._estimates, estimate_words(estimates, known, live.actuator))
         if not self._hold.active:

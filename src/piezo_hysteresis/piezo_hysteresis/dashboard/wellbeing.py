@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass
 from html import escape
 
-from piezo_hysteresis.dashboard.live import SILENCE, Live, NodeState
+from piezo_hysteresis.dashboard.live import SILENCE, Gap, Live, NodeState
 
 GONE_SHOWN = 600.0  # a node that left is told of for so long [s]
 UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is not followed
+CORRECTED = 0.1  # tracking error, in parts of the gap, below which a correction takes it off
 MUTE = 5.0  # a node that has not said how it is for so long does not count as fine [s]
 
 # What a link says of its input, which is no fault while nobody sends any.
@@ -61,6 +62,11 @@ def of_node(live: Live, node: NodeState) -> Wellbeing:
     return Wellbeing(health.level, health.text)
 
 
+def corrected(gap: Gap, error: float) -> bool:
+    """Return whether the loop tracks far better [m] than its model predicts."""
+    return error < CORRECTED * gap.rms
+
+
 def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> Wellbeing:
     """Return the worst of all nodes and of the tracking.
 
@@ -80,7 +86,8 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
         found.append(Wellbeing('error', f'the reference is not followed: error {share:.0f} %'))
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
         state = of_node(live, node)
-        if node.present and state.level != 'ok':
+        mends = node.name == 'gap_monitor' and live.gaps and corrected(live.gaps[-1], error)
+        if node.present and state.level != 'ok' and not mends:
             found.append(Wellbeing(state.level, f'{node.name}: {state.text}'))
     found.sort(key=lambda each: each.level != 'error')
     return Wellbeing(found[0].level if found else 'ok', '; '.join(each.text for each in found))

@@ -12,7 +12,7 @@ from bokeh.models import Div
 from piezo_hysteresis.dashboard.counted import COUNTED
 from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, Live, ShownEstimate
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.dashboard.wellbeing import ago, of_node
+from piezo_hysteresis.dashboard.wellbeing import ago, corrected, of_node
 from piezo_hysteresis.reporting.units import clock, micrometres, shown, time_left, with_deviation
 
 # What was logged is shown for so long [s].
@@ -41,8 +41,14 @@ def start_words(what: str, node: str, actuator: str, *settings: str) -> str:
     )
 
 
-def gap_words(gaps: Sequence[Gap], monitored: bool, actuator: str = '') -> str:
-    """Return what the newest gap means."""
+def gap_words(
+    gaps: Sequence[Gap],
+    monitored: bool,
+    actuator: str = '',
+    stroke: float = math.nan,
+    untracked: float = math.nan,
+) -> str:
+    """Return what the newest gap means, beside the range of motion and the tracking error [m]."""
     if not gaps:
         if monitored:
             return (
@@ -53,15 +59,18 @@ def gap_words(gaps: Sequence[Gap], monitored: bool, actuator: str = '') -> str:
             'No gap monitor is running.', 'gap_monitor', actuator, 'model_file:=MODEL.yaml'
         )
     gap = gaps[-1]
-    text = f'Gap <b>{gap.floors:.3g} noise floors</b> ({micrometres(gap.rms)} µm rms)'
-    if gap.beyond:
-        text += f', looks like <b>{escape(gap.family or "nothing known")}</b>'
-    else:
-        text += ', nothing beyond the noise'
+    share = f'{100 * gap.rms / stroke:.2g} % of the motion, ' if stroke > 0.0 else ''
+    text = f'Gap <b>{micrometres(gap.rms)} µm rms</b> ({share}{gap.floors:.3g} noise floors)'
+    if not gap.beyond:
+        return f'<p>{text}, no more than the model is known to miss.</p>'
+    text += f', such as comes of <b>{escape(gap.family or "nothing known")}</b>'
     sizes = [(s, o) for o, s in zip(gap.orders, gap.harmonics, strict=False) if math.isfinite(s)]
-    if gap.beyond and sizes:
+    if sizes:
         size, order = max(sizes)
-        text += f'; most of it at {order}× ({micrometres(size)} µm)'
+        where = f'at {order}× the drive' if order else 'in the mean'
+        text += f'; most of it {where} ({micrometres(size)} µm)'
+    if corrected(gap, untracked):
+        text += '. Tracking does not suffer: the correction makes up for it'
     return f'<p>{text}.</p>'
 
 

@@ -7,6 +7,7 @@ from math import inf, isfinite
 
 import numpy as np
 
+from piezo_common.ranges import range_refusal
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
@@ -51,13 +52,13 @@ class ExperimentLimits:
     heat: float = inf
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.low) and isfinite(self.high) and self.low <= 0.0 <= self.high):
+        if reason := range_refusal(self.low, self.high):
+            raise InvestigationError(reason)
+        if not self.low <= 0.0 <= self.high:
             raise InvestigationError(
-                f'the voltages {self.low:g} .. {self.high:g} V lack 0 V, where the actuator '
-                'rests: give a range that does'
+                f'the voltage limits {self.low:g} .. {self.high:g} V exclude 0 V, where the '
+                'actuator rests: include it'
             )
-        if not self.high > self.low:
-            raise InvestigationError('the range of voltages is empty: give --low and --high')
         for name in ('slew', 'frequency', 'stroke', 'heat'):
             if not getattr(self, name) > 0.0:
                 raise InvestigationError(f'the limit {name} must be above 0')
@@ -97,6 +98,42 @@ class ExperimentLimits:
     def parse(cls, content: dict[str, float | None]) -> ExperimentLimits:
         """Return limits from what `to_dict` made."""
         return cls(**{k: inf if v is None else float(v) for k, v in content.items()})
+
+
+def granted_range(
+    asked: tuple[float, float], taken: tuple[float, float], model: ModelFile
+) -> tuple[float, float]:
+    """Return the limits of an investigation [V]: those that were asked for, kept as they are.
+
+    Parameters
+    ----------
+    asked : tuple of float
+        Of the goal; both 0, which are no range, where none are given: then those within which
+        the model was judged.
+    taken : tuple of float
+        Which voltages the actuator takes; both 0 where it does not say.
+    model : ModelFile
+        In use.
+
+    Raises
+    ------
+    InvestigationError
+        If they are no range, exceed what the actuator takes, or nobody gives any.
+    """
+    if asked == (0.0, 0.0):
+        asked = known_range(*taken, model) if taken[0] < taken[1] else taken
+        if not asked[0] < asked[1]:
+            raise InvestigationError(
+                'the actuator does not say which voltages it takes: give low and high'
+            )
+    if reason := range_refusal(*asked):
+        raise InvestigationError(reason)
+    if taken[0] < taken[1] and not taken[0] <= asked[0] < asked[1] <= taken[1]:
+        raise InvestigationError(
+            f'the voltage limits {asked[0]:g} .. {asked[1]:g} V exceed the '
+            f'{taken[0]:g} .. {taken[1]:g} V that the actuator takes: narrow them'
+        )
+    return asked
 
 
 def known_range(low: float, high: float, model: ModelFile) -> tuple[float, float]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
+from math import isfinite
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -50,7 +50,7 @@ class GapMonitorNode(Node):
         self._params = NodeParameters(self, GAP_MONITOR)
         self._params.serve(self._apply)
         self._stamps = StampValidator(1.0 / self._params.number('rate'))
-        self._model_parameters = ModelParameters(self._params)
+        self._model_parameters = ModelParameters(self, self._params, self._take)
         self._message = Gap()
         self._publisher = self.create_publisher(Gap, topics.GAP, LATCHED)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
@@ -62,16 +62,14 @@ class GapMonitorNode(Node):
         try:
             if path:
                 self._model_parameters.load(ModelFile.load(path))
-            self._follow_model()
+            self._model_parameters.follow()
         except PiezoError as error:
             self.get_logger().fatal(str(error))
             raise SystemExit(2) from None
 
-    def _follow_model(self) -> None:
-        loaded = self._model_parameters.take()
-        if loaded is not None:
-            self._loaded = loaded
-            self._new_monitor()
+    def _take(self, loaded: ModelFile) -> None:
+        self._loaded = loaded
+        self._new_monitor()
 
     def _new_monitor(self) -> None:
         if self._loaded is None:
@@ -96,13 +94,9 @@ class GapMonitorNode(Node):
         self._stamps.true_time(message.sample, nanoseconds_of(message.header.stamp))
         if message.sample < newest and self._monitor is not None:
             self._monitor.reset()
-        if not (math.isfinite(message.voltage) and math.isfinite(message.displacement)):
+        if not (isfinite(message.voltage) and isfinite(message.displacement)):
             self._refused += 1
             return
-        try:
-            self._follow_model()
-        except PiezoError as error:
-            self.get_logger().error(f'{error} (the model before stays in force)')
         if self._monitor is None:
             return
         report = self._monitor.add(message.voltage, message.displacement)
@@ -137,11 +131,10 @@ class GapMonitorNode(Node):
             return judge(findings, 'no model is loaded: call ~/load_model', counts)
         if report is None:
             return judge(findings, 'waits for the first window', counts)
-        fine = f'the model is {report.floors:.3g} noise floors away'
-        if report.beyond_floor:
-            message = f'{fine}; it looks like {report.family}: record a sweep and run discover'
-            findings.append((Level.WARN, message))
-        return judge(findings, fine, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
+        said = report.words
+        if report.beyond_floor and report.share >= self._params.number('advise_from'):
+            findings.append((Level.WARN, f'{said}; {report.advice}'))
+        return judge(findings, said, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response
@@ -149,7 +142,6 @@ class GapMonitorNode(Node):
         try:
             loaded = requested_model(request, self._params.text('model_folder'))
             self._model_parameters.load(loaded)
-            self._follow_model()
             response.success, response.message = True, f'comparing with {loaded.model.name} now'
         except PiezoError as error:
             response.success, response.message = False, str(error)

@@ -132,7 +132,7 @@ class IdentificationNode(Node):
         message.method = self._params.text('method')
         estimate_into(estimate, self._course.model(estimate), message)
         message.free_run_rms = self._course.free_run_rms(estimate)
-        message.converged = self._course.settled(estimate)
+        message.converged = self._course.settled(estimate, message.free_run_rms)
         self._publisher.publish(message)
 
     def _refuse(self, changes: dict[str, Value]) -> str:

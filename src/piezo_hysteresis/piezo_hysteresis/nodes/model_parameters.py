@@ -1,12 +1,15 @@
 """The loaded model as ROS parameters ``model.name``, ``model.chain`` and ``model.NAME``.
 
-A parameter file sets them one after another. The model is therefore put together only when it is
-asked for, at the next tick, and nobody sees it half changed.
+A parameter file sets them one after another. The model is therefore put together only once all of
+a request are set, and nobody sees it half changed. What the node cannot use is refused, or, where
+it came with others, taken back: the parameters show what is in force.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+
+from rclpy.node import Node
 
 from piezo_common.table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.blocks import named_block
@@ -54,16 +57,30 @@ def model_table(model: Model, values: Mapping[str, float]) -> ParameterTable:
 
 
 class ModelParameters:
-    """Keeps ``model.*`` in step with whatever model is loaded.
+    """Keeps ``model.*`` in step with the model that a node uses.
 
     Parameters
     ----------
+    node : Node
+        That uses it.
     parameters : NodeParameters
         Of the node.
+    use : callable
+        Puts a model into force; raises PiezoError where it cannot, and then keeps the one before.
+    refusal : callable, optional
+        Returns '' or why a model cannot be used; changes nothing.
     """
 
-    def __init__(self, parameters: NodeParameters) -> None:
-        self._parameters = parameters
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        use: Callable[[ModelFile], None],
+        refusal: Callable[[ModelFile], str] = lambda _: '',
+    ) -> None:
+        self._node, self._parameters = node, parameters
+        self._use, self._refusal = use, refusal
+        self._used: ModelFile | None = None
         self._table: ParameterTable | None = None
         self._chain: list[str] = []
         self._changed = False
@@ -71,36 +88,83 @@ class ModelParameters:
         self._follow_chain()
 
     def load(self, loaded: ModelFile) -> None:
-        """Make `loaded` the model of the node."""
+        """Make `loaded` the model of the node.
+
+        Raises
+        ------
+        PiezoError
+            If the node cannot use it; the one before stays, in the parameters too.
+        """
+        self._write(loaded)
+        self.follow(loaded)
+
+    def follow(self, given: ModelFile | None = None) -> None:
+        """Use the model that the parameters describe, where they have changed.
+
+        A model that was given as a whole is used as it is: parameters hold its values only.
+
+        Raises
+        ------
+        PiezoError
+            If they make no model that the node can use; they then show the one before again.
+        """
+        if not self._changed:
+            return
+        self._changed = False
+        if not self._chain:
+            return
+        try:
+            loaded = self._described({})
+            if given is not None and given.values == loaded.values:
+                loaded = given
+            self._use(loaded)
+        except PiezoError:
+            if self._used is not None:
+                self._write(self._used)
+                self._changed = False
+            raise
+        self._used = loaded
+
+    def _described(self, changes: Mapping[str, Value]) -> ModelFile:
+        values = {**self._parameters.values, **changes}
+        return ModelFile.from_ros_parameters(
+            {name: value for name, value in values.items() if name.startswith(PREFIX)}
+        )
+
+    def _write(self, loaded: ModelFile) -> None:
         values = loaded.to_ros_parameters()
         head = {spec.name: values[spec.name] for spec in HEAD.specs}
         self._parameters.overwrite(head)
         self._parameters.overwrite({k: v for k, v in values.items() if k not in head})
         self._changed = True
 
-    def take(self) -> ModelFile | None:
-        """Return the model where it changed since the last call, else None.
+    def _change(self) -> None:
+        """Follow once all that was asked for together is set."""
+        if not self._changed and self._node.executor is not None:
+            self._node.executor.create_task(self._follow_later)
+        self._changed = True
 
-        Raises
-        ------
-        PiezoError
-            If the parameters do not make a model; the old one should then stay in force.
-        """
-        if not self._changed:
-            return None
-        self._changed = False
-        if not self._chain:
-            return None
-        values = self._parameters.values
-        return ModelFile.from_ros_parameters(
-            {name: value for name, value in values.items() if name.startswith(PREFIX)}
-        )
+    def _follow_later(self) -> None:
+        try:
+            self.follow()
+        except PiezoError as error:
+            self._node.get_logger().error(f'{error} (the model before stays in force)')
+
+    def _refuse_values(self, changes: dict[str, Value]) -> str:
+        if self._changed:  # more may come with it
+            return ''
+        try:
+            return self._refusal(self._described(changes))
+        except PiezoError as error:
+            return str(error)
 
     def _refuse_head(self, changes: dict[str, Value]) -> str:
         if 'model.chain' not in changes:
             return ''
         names = changes['model.chain']
         assert isinstance(names, list)
+        if self._used is not None and not any(names):
+            return 'model.chain: a model is in use; load another one in its place'
         try:
             Model('', tuple(named_block(str(name)) for name in names if name))
         except PiezoError as error:
@@ -108,7 +172,7 @@ class ModelParameters:
         return ''
 
     def _head_changed(self, changes: dict[str, Value]) -> None:
-        self._changed = True
+        self._change()
         if 'model.chain' in changes:
             self._follow_chain()
 
@@ -122,11 +186,11 @@ class ModelParameters:
             self._parameters.drop(self._table)
             self._table = None
         self._chain = chain
+        self._change()  # the values come after the chain
         if chain:
             model = Model('', tuple(named_block(name) for name in chain))
             self._table = model_table(model, model.defaults())
-            self._parameters.extend(self._table, self._value_changed)
-        self._changed = True
+            self._parameters.extend(self._table, self._value_changed, self._refuse_values)
 
     def _value_changed(self, _: dict[str, Value]) -> None:
-        self._changed = True
+        self._change()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from piezo_common.ranges import range_refusal
 from piezo_common.settings import rule_of, specs_of
 from piezo_common.table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.compensation.base import INVERSES
@@ -39,9 +40,8 @@ def _window_rule(values: Mapping[str, Value]) -> str:
 
 
 def _range_rule(values: Mapping[str, Value]) -> str:
-    if _number(values, 'limits.low') < _number(values, 'limits.high'):
-        return ''
-    return 'limits.low must stay below limits.high; set both in one atomic call'
+    reason = range_refusal(_number(values, 'limits.low'), _number(values, 'limits.high'))
+    return reason and f'{reason} (limits.low and limits.high in one atomic call)'
 
 
 def _plant_rule(values: Mapping[str, Value]) -> str:

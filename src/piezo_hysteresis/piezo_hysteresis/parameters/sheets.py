@@ -20,6 +20,11 @@ def _links() -> dict[str, ParameterTable]:
     return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in links.items()}
 
 
+def _told(voltage: str) -> tuple[str, str]:
+    """Return the topics of a voltage and of how fast it may change."""
+    return voltage, topics.slew_of(voltage)
+
+
 _ALL = (
     NodeSheet(
         'piezo_hysteresis',
@@ -31,7 +36,12 @@ _ALL = (
         '`loop/status` that it takes are refused before the first sample.',
         tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
-        publishes=(topics.REFERENCE, topics.VOLTAGE_COMMAND, topics.MARKER, '/diagnostics'),
+        publishes=(
+            topics.REFERENCE,
+            *_told(topics.VOLTAGE_COMMAND),
+            topics.MARKER,
+            '/diagnostics',
+        ),
         actions=('run_sweep',),
     ),
     NodeSheet(
@@ -42,7 +52,7 @@ _ALL = (
         'actuator only while no reference comes.',
         tables.FEEDFORWARD,
         subscribes=(topics.REFERENCE, topics.ESTIMATE, topics.STATE),
-        publishes=(topics.VOLTAGE_FEEDFORWARD, '~/status', '/diagnostics'),
+        publishes=(*_told(topics.VOLTAGE_FEEDFORWARD), '~/status', '/diagnostics'),
         services=('~/load_model', '~/use_estimate'),
         managed=True,
         model=True,
@@ -53,7 +63,7 @@ _ALL = (
         'Second link of the voltage chain: takes harmonics of the tracking error off.',
         tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(topics.VOLTAGE_COMMAND, topics.HARMONICS, '~/status', '/diagnostics'),
+        publishes=(*_told(topics.VOLTAGE_COMMAND), topics.HARMONICS, '~/status', '/diagnostics'),
         services=('~/load_model', '~/reset'),
         managed=True,
     ),
@@ -64,7 +74,7 @@ _ALL = (
         'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
         tables.FEEDBACK,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(topics.VOLTAGE_COMMAND, '~/status', '/diagnostics'),
+        publishes=(*_told(topics.VOLTAGE_COMMAND), '~/status', '/diagnostics'),
         services=('~/load_model', '~/reset'),
         managed=True,
     ),
@@ -77,9 +87,9 @@ _ALL = (
         ParameterTable(()),
         subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
         publishes=(
-            topics.VOLTAGE_FEEDFORWARD,
-            topics.VOLTAGE_ATTENUATED,
-            topics.VOLTAGE_COMMAND,
+            *_told(topics.VOLTAGE_FEEDFORWARD),
+            *_told(topics.VOLTAGE_ATTENUATED),
+            *_told(topics.VOLTAGE_COMMAND),
             topics.HARMONICS,
             '/diagnostics',
         ),

@@ -223,6 +223,14 @@ GAP_MONITOR = ParameterTable(
         MODEL_FOLDER,
         ParameterSpec('noise_floor', 0.0, 'Noise rms; 0 takes that of the model.', 'm', 0.0, 0.01),
         ParameterSpec('window', 1.0, 'Time over which the gap is taken.', 's', 0.05, 600.0),
+        ParameterSpec(
+            'advise_from',
+            0.01,
+            'Gap as a part of the motion from which on it warns and advises a discovery.',
+            '1',
+            0.0,
+            1.0,
+        ),
     )
 )
 

@@ -145,6 +145,7 @@ class RecordSegmenter:
     _open: bool = True
     _run: RunSinceRest = field(default_factory=lambda: RunSinceRest([], []))
     _before: Estimate | None = None
+    _useless: bool = False
 
     def __post_init__(self) -> None:
         self.stamps = StampValidator(1.0 / self.rate)
@@ -259,12 +260,18 @@ class RecordSegmenter:
         self._before = None
         self._forget_samples()
 
-    def settled(self, estimate: Estimate) -> bool:
-        """Return whether the estimate stood still since this was asked last."""
+    def settled(self, estimate: Estimate, free_run: float = math.nan) -> bool:
+        """Return whether the estimate stood still since this was asked last, and is of use.
+
+        One whose `free_run` rms [m] exceeds the motion itself predicts less than a constant does;
+        where that is not known any more (NaN) the last one that was known counts.
+        """
+        if not math.isnan(free_run):
+            self._useless = free_run > float(np.std(self._run.displacement or [0.0]))
         before, self._before = self._before, estimate
         if before is None or before.names != estimate.names:
             return False
-        return settled(before, estimate)
+        return settled(before, estimate) and not self._useless
 
     def free_run_rms(self, estimate: Estimate) -> float:
         """Return the rms free-run error over the last second [m], NaN where it is not known."""

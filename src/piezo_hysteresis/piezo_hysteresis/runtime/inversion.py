@@ -66,11 +66,12 @@ class Inversion:
         if self.loaded is not None:
             self._inverse = self._inverted(self.loaded)
 
-    def refusal(self, law: str) -> str:
-        """Return '' or why the loaded model cannot be inverted by another law."""
-        if self.loaded is not None:
+    def refusal(self, law: str, loaded: ModelFile | None = None) -> str:
+        """Return '' or why a model, without one that in force, cannot be inverted by a law."""
+        loaded = loaded or self.loaded
+        if loaded is not None:
             try:
-                inverse_for(self.loaded.model, self.loaded.values, self.dt, law=law)
+                inverse_for(loaded.model, loaded.values, self.dt, law=law)
             except PiezoError as error:
                 return str(error)
         return ''

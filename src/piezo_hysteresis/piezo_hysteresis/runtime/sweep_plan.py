@@ -237,6 +237,18 @@ def waveform_of(
     return from_spec({'kind': kind, **merged})
 
 
+def narrowed(low: float, high: float, least: float, most: float) -> str:
+    """Say what an actuator takes, and how a drive of `low` .. `high` [V] comes to fit in it."""
+    takes = f'the actuator takes {least:g} .. {most:g} V'
+    if high - low > most - least:
+        return f'{takes}: ask for a smaller amplitude'
+    shift = 0.5 * (least + most - low - high)
+    return (
+        f'{takes}: add an offset of {shift:g} V (options "{{offset: {shift:g}}}" of a sweep, '
+        'voltage.offset in mode voltage)'
+    )
+
+
 def parse_options(text: str) -> dict[str, object]:
     """Return the settings of a waveform that were written as YAML; none for no text.
 

@@ -14,7 +14,7 @@ _SENTENCES: dict[str, Finding] = {
     'missed': (Level.WARN, 'ticks had no command: the voltage before was held'),
     'overruns': (Level.WARN, 'ticks were late themselves: the machine is too slow'),
     'stamp_jumps': (Level.WARN, 'time stamps of commands jump: only their numbers count'),
-    'slew_limited': (Level.WARN, 'commands jump: they are slowed down to command_slew'),
+    'slew_limited': (Level.WARN, 'commands jump or come late: they are slowed down to the slew'),
 }
 
 
@@ -30,7 +30,9 @@ class ActuatorHealth:
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._watch = CounterWatch(_SENTENCES, now)
 
-    def judge(self, book: CommandQueue, tick: int, fault: str, waited: float) -> Health:
+    def judge(
+        self, book: CommandQueue, tick: int, fault: str, waited: float, remark: str = ''
+    ) -> Health:
         """Return the health of an actuator.
 
         Parameters
@@ -43,6 +45,8 @@ class ActuatorHealth:
             The fault that is injected, ``none`` for none.
         waited : float
             Time in which a lock-step tick has had no command, 0 where it is not overdue [s].
+        remark : str
+            What else is to be known of the plant, empty for nothing.
         """
         findings = self._watch.findings(book.counts)
         if fault != 'none':
@@ -52,5 +56,7 @@ class ActuatorHealth:
             findings.append((Level.ERROR, message))
         if waited > 0.0:
             findings.append((Level.WARN, f'no command for tick {tick} since {waited:.0f} s'))
+        if remark:
+            findings.append((Level.WARN, remark))
         values = {'sample': tick, 'voltage_V': book.voltage, 'fault': fault, **book.counts}
         return judge(findings, 'runs' if tick else 'waits for the first command', values)

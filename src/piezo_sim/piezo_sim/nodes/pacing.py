@@ -11,6 +11,8 @@ COUNTS = (
 
 # A command this many ticks ahead of the next one is meant for another run of the loop.
 AHEAD = 1000
+# Of a command at the slew, which is no breach of it.
+_ROUNDING = 1e-9
 
 
 @dataclass
@@ -63,7 +65,7 @@ class CommandQueue:
     def follow(self, dt: float) -> None:
         """Apply the newest command for the next tick, no faster than the slew."""
         away, step = self.wanted - self.voltage, self.slew * dt
-        if abs(away) > step:
+        if abs(away) > step * (1.0 + _ROUNDING):
             self.voltage += math.copysign(step, away)
             self.counts['slew_limited'] += 1
         else:

@@ -24,7 +24,11 @@ SHEETS = {
         'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '
         '[simulator.md](simulator.md).',
         simulator_table(),
-        subscribes=(topics.VOLTAGE_COMMAND, '/diagnostics'),
+        subscribes=(
+            topics.VOLTAGE_COMMAND,
+            topics.slew_of(topics.VOLTAGE_COMMAND),
+            '/diagnostics',
+        ),
         publishes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         services=('~/load_preset', '~/reset', '~/inject_fault'),
         more=_plant,

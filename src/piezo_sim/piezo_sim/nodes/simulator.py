@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Mapping
@@ -9,6 +10,7 @@ from collections.abc import Mapping
 from rclpy.node import Node
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from piezo_common import topics
@@ -52,6 +54,7 @@ class Simulator(Node):
         self._waiting_since: float | None = None
         self._warned = self._refuses = False
         self._newest_command = -1
+        self._told_slew = math.inf
         self._table = simulator_table()
         self._params = NodeParameters(self, self._table)
         self._params.serve(self._apply, self._refuse)
@@ -84,9 +87,11 @@ class Simulator(Node):
         self._clock_publisher = None
         if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)
-        self.create_subscription(
+        commands = self.create_subscription(
             VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP, raw=True
         )
+        beside = topics.slew_of(commands.topic_name)
+        self.create_subscription(Float64, beside, self._on_slew, LATCHED)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(LoadPreset, '~/load_preset', self._on_load_preset)
         self.create_service(InjectFault, '~/inject_fault', self._on_inject_fault)
@@ -118,6 +123,11 @@ class Simulator(Node):
             self._say_where()
         else:
             self._step_with(head, sample, voltage)
+
+    def _on_slew(self, message: Float64) -> None:
+        """Keep to the slew of whoever commands [V/s], also where commands come late; 0 is any."""
+        self._told_slew = message.data if message.data > 0.0 else math.inf
+        self._set_book()
 
     def _check_stamp(self, head: bytes, sample: int) -> None:
         """Count stamps that do not follow the numbers; nothing is computed from them."""
@@ -197,7 +207,8 @@ class Simulator(Node):
         if self._lock_step and self._waiting_since is not None:
             silent = min(time.monotonic() - self._waiting_since, self._neighbours.quiet())
             waited = silent if silent > self._params.number('lock_step_deadline') else 0.0
-        return self._health.judge(self._book, self._tick, self._plant.fault, waited)
+        remark = self._plant.idle_effects
+        return self._health.judge(self._book, self._tick, self._plant.fault, waited, remark)
 
     def _publish_status(self) -> None:
         now = time.monotonic()
@@ -234,7 +245,7 @@ class Simulator(Node):
     def _set_book(self) -> None:
         self._book.safe_voltage = self._params.number('safe_voltage')
         self._book.ramp = self._params.number('ramp')
-        self._book.slew = self._params.number('command_slew')
+        self._book.slew = min(self._params.number('command_slew'), self._told_slew)
         self._book.timeout = self._params.number('command_timeout') * self._rate
 
     def _become_preset(self) -> None:
@@ -254,6 +265,8 @@ class Simulator(Node):
 
     def _apply_plant(self, changes: dict[str, Value]) -> None:
         self._plant.set_parameters(_for_plant(changes, self._plant))
+        if remark := self._plant.idle_effects:
+            self.get_logger().warning(remark)
         before = (self._book.low, self._book.high)
         self._book.low, self._book.high = command_range(self._plant)
         if before != (self._book.low, self._book.high):

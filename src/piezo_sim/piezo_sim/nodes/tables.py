@@ -63,7 +63,8 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'command_slew',
                 1e9,
-                'Fastest change of the command that is applied; jumps become ramps.',
+                'Fastest change of the command that is applied, where voltage/command/slew does '
+                'not tell a slower one; jumps become ramps.',
                 'V/s',
                 above=0.0,
                 high=1e9,

@@ -82,6 +82,12 @@ PARAMETERS = (
     PlantParameter('restoring.gamma', '1/m', 2e3, -1e9, 1e9, 'Its Bouc-Wen gamma.'),
 )
 
+# Forces on the moving first mode: without it they change nothing.
+FORCES = (
+    'structure.cubic', 'structure.quadratic_damping', 'structure.pump_depth',
+    'friction.coulomb', 'restoring.share', 'contact.stiffness',
+)  # fmt: skip
+
 EFFECTS = (
     PlantEffect(
         'resonance',

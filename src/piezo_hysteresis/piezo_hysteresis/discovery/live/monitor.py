@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
 
@@ -16,12 +17,21 @@ from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
 
-# Above the floor by this factor in this many windows running, the gap is real.
+# Above the floor and what the model is known to miss by this factor in this many windows running,
+# the gap is real.
 GAP_RATIO = 1.3
 CONFIRMATIONS = 2
-# Share of the power above the floor that makes a family; of harmonics little is telling.
+# So are harmonics that exceed what is known of each, and their noise, by the first factor, where
+# together they exceed it by the second part of everything that is expected.
+PART_RATIO, PART = 1.5, 0.3
+NOISE_DEVIATIONS = 3.0
+# Share of the power that makes a family; of harmonics little is telling.
 MOST = 0.5
 TELLING = 0.02
+# A mean beside an even harmonic of this share of its power comes of the same law: of a square law
+# 1/2, the higher the even law the more.
+WITH_EVEN = 0.1
+OF_THE_MEAN = 'drift, creep, an offset or the memory of an earlier drive'
 # Ticks by which the comparison lags, so that the model can be read between its samples.
 MARGIN = 5
 
@@ -43,9 +53,13 @@ class GapReport:
     sizes : list of float
         Rms at each order [m].
     beyond_floor : bool
-        Whether the gap has stayed above the floor.
+        Whether the gap has stayed above the floor and what the model is known to miss.
     family : str
-        Effects that such a gap comes from; empty where it is on the floor.
+        Effects that such a gap comes from; empty where it is not beyond.
+    expected : float
+        What the model is known to miss there, noise included [m]; else the floor.
+    share : float
+        Of the largest range of displacement since the start of the comparison.
     """
 
     rms: float
@@ -55,6 +69,26 @@ class GapReport:
     sizes: list[float]
     beyond_floor: bool
     family: str
+    expected: float
+    share: float
+
+    @property
+    def words(self) -> str:
+        """How large it is, also against the motion and against what is known."""
+        parts = [f'{100.0 * self.share:.2g} % of the motion'] if isfinite(self.share) else []
+        parts += [f'{self.floors:.3g} noise floors'] if isfinite(self.floors) else []
+        text = f'the model is {1e6 * self.rms:.3g} um away ({", ".join(parts)})'
+        if self.beyond_floor:
+            return f'{text}, {self.rms / self.expected:.2g} times what it is known to miss'
+        return f'{text}, no more than it is known to miss'
+
+    @property
+    def advice(self) -> str:
+        """What it comes from and what to do."""
+        first = ''
+        if self.family == OF_THE_MEAN:  # the comparison may have begun in motion
+            first = 'call ~/reset with the actuator at rest; where the gap comes back, '
+        return f'such a gap comes of {self.family}: {first}record a sweep and run discover'
 
 
 class GapMonitor:
@@ -79,6 +113,7 @@ class GapMonitor:
         self._floor = floor if floor > 0 else float(loaded.provenance.noise_floor or 0.0)
         self._window = window
         self._values = dict(loaded.values)
+        self._known = loaded.discrepancy
         self._offset = fitted = loaded.sampling_offset
         self._late = samples_late(self._model, dt, fitted)
         self.reset()
@@ -101,6 +136,7 @@ class GapMonitor:
         self._measured_tail = np.zeros(MARGIN)
         self._streak = 0
         self._fresh = True
+        self._stroke = 0.0
 
     def add(self, voltage: float, displacement: float) -> GapReport | None:
         """Take one tick; return a report when a window is full."""
@@ -116,7 +152,7 @@ class GapMonitor:
             self._begin(u, y)
         self._voltage.clear()
         self._measured.clear()
-        return self._report(u, self._error(u, y)[unknown:])
+        return self._report(u, y, self._error(u, y)[unknown:])
 
     def _begin(self, u: FloatArray, y: FloatArray) -> None:
         """Bring the model to where the actuator is, if it was in motion when this began.
@@ -151,7 +187,7 @@ class GapMonitor:
         read = shifted(simulated, self._late)[MARGIN:-MARGIN]
         return np.asarray(measured[: u.size] - read)
 
-    def _report(self, u: FloatArray, error: FloatArray) -> GapReport:
+    def _report(self, u: FloatArray, y: FloatArray, error: FloatArray) -> GapReport:
         rms = float(np.sqrt(np.mean(error**2)))
         floors = rms / self._floor if self._floor > 0 else float('nan')
         frequency = fundamental(u, self._dt)
@@ -160,10 +196,40 @@ class GapMonitor:
             orders, phasors, _ = harmonics(error, frequency, self._dt)
             rows = np.abs(phasors) / np.where(np.arange(len(orders)) == 0, 1.0, np.sqrt(2.0))
             sizes = [float(size) for size in rows]
-        self._streak = self._streak + 1 if floors > GAP_RATIO else 0
+        self._stroke = max(self._stroke, float(np.ptp(y)))
+        stroke = float(np.ptp(y)) if frequency > 0.0 else self._stroke
+        expected, known = self._expected(frequency, 0.5 * float(np.ptp(u)), stroke)
+        found = rms > GAP_RATIO * expected or self._stands_out(
+            dict(zip(orders, sizes, strict=True)), known, expected, error.size
+        )
+        self._streak = self._streak + 1 if self._floor > 0 and found else 0
         beyond = self._streak >= CONFIRMATIONS
-        family = family_of(orders, sizes, rms, self._floor) if beyond else ''
-        return GapReport(rms, floors, frequency, orders, sizes, beyond, family)
+        family = family_of(orders, sizes, rms, self._floor, known) if beyond else ''
+        share = rms / self._stroke if self._stroke > 0.0 else float('nan')
+        return GapReport(rms, floors, frequency, orders, sizes, beyond, family, expected, share)
+
+    def _stands_out(
+        self, sizes: Mapping[int, float], known: Mapping[int, float], expected: float, count: int
+    ) -> bool:
+        """Return whether harmonics [m] exceed what is known of each, in a window of `count`."""
+        if not known:
+            return False
+        noise = 2.0 / count * (NOISE_DEVIATIONS * self._floor) ** 2
+        over = (
+            size**2 - (PART_RATIO * known.get(order, 0.0)) ** 2 - noise
+            for order, size in sizes.items()
+        )
+        return sum(each for each in over if each > 0.0) > (PART * expected) ** 2
+
+    def _expected(
+        self, frequency: float, amplitude: float, stroke: float
+    ) -> tuple[float, dict[int, float]]:
+        """Return the gap that is known from identification [m], and its harmonics."""
+        if self._known is None:
+            return self._floor, {}
+        near = self._known.near(frequency, amplitude).harmonics
+        size = self._known.expected(frequency, amplitude, stroke, self._floor)
+        return size, {order: share * stroke for order, share in near.items()}
 
 
 def fundamental(voltage: FloatArray, dt: float) -> float:
@@ -181,21 +247,37 @@ def fundamental(voltage: FloatArray, dt: float) -> float:
     return float((place + offset) / (centred.size * dt))
 
 
-def family_of(orders: list[int], sizes: list[float], rms: float, floor: float) -> str:
+def family_of(
+    orders: list[int],
+    sizes: list[float],
+    rms: float,
+    floor: float,
+    known: Mapping[int, float] | None = None,
+) -> str:
     """Return the effects that a gap with these harmonics comes from, in words.
 
-    Nearly every effect moves the fundamental; the other orders say more, even when they are small.
+    What is known to be missed at each order is left out. Nearly every effect moves the
+    fundamental; the other orders say more, even when they are small.
     """
-    power = max(rms**2 - floor**2, 1e-300)
-    by_order = {order: size**2 / power for order, size in zip(orders, sizes, strict=True)}
+    known = known or {}
+    rest = max(rms**2 - floor**2 - sum(size**2 for size in sizes), 0.0)
+    by_order = {
+        order: max(size**2 - known.get(order, 0.0) ** 2, 0.0)
+        for order, size in zip(orders, sizes, strict=True)
+    }
+    power = max(sum(by_order.values()) + rest, 1e-300)
+    mean = by_order.get(0, 0.0)
     odd = sum(v for k, v in by_order.items() if k >= 3 and k % 2 == 1)
     even = sum(v for k, v in by_order.items() if k >= 2 and k % 2 == 0)
-    if 1.0 - sum(by_order.values()) > MOST:
+    if rest > MOST * power:
         return 'mains_hum or another disturbance'
-    if even > TELLING and even > odd:
+    if mean > MOST * power and even < WITH_EVEN * mean:
+        return OF_THE_MEAN
+    if even > TELLING * power and even > odd:
         return 'electrostriction, sensor_nonlinearity or asymmetry'
-    if odd > TELLING:
+    if odd > TELLING * power:
         return 'resonance, saturation, stiffness, friction or the shape of the hysteresis'
-    if by_order.get(0, 0.0) > MOST:
-        return 'drift, offset or asymmetry'
-    return 'transport_delay, amplifier_lag, creep, gain_decay or rate_dependence'
+    return (
+        'a gain that has changed, transport_delay, amplifier_lag, creep, gain_decay, '
+        'rate_dependence, or electrostriction about a bias'
+    )

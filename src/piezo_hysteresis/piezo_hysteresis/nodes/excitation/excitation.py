@@ -9,6 +9,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.task import Future
+from std_msgs.msg import Float64
 
 from piezo_common import topics
 from piezo_common.health import Health
@@ -83,6 +84,9 @@ class Excitation(Node):
         self._voltage_publisher = self.create_publisher(
             VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
         )
+        beside = topics.slew_of(self._voltage_publisher.topic_name)
+        self._slew_publisher = self.create_publisher(Float64, beside, LATCHED)
+        self._told_slew = -1.0
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._neighbours = Neighbours(self)
@@ -212,7 +216,11 @@ class Excitation(Node):
         self._last = (self._reference_publisher, payload)
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
-        command = self._steady.next(sample, voltage, self._params.number('slew'))
+        slew = self._params.number('slew')
+        if self._last is None or slew != self._told_slew:  # a link may have commanded before
+            self._told_slew = slew
+            self._slew_publisher.publish(Float64(data=slew))
+        command = self._steady.next(sample, voltage, slew)
         payload = voltage_bytes(self._head(sample), sample, command)
         self._voltage_publisher.publish(payload)
         self._last = (self._voltage_publisher, payload)

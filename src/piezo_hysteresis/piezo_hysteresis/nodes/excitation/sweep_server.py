@@ -13,7 +13,7 @@ from rclpy.task import Future
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation.sweep_audience import SweepAudience
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
-from piezo_hysteresis.runtime.sweep_plan import Sweep, parse_options
+from piezo_hysteresis.runtime.sweep_plan import Sweep, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import Kept, Pause, SweepRun, kept_message
 from piezo_interfaces.action import RunSweep
 from piezo_ros_common.neighbours import Neighbours
@@ -218,10 +218,7 @@ class SweepServer:
         least, most = self._range
         if least >= most or (least <= low and high <= most):
             return ''
-        return (
-            f'it asks for {low:.4g} .. {high:.4g} V, but the actuator takes '
-            f'{least:g} .. {most:g} V: ask for a smaller amplitude'
-        )
+        return f'it asks for {low:.4g} .. {high:.4g} V, but {narrowed(low, high, least, most)}'
 
     def note_refused(self, refused: int, sample: int) -> None:
         """Note how many commands before tick `sample` the actuator has refused.

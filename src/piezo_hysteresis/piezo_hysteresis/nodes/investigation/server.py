@@ -182,20 +182,14 @@ class InvestigationServer:
 
     def _setup(self, request: Any, stopped: Callable[[], bool]) -> Setup:
         from piezo_hysteresis.investigation.journal import Setup
-        from piezo_hysteresis.investigation.limits import ExperimentLimits, known_range
+        from piezo_hysteresis.investigation.limits import ExperimentLimits, granted_range
         from piezo_hysteresis.investigation.session import Rules
 
         model = self._model(request)
-        low, high = request.low, request.high
-        if not high > low:
-            low, high = known_range(self._status.low, self._status.high, model)
-        if not high > low:
-            raise PiezoError(
-                'the actuator does not say which voltages it takes: give low and high'
-            )
         limits = ExperimentLimits(
-            low,
-            high,
+            *granted_range(
+                (request.low, request.high), (self._status.low, self._status.high), model
+            ),
             request.slew or inf,
             request.frequency or ExperimentLimits.frequency,
             request.stroke or inf,

@@ -54,7 +54,7 @@ class Feedforward(LinkNode):
         self._inversion = Inversion(
             self.dt, self.limits(), value('start'), value('transition'), law
         )
-        self._model_parameters = ModelParameters(self.parameters)
+        self._model_parameters = ModelParameters(self, self.parameters, self._take, self._refusal)
         self._load_at_start(self.parameters.text('model_file'))
         if wired:
             self.create_subscription(
@@ -102,8 +102,7 @@ class Feedforward(LinkNode):
         self.stamps.true_time(sample, nanoseconds_of_head(head))
         if sample <= newest:
             self._inversion.forget()
-            self.begin_anew()
-        self._follow_model()
+            self.begin_anew(sample)
         voltage = self._inversion.voltage(point)
         if voltage is None:
             voltage = point.displacement / self._gain
@@ -134,18 +133,15 @@ class Feedforward(LinkNode):
     def _load_at_start(self, path: str) -> None:
         try:
             if path:
-                self._model_parameters.load(ModelFile.load(path))
-            self._take(self._model_parameters.take())
+                self.load(ModelFile.load(path))
+            self._model_parameters.follow()
         except PiezoError as error:
             self.give_up(str(error))
 
-    def _follow_model(self) -> None:
-        try:
-            self._take(self._model_parameters.take())
-        except PiezoError as error:
-            self.get_logger().error(f'{error} (the model before stays in force)')
+    def _refusal(self, loaded: ModelFile) -> str:
+        return self._inversion.refusal(self.parameters.text('law'), loaded)
 
-    def _take(self, loaded: ModelFile | None) -> None:
+    def _take(self, loaded: ModelFile) -> None:
         """Invert `loaded` from now on.
 
         Raises
@@ -153,7 +149,7 @@ class Feedforward(LinkNode):
         PiezoError
             If it cannot be inverted; the old one then stays.
         """
-        if loaded is None or not self._inversion.take(loaded):
+        if not self._inversion.take(loaded):
             return
         self.go_over()
         chain = ', '.join(loaded.model.block_names)
@@ -167,15 +163,7 @@ class Feedforward(LinkNode):
         PiezoError
             If it cannot be inverted.
         """
-        before = self._inversion.loaded
-        try:
-            self._model_parameters.load(loaded)
-            self._take(self._model_parameters.take())
-        except PiezoError:
-            if before is not None:
-                self._model_parameters.load(before)
-                self._model_parameters.take()
-            raise
+        self._model_parameters.load(loaded)
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response

@@ -10,7 +10,9 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64
 
+from piezo_common import topics
 from piezo_common.health import Health
 from piezo_common.order import SequenceFilter, StampValidator
 from piezo_common.table import ParameterTable, Value
@@ -85,6 +87,10 @@ class LinkNode(LifecycleNode):
         )
         self._fade = self.new_fade()
         self._voltage_publisher = self.plain_publisher(VoltageCommand, topic, LOOP)
+        # Beside the voltage, wherever that is remapped to.
+        beside = topics.slew_of(self._voltage_publisher.topic_name)
+        self._slew_publisher = self.plain_publisher(Float64, beside, LATCHED)
+        self._slew_sample = -1
         self._status_publisher = self.plain_publisher(LoopStatus, '~/status', LATCHED)
         self._health = LinkHealth()
         wall_timer(self, 1.0, self._publish_status)
@@ -136,6 +142,7 @@ class LinkNode(LifecycleNode):
             self._limiter.retune(self.limits(), self.energy())
         if limits or 'transition' in changes:
             self._fade.retune(self.parameters.number('transition'), self.limits().slew)
+            self._say_slew()
         self._watchdog.timeout = self._timeout()
         self._watchdog.safe_voltage = self.parameters.number('safe_voltage')
         self._watchdog.ramp = self.parameters.number('safe_ramp')
@@ -175,10 +182,13 @@ class LinkNode(LifecycleNode):
         """Let the share go over smoothly from the last one to what comes next."""
         self._fade.start()
 
-    def begin_anew(self) -> None:
-        """Take note that the loop was started anew: ticks count from 0 again."""
+    def begin_anew(self, sample: int) -> None:
+        """Take note that the loop was started anew, with tick `sample`: at tick 0 from rest."""
         self._watchdog.forget()
-        self.go_over()
+        self._fade = self.new_fade()
+        if sample == 0:
+            limits = self._limiter.limits
+            self.start_at(min(max(0.0, limits.low), limits.high))
 
     def start_at(self, voltage: float) -> None:
         """Say what the voltage is, before the first one is passed on."""
@@ -205,6 +215,8 @@ class LinkNode(LifecycleNode):
         self._send(head, sample, self._limiter.apply(voltage))
 
     def _send(self, head: bytes, sample: int, voltage: float) -> None:
+        if sample == 0 or sample != self._sample + 1:  # another may have commanded meanwhile
+            self._say_slew()
         self._sample = sample
         self._said = (head, sample, voltage)
         self._say(*self._said)
@@ -213,6 +225,11 @@ class LinkNode(LifecycleNode):
         if self._next is not None:
             self._next(head, sample, voltage)
         self._voltage_publisher.publish(voltage_bytes(head, sample, voltage))
+
+    def _say_slew(self) -> None:
+        """Tell the receiver how fast the voltage may change, also where commands come late."""
+        self._slew_sample = self._sample
+        self._slew_publisher.publish(Float64(data=self._limiter.limits.slew))
 
     def deliver_to(self, take: Callable[[bytes, int, float], None]) -> None:
         """Give head, tick and voltage [V] of every command to `take` before it is published."""
@@ -286,6 +303,8 @@ class LinkNode(LifecycleNode):
         return self._health.judge(numbers, self.all_counters(), self._watchdog, paused)
 
     def _publish_status(self) -> None:
+        if self._sample != self._slew_sample:
+            self._say_slew()
         counts = self.all_counters()
         status = LoopStatus(sample=max(0, self._sample))
         status.missed, status.late = counts['missed'], counts['late']

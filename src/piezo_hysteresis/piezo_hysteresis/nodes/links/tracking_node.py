@@ -192,7 +192,7 @@ class TrackingNode(LinkNode):
             self._dropped += self._book.dropped
             self._book = SampleSynchronizer()
             self._begun = False
-            self.begin_anew()
+            self.begin_anew(sample)
             if self.law is not None:
                 self.law.reset()
 
