@@ -82,7 +82,7 @@ def test_what_is_run_again_counts_once_and_under_its_name(tmp_path: Path) -> Non
 def test_a_start_that_was_announced_late_swallows_nothing(tmp_path: Path) -> None:
     """A clock that jitters: the true start lies 8 us before the one that was foreseen."""
     marks: list[Mark] = [
-        (100.5, 'one', 'sine', 'sample 101'), (97.5, '', 'moved', 'one'),
+        (100.5, 'one', 'sine', 'sample 101'), (105.5, '', 'moved', 'one'),
         (100.492, 'one', 'sine', 'sample 101'), (180.5, '', '', 'sample 181'),
     ]  # fmt: skip
     found = survey([bag_of(tmp_path / 'bag', marks)])

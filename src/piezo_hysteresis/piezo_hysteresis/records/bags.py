@@ -181,14 +181,27 @@ def _edges(
             behind = int(np.searchsorted(np.sort(stamps[run]), marker.stamp))
             number = np.append(np.sort(numbers[run]), numbers[run].max() + 1)
             places[-1] = (run, int(number[behind]))
+    return _settled(markers, places)
+
+
+def _settled(markers: list[Marker], places: list[tuple[int, int]]) -> list[_Edge]:
+    """Return the edges in order, without those of records that never began.
+
+    A marker that judges ends the record that it judges and no other one.
+    """
     judges = _judges(markers)
-    edges = []
-    for k, marker in enumerate(markers):
-        void = markers[judges[k]].verdict if k in judges else ''
-        if void != MOVED and not (void and places[k] >= places[judges[k]]):
-            edges.append(_Edge(*places[k], marker, void))
+    edges: list[_Edge] = []
+    running = -1
     # At one tick, the end of a record stands in front of the beginning of the next.
-    return sorted(edges, key=lambda edge: (edge.run, edge.sample, bool(edge.marker.record)))
+    for k in sorted(range(len(markers)), key=lambda k: (places[k], bool(markers[k].record))):
+        marker, judge = markers[k], judges.get(k, -1)
+        void = markers[judge].verdict if judge >= 0 else ''
+        never = void == MOVED or (void and places[k] >= places[judge])
+        if never or (marker.judged and judges.get(running) != k):
+            continue
+        edges.append(_Edge(*places[k], marker, void))
+        running = k if marker.record else -1
+    return edges
 
 
 def _numbers(run: Track) -> IntArray:

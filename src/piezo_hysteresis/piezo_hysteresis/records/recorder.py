@@ -96,6 +96,7 @@ class Recorder:
         self._interval, self._split, self._room = flush_interval, split, queue
         self._queue: deque[_Message] = deque()
         self._lock = threading.Lock()
+        self._written = threading.Condition(self._lock)
         self._wake = threading.Event()
         self._closing = False
         self._topics: list[Topic] = []
@@ -199,9 +200,18 @@ class Recorder:
                 sum(self._received), sum(self._counts), self._dropped, self._problem
             )
 
-    def flush(self) -> None:
-        """Write what is queued, as the thread does by itself at every interval."""
+    def flush(self, timeout: float = 0.0) -> None:
+        """Write what is queued, as the thread does by itself at every interval.
+
+        Parameters
+        ----------
+        timeout : float
+            How long to wait until it is in the bag [s].
+        """
         self._wake.set()
+        with self._written:
+            goal = sum(self._received) - self._dropped
+            self._written.wait_for(lambda: sum(self._counts) >= goal or self._problem, timeout)
 
     def close(self) -> RecorderStatus:
         """Write all that is queued, finish the bag and return the counters.
@@ -244,6 +254,7 @@ class Recorder:
                         self._queue.popleft()
                         self._waiting -= len(message.payload)
                         self._counts[message.topic - 1] += 1
+                    self._written.notify_all()
             if time.monotonic() >= self._metadata_due:
                 self._add_new_topics()
                 self._write_metadata(RECORDING)

@@ -17,6 +17,8 @@ SAME_TIME = 1e-12  # stamps closer than this are one [s]
 GAP = 1.5  # a longer step, in median steps, is a gap
 UNEVEN = 0.2  # steps may differ from their median by this part
 WANDER = 0.05  # numbered samples: stamps may leave an even rate by this part of the record
+LARGEST_WANDER = 0.25  # and by this one if the rate is the same nearly everywhere
+LOCAL = 32  # over so many steps the rate is looked at [steps]
 JITTER = 0.05  # jitter below this part of a step is not worth a note
 LARGEST_NUMBER = 1e15  # nothing here is larger in any unit; float64 still adds it safely
 LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
@@ -241,8 +243,7 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
         return [track]
     runs = _even_runs(steps)
     off = sum(b - a for a, b in runs if odd[a:b].all())
-    most = max(WANDER * steps.size, SHORTEST) * mean
-    if track.sample is not None and wander < most and off <= 0.1 * steps.size:
+    if track.sample is not None and off <= 0.1 * steps.size and _returns(track, wander / mean):
         log.note(place, f'its stamps jitter by up to {1e3 * wander:.3g} ms; its samples are taken '
                  'at an even rate, by their numbers', count=int(odd.sum()))  # fmt: skip
         return [track]
@@ -258,6 +259,26 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     log.add(place, what, count=len(runs) - 1, remedy=remedy)
     ends = {b for _, b in runs}  # a sample between two rates belongs to the first
     return [track.take(slice(a + (a in ends), b + 1)) for a, b in runs]
+
+
+def _returns(track: Track, wander: float) -> bool:
+    """Return whether stamps that leave an even rate by `wander` steps are only late now and then.
+
+    They come back, or a driver was held up: then the rate is the same before and behind.
+    """
+    number = track.time.size
+    local = _local_steps(track)
+    median = np.median(local)
+    odd = np.abs(local - median) > UNEVEN * median
+    return bool(wander < max(WANDER * number, SHORTEST)) or bool(
+        wander < LARGEST_WANDER * number and odd.mean() < 0.25
+    )
+
+
+def _local_steps(track: Track) -> FloatArray:
+    """Return the mean step around each sample of an even numbering [s]."""
+    span = min(LOCAL, track.time.size - 1)
+    return np.asarray((track.time[span:] - track.time[:-span]) / span, np.float64)
 
 
 def _even_runs(steps: FloatArray) -> list[tuple[int, int]]:
@@ -293,7 +314,7 @@ def _resampled(track: Track, place: str, log: DamageLog) -> Track:
 def _interval(track: Track, place: str, log: DamageLog) -> float:
     """Return the sampling interval [s]: as stated, or the roundest that the stamps allow."""
     number = track.time.size
-    dt = usual = float(track.time[-1] - track.time[0]) / (number - 1)
+    dt = float(track.time[-1] - track.time[0]) / (number - 1)
     if not dt > 0:
         return dt  # which no record can have
     digits, slack = [6], 0.02  # in steps over the whole record
@@ -302,12 +323,12 @@ def _interval(track: Track, place: str, log: DamageLog) -> float:
         off = float(np.abs(track.time - track.time[0] - dt * ticks).max() / dt)
         if off > JITTER:
             digits, slack = [1, 2, 3, 4, 5, 6], off
-            # Where a driver was held up for a while, most of its steps still tell its rate.
-            usual = float(np.median(np.diff(track.time)))
+            # Where a driver was held up for a while, the rate before and behind is the true one.
+            usual = float(np.median(_local_steps(track)))
+            dt = dt if abs(usual / dt - 1) < 0.01 else usual
     stated = track.rate if np.isfinite(track.rate) else 0.0
     if stated > 0:
-        near = max(0.01, 2 * slack / number)
-        if min(abs(stated * dt - 1), abs(stated * usual - 1)) <= near:
+        if abs(stated * dt - 1) <= max(0.01, 2 * min(slack, SHORTEST) / number):
             return 1 / stated
         log.add(place, f'its marker says {stated:.6g} Hz but its samples come at {1 / dt:.6g} Hz')
     for count in digits:
