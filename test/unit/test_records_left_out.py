@@ -105,6 +105,17 @@ def test_markers_cut_at_their_sample_whatever_the_stamps_say(tmp_path: Path) -> 
     assert sum('its stamps jitter' in str(note) for note in found.notes) == 2
 
 
+def test_a_driver_that_is_held_up_again_and_again_keeps_its_stated_rate(tmp_path: Path) -> None:
+    late = np.cumsum(np.where(np.arange(400) % 5 == 3, 3.0, 0.0))
+    marks: list[Mark] = [(0, 'one', 'sine', 'sample 100'), (0, '', '', 'sample 300')]
+    found = survey([bag_of(tmp_path / 'bag', marks, jitter=list(late))])
+    assert [(len(r), r.rate) for r in found.records] == [(200, 1000.0)]
+    assert 'held up: 62' in str(found.notes[-1])
+    slow = np.arange(400) * 1.0  # every step takes twice as long: this is another rate
+    with pytest.raises(RecordError, match='marker says 1000 Hz but its samples come at 500 Hz'):
+        load([bag_of(tmp_path / 'slow', marks, jitter=list(slow))])
+
+
 def test_a_record_that_was_cancelled_before_it_began_swallows_nothing(tmp_path: Path) -> None:
     marks: list[Mark] = [(150, 'two', 'sine', ''), (110, '', 'cancelled', 'two'),
                          (120, 'three', 'sine', ''), (200, '', '', '')]  # fmt: skip

@@ -244,8 +244,11 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     runs = _even_runs(steps)
     off = sum(b - a for a, b in runs if odd[a:b].all())
     if track.sample is not None and off <= 0.1 * steps.size and _returns(track, wander / mean):
-        log.note(place, f'its stamps jitter by up to {1e3 * wander:.3g} ms; its samples are taken '
-                 'at an even rate, by their numbers', count=int(odd.sum()))  # fmt: skip
+        what = f'its stamps jitter by up to {1e3 * wander:.3g} ms'
+        if abs(mean / median - 1) > 0.01:
+            what += f' (its driver was held up: {1 / mean:.4g} Hz on average)'
+        log.note(place, f'{what}; its samples are taken at an even rate, by their numbers',
+                 count=int(odd.sum()))  # fmt: skip
         return [track]
     if len(runs) < 2:
         return [_resampled(track, place, log)]
@@ -264,15 +267,21 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
 def _returns(track: Track, wander: float) -> bool:
     """Return whether stamps that leave an even rate by `wander` steps are only late now and then.
 
-    They come back, or a driver was held up: then the rate is the same before and behind.
+    They come back, or a driver was held up: then most steps are those of the stated rate, or the
+    rate is the same nearly everywhere.
     """
     number = track.time.size
+    if wander < max(WANDER * number, SHORTEST) or _usually(track):
+        return True
     local = _local_steps(track)
     median = np.median(local)
     odd = np.abs(local - median) > UNEVEN * median
-    return bool(wander < max(WANDER * number, SHORTEST)) or bool(
-        wander < LARGEST_WANDER * number and odd.mean() < 0.25
-    )
+    return bool(wander < LARGEST_WANDER * number and odd.mean() < 0.25)
+
+
+def _usually(track: Track) -> bool:
+    """Return whether the middle one of all steps is that of the stated rate."""
+    return bool(abs(track.rate * np.median(np.diff(track.time)) - 1) < 0.02)
 
 
 def _local_steps(track: Track) -> FloatArray:
@@ -328,7 +337,8 @@ def _interval(track: Track, place: str, log: DamageLog) -> float:
             dt = dt if abs(usual / dt - 1) < 0.01 else usual
     stated = track.rate if np.isfinite(track.rate) else 0.0
     if stated > 0:
-        if abs(stated * dt - 1) <= max(0.01, 2 * min(slack, SHORTEST) / number):
+        near = max(0.01, 2 * min(slack, SHORTEST) / number)
+        if abs(stated * dt - 1) <= near or (track.sample is not None and _usually(track)):
             return 1 / stated
         log.add(place, f'its marker says {stated:.6g} Hz but its samples come at {1 / dt:.6g} Hz')
     for count in digits:
