@@ -18,7 +18,7 @@ from piezo_hysteresis.records import Record, Survey, survey, write_bag
 from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.foreign import foreign_records
-from piezo_hysteresis.records.load import is_csv
+from piezo_hysteresis.records.load import is_csv, sentences
 from piezo_hysteresis.records.resampling import resampled
 
 HELP = 'CSV files to one bag, one record per file'
@@ -80,9 +80,12 @@ def _read(arguments: argparse.Namespace) -> Survey:
 
 
 def _one(path: Path, named: dict[str, str], log: DamageLog) -> list[Record]:
-    if not path.exists():
-        raise RecordError(f'{path} does not exist; check the path')
-    if is_csv(path):
+    with sentences(path):
+        return _chosen(path, named, log)
+
+
+def _chosen(path: Path, named: dict[str, str], log: DamageLog) -> list[Record]:
+    if is_csv(path) and not path.is_dir():
         return csv_records(path, log, named)
     if 'displacement' not in named or not {'voltage', 'force'} & named.keys():
         raise RecordError(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
@@ -257,8 +258,8 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
     entry: Any = None
     if notes.is_file():
         try:
-            entry = (yaml.safe_load(notes.read_text('utf-8')) or {}).get(path.name)
-        except (yaml.YAMLError, UnicodeDecodeError, AttributeError) as error:
+            entry = (plain_yaml.load_file(notes) or {}).get(path.name)
+        except (OSError, yaml.YAMLError, AttributeError) as error:
             reason = str(error).split('\n', 1)[0]
             raise RecordError(
                 f'{notes}: it cannot be read ({reason}); mend or remove it'
@@ -276,7 +277,7 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
             str(entry.get('record', path.stem)),
             float(entry.get('rate', 0)),
         )
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise RecordError(
             f'{notes}: the entry of {path.name} has a value of the wrong kind; mend it'
         ) from None

@@ -5,7 +5,8 @@ from __future__ import annotations
 import sqlite3
 import struct
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -98,14 +99,13 @@ def survey(
     records: list[Record] = []
     bags: list[BagContent] = []
     for path in map(Path, paths):
+        before = len(log.findings)
         try:
-            found = _read(path, log, bags, actuator)
-        except RecordError:
-            raise
-        except (OSError, ValueError, KeyError, IndexError, OverflowError, struct.error,
-                sqlite3.Error, MemoryError) as error:  # fmt: skip
-            reason = getattr(error, 'strerror', None) or error  # without the path once more
-            raise RecordError(f'{path}: it cannot be read ({reason})') from error
+            with sentences(path):
+                found = _read(path, log, bags, actuator)
+        except RecordError as error:
+            lost = '; '.join(each.what for each in log.findings[before : before + 2])
+            raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
         if not found:
             lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
             raise RecordError(f'{path}: no record in it is readable ({lost})')
@@ -113,11 +113,33 @@ def survey(
     return Survey(_uniquely_named(records), log.findings, log.notes, bags, log.left_out)
 
 
+@contextmanager
+def sentences(path: Path) -> Iterator[None]:
+    """Refuse what is no file or folder, and say in one sentence why it cannot be read.
+
+    Raises
+    ------
+    RecordError
+        Instead of all that reading damaged data may raise.
+    """
+    try:
+        if not path.exists():
+            raise RecordError(f'{path} does not exist; check the path')
+        if not (path.is_file() or path.is_dir()):
+            raise RecordError(f'{path}: it is a pipe or a device; save the data as a file')
+        yield
+    except (OSError, ValueError, KeyError, IndexError, OverflowError, RecursionError, struct.error,
+            sqlite3.Error, MemoryError) as error:  # fmt: skip
+        # without the path once more
+        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
+        raise RecordError(
+            f'{path}: it cannot be read ({reason or type(error).__name__})'
+        ) from error
+
+
 def _read(
     path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
 ) -> list[Record]:
-    if not path.exists():
-        raise RecordError(f'{path} does not exist; check the path')
     if path.is_dir() or path.suffix in READERS:
         content = read_content(path, log)
         bags.append(content)

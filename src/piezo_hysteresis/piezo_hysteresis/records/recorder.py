@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import mcap_format as mcap
@@ -157,7 +158,7 @@ class Recorder:
         """
         topic = Topic(name, msgtype, definition, type_hash, qos)
         try:
-            yaml.safe_load(qos)
+            plain_yaml.load(qos)
         except yaml.YAMLError:
             raise RecordError(f'topic {name}: its QoS profiles are no YAML') from None
         with self._lock:
