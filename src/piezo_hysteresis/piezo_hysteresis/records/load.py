@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
 from piezo_hysteresis.records.csv_files import csv_records
@@ -39,6 +39,8 @@ class Survey:
         The bags among the data, with all their topics.
     left_out : list of Damage
         Those of the notes that tell of a record that was cancelled, refused or run again.
+    guesses : list of Damage
+        Those of the notes that tell what was taken for what.
     """
 
     records: list[Record]
@@ -46,6 +48,7 @@ class Survey:
     notes: list[Damage] = field(default_factory=list)
     bags: list[BagContent] = field(default_factory=list)
     left_out: list[Damage] = field(default_factory=list)
+    guesses: list[Damage] = field(default_factory=list)
 
 
 def load(
@@ -74,6 +77,8 @@ def load(
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
     for record in found.left_out:
         warnings.warn(str(record), LeftOutWarning, stacklevel=2)
+    for guess in found.guesses:
+        warnings.warn(str(guess), DataNote, stacklevel=2)
     return found.records
 
 
@@ -110,7 +115,8 @@ def survey(
             lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
             raise RecordError(f'{path}: no record in it is readable ({lost})')
         records += found
-    return Survey(_uniquely_named(records), log.findings, log.notes, bags, log.left_out)
+    named = _uniquely_named(records)
+    return Survey(named, log.findings, log.notes, bags, log.left_out, log.guesses)
 
 
 @contextmanager
@@ -146,14 +152,17 @@ def _read(
         return bag_records(content, log, actuator)
     if is_csv(path):
         return csv_records(path, log)
-    raise RecordError(
-        f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
-    )
+    raise RecordError(unknown_kind(path))
+
+
+def unknown_kind(path: Path) -> str:
+    """Return the sentence with which a file of another kind is refused."""
+    return f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
 
 
 def is_csv(path: Path) -> bool:
     """Return whether a file is one of columns, by its name."""
-    return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat')
+    return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat', '.lvm', '.asc', '.prn')
 
 
 def _uniquely_named(records: list[Record]) -> list[Record]:
