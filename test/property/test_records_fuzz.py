@@ -299,10 +299,12 @@ def test_many_chunks_that_grow_are_not_all_read(tmp_path, monkeypatch):
     monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.SMALL', 1 << 20)
     read = []
     inflated = compressed.inflated
-    monkeypatch.setattr(
-        'piezo_hysteresis.records.mcap_reader.inflated',
-        lambda *words: read.append(words) or inflated(*words),
-    )
+
+    def counted(*given):
+        read.append(given)
+        return inflated(*given)
+
+    monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.inflated', counted)
     path = mcap_of(tmp_path, *[(1 << 18, zeros(1 << 18))] * 40)
     with pytest.raises(RecordError, match='chunk at byte'):
         survey([path], salvage=True)

@@ -248,7 +248,7 @@ def test_columns_that_carry_quantity_and_unit_are_taken_and_said(tmp_path, name,
     assert 'voltage from ' in str(found.guesses[-1])
     said = any('Windows-1252' in str(note) for note in found.notes)
     assert said == (encoding == 'cp1252' and 'µ' in FOREIGN[name])
-    with pytest.warns(DataNote, match='taken for time from'):
+    with pytest.warns(DataNote, match='reading time from column'):
         load([path])
 
 

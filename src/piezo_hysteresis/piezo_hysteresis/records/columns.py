@@ -71,9 +71,9 @@ def meaning(name: str) -> Meaning:
     if name.lower() in FIXED:
         return Meaning(*FIXED[name.lower()], NAMED)
     bare, unit = _parts(name)
-    words = [word for word in re.split(r'[\W\d_]+', bare.lower()) if word]
+    stems = [stem for stem in re.split(r'[\W\d_]+', bare.lower()) if stem]
     for what, spellings in MEANT.items():
-        if words and (words[0] == what or words[0] in spellings):
+        if stems and (stems[0] == what or stems[0] in spellings):
             known = _unit(unit, what)
             return Meaning(what, known, NAMED if known else NOT_ENOUGH)
     for what in ('time', 'voltage', 'force', 'displacement'):
@@ -135,7 +135,7 @@ def assigned(names: Sequence[str], where: object) -> tuple[dict[int, tuple[str, 
             chosen[places[0]] = (what, meanings[places[0]].unit)
     chosen = _one_input(chosen, meanings, where)
     _require(chosen, names, meanings, doubtful, where)
-    guesses = [f'{what} from {names[k]!r} in {unit}' for k, (what, unit) in chosen.items()
+    guesses = [f'{what} from column {names[k]!r} in {unit}' for k, (what, unit) in chosen.items()
                if meanings[k].rank != CERTAIN]  # fmt: skip
     return chosen, ', '.join(guesses)
 

@@ -109,7 +109,7 @@ def _table(
         names = [str(k) for k in range(1, len(names) + 1)]
     meanings, guessed = assigned(renamed(names, chosen, path), path)
     if guessed:
-        log.guess(path, f'taken for {guessed}')
+        log.guess(path, f'reading {guessed}')
     head = first - 1 if numbers else first
     commas = delimiter != ',' and ',' in ''.join(lines[head + 1 : head + 2])
     plain = large and delimiter and not commas

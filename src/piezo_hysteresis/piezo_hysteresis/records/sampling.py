@@ -150,7 +150,7 @@ def restarts(sample: IntArray, log_time: IntArray) -> IntArray:
 
 def _ordered(track: Track, place: str, log: DamageLog) -> Track:
     """Sort by number, or by time where there are none, and drop samples that come twice."""
-    key = track.time
+    key: FloatArray | IntArray = track.time
     if track.sample is not None and np.unique(track.sample).size == track.sample.size:
         key = track.sample  # whatever the stamps say
     back = int(np.sum(np.diff(key) < 0))
