@@ -4,8 +4,11 @@ Never silence: where values differ from what was written, something must have be
 """
 
 import contextlib
+import os
 import shutil
+import struct
 import tempfile
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +16,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records import Record, RecordInfo, survey, write_bag
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import ModelError, RecordError
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record, RecordInfo, compressed, mcap_format, survey, write_bag
 from piezo_hysteresis.records.player import Player
 from piezo_hysteresis.records.recorder import Recorder
 
@@ -245,3 +250,148 @@ def test_a_recording_that_was_cut_off_and_then_damaged(tmp_path_factory, flips):
         file.write_bytes(data)
 
     damaged(path, change, closed=False)
+
+
+# --- data made to do harm -----------------------------------------------------------------------
+
+
+def mcap_of(folder, *chunks):
+    """Write chunks of (stated size, packed bytes) as a file that claims to be in order."""
+    parts = [mcap_format.MAGIC, mcap_format.record(mcap_format.HEADER, bytes(8))]
+    for size, packed in chunks:
+        head = struct.pack('<QQQI', 0, 0, size, 0)
+        stored = struct.pack('<Q', len(packed))
+        parts.append(
+            mcap_format.record(mcap_format.CHUNK, head, mcap_format.text('zstd'), stored, packed)
+        )
+    path = folder / 'bomb.mcap'
+    path.write_bytes(b''.join([*parts, mcap_format.tail()]))
+    return path
+
+
+def zeros(size):
+    from backports import zstd
+
+    return zstd.compress(bytes(size))
+
+
+@pytest.mark.parametrize('size', [(1 << 64) - 1, 1 << 40, 1 << 29, 10, 3 << 20])
+def test_a_chunk_that_grows_costs_no_memory(tmp_path, monkeypatch, size):
+    """3 MB of zeros in 100 bytes, where at most 1 MB is read at once."""
+    for module in (compressed, mcap_format):
+        for name, most in (('LARGEST', 1 << 20), ('MOST_OTHERS', 1000)):
+            monkeypatch.setattr(module, name, most, raising=False)
+    path = mcap_of(tmp_path, (size, zeros(3 << 20)))
+    with pytest.raises(RecordError):
+        survey([path])  # what it needs is loaded now
+    tracemalloc.start()
+    for salvage in (False, True):
+        with pytest.raises(RecordError) as caught:
+            survey([path], salvage=salvage)
+        one_line(caught.value)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 << 20
+    assert 'chunk at byte' in str(caught.value)
+
+
+def test_many_chunks_that_grow_are_not_all_read(tmp_path, monkeypatch):
+    monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.SMALL', 1 << 20)
+    read = []
+    inflated = compressed.inflated
+
+    def counted(*given):
+        read.append(given)
+        return inflated(*given)
+
+    monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.inflated', counted)
+    path = mcap_of(tmp_path, *[(1 << 18, zeros(1 << 18))] * 40)
+    with pytest.raises(RecordError, match='chunk at byte'):
+        survey([path], salvage=True)
+    assert 0 < len(read) < 40
+
+
+BOMBS = {
+    'deep': '[' * 20_000,
+    'digits': f'schema: {"9" * 200_000}',
+    'sexagesimal': f'schema: 1{":59" * 100_000}',
+    'long': f'chain: [{"1.5," * 300_000}]',
+    'laughs': 'a0: &a0 [x]\n' + ''.join(
+        f'a{k}: &a{k} [{f"*a{k - 1}," * 10}]\n' for k in range(1, 12)
+    ),
+    'merges': 'a0: &a0 {x: 1}\n' + ''.join(
+        f'a{k}: &a{k} {{<<: [*a{k - 1}, *a{k - 1}]}}\n' for k in range(1, 30)
+    ),
+    'itself': '&a [*a]',
+    'date': 'date: 2026-99-99',
+    'key': '? [1]\n: 2',
+    'no text': '\udcff',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('bomb', BOMBS)
+def test_yaml_made_to_do_harm(tmp_path, bomb):
+    path = tmp_path / 'model.yaml'
+    path.write_text(BOMBS[bomb], 'utf-8', 'surrogateescape')
+    with pytest.raises(ModelError) as caught:
+        ModelFile.load(path)
+    one_line(caught.value)
+    assert len(str(caught.value)) < 600
+    path.rename(tmp_path / 'metadata.yaml')
+    with pytest.raises(RecordError) as refused:
+        survey([tmp_path])
+    one_line(refused.value)
+
+
+SCALARS = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), st.dates()
+)
+MODEL = {
+    'schema': 'piezo_hysteresis/model/1', 'name': 'x', 'chain': ['bouc_wen'],
+    'parameters': {'A1': {'value': 1.0, 'std': 0.1, 'unit': 'm/V', 'held': False}},
+    'correlation': {'names': ['A1'], 'matrix': [[1.0]]},
+    'provenance': {'data': ['a'], 'rate': 1.0},
+}  # fmt: skip
+PLACES = [(), ('schema',), ('name',), ('chain',), ('parameters',), ('parameters', 'A1'),
+          ('parameters', 'A1', 'value'), ('parameters', 'A1', 'std'), ('correlation',),
+          ('correlation', 'matrix'), ('provenance',), ('provenance', 'data'),
+          ('provenance', 'rate')]  # fmt: skip
+TREES = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(SCALARS, inner, max_size=3),
+)
+
+
+def replaced(content, place, value):
+    """Return a tree with something else at a place."""
+    if not place:
+        return value
+    return {**content, place[0]: replaced(content[place[0]], place[1:], value)}
+
+
+@given(place=st.sampled_from(PLACES), value=TREES)
+@settings(max_examples=80, deadline=None)
+def test_any_value_anywhere_in_a_model_file(place, value):
+    import yaml
+
+    text = yaml.safe_dump(replaced(MODEL, place, value))
+    with contextlib.suppress(ModelError):
+        ModelFile.parse(text)
+
+
+@pytest.mark.parametrize('name', ['a.csv', 'a.mcap', 'a.db3', 'a.txt'])
+@pytest.mark.parametrize('kind', ['pipe', 'device', 'folder'])
+def test_what_is_no_file_is_not_waited_for(tmp_path, capsys, name, kind):
+    path = tmp_path / name
+    if kind == 'pipe':
+        os.mkfifo(path)
+    elif kind == 'device':
+        path.symlink_to('/dev/zero')
+    else:
+        path.mkdir()
+    columns = ['--time', '1', '--voltage', '2', '--displacement', '3']
+    for words in (['info'], ['import', '--out', str(tmp_path / 'out')],
+                  ['import', *columns, '--out', str(tmp_path / 'out')]):  # fmt: skip
+        assert main([words[0], str(path), *words[1:]]) == 2
+        assert capsys.readouterr().err.count('\n') == 1
+    assert main(['validate', str(path), '--model', str(path), '--out', str(tmp_path / 'out')]) == 2

@@ -120,6 +120,8 @@ def test_a_sweep_is_what_was_ordered(loop: Loop) -> None:
     ends = [marker.header.stamp for marker in loop.markers if not marker.record]
     stamps = [state.header.stamp for state in loop.states]
     assert [stamps.index(end) for end in ends] == [record.last for record in plan.records]
+    places = [f'sample {k}' for record in plan.records for k in (record.first, record.last)]
+    assert [marker.header.frame_id for marker in loop.markers] == places
 
     left = [each.seconds_left for each in loop.feedback]
     assert left

@@ -30,7 +30,7 @@ def make(n=1000, name='a', **info):
     return Record(name, 1e-3, ticks / 256, 1e-9 * ticks, info=RecordInfo(**info))
 
 
-def raw_bag(path, parts, topic=NAME):
+def raw_bag(path, parts, topic=NAME, *, in_order=False):
     """Write states of (sample numbers, stamps [s], displacements) as a driver would send them."""
     with Recorder(path) as recorder:
         for part, (sample, stamp, displacement) in enumerate(parts):
@@ -40,7 +40,8 @@ def raw_bag(path, parts, topic=NAME):
             columns = {'sample': sample, 'voltage': np.asarray(sample) * 1.0,
                        'displacement': displacement}  # fmt: skip
             rows = cdr.encode(FIELDS, stamps, columns)
-            for row, time in zip(rows, stamps.tolist(), strict=True):
+            times = np.arange(stamps.size) if in_order else stamps
+            for row, time in zip(rows, times.tolist(), strict=True):
                 recorder.write(number, row.tobytes(), time)
     return path
 

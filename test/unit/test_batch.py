@@ -24,6 +24,7 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load, write_bag, write_csv
+from piezo_hysteresis.threads import number_of_workers
 
 DT = 1e-3
 TASK = Identify('classical', options={'count': 1})
@@ -210,6 +211,46 @@ def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path):
     again = [job.name for job in jobs_of(Gain(), [tmp_path], tmp_path / 'out')
              if job.finished() is None]  # fmt: skip
     assert again == ['deadly', 'faulty']
+
+
+def test_by_default_there_is_a_worker_per_core(data, tmp_path, monkeypatch):
+    asked = []
+
+    class Threads(ThreadPoolExecutor):
+        """Stands for processes."""
+
+        def __init__(self, workers, **_):
+            asked.append(workers)
+            super().__init__(workers)
+
+    monkeypatch.setattr('piezo_hysteresis.batch.pool.ProcessPoolExecutor', Threads)
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: range(3))
+    words = ['batch', 'identify', str(data / 'bad.csv'), '--model', 'classical']
+    assert main([*words, '--out', str(tmp_path / 'out')]) == 2  # its only file is refused
+    assert asked == [3]
+    assert [number_of_workers(n) for n in (0, 1, 7)] == [3, 1, 7]
+    with pytest.raises(PiezoError, match='--workers'):
+        number_of_workers(-1)
+
+
+class Unloadable(Gain):
+    """A task whose import fails in every worker."""
+
+    def __reduce__(self):
+        return exec, ('import no_such_module',)
+
+
+@pytest.mark.parametrize('fault', ['import', 'start'])
+def test_no_worker_can_start_is_said(data, tmp_path, monkeypatch, fault):
+    def refuse(*_):
+        raise BlockingIOError(11, 'Resource temporarily unavailable')
+
+    if fault == 'start':
+        monkeypatch.setattr('multiprocessing.context.SpawnProcess._Popen', refuse)
+    task = Unloadable() if fault == 'import' else Gain()
+    with pytest.raises(PiezoError, match=r'no worker process can start .*; use --workers 1'):
+        run_batch(task, [data], tmp_path / 'out', workers=2)
+    assert not list((tmp_path / 'out').glob('*/job.json'))
 
 
 class Broken(Executor):

@@ -73,7 +73,7 @@ BAD = [
     ('identify', '--hold A1=1e-4 --set A1=2e-4', 'A1 is held at 0.0001'),
     ('identify', '--set A0=1e-5', 'A0 is held at 0'),
     ('identify', '--method pso --seed -1', 'seed must be 0 or more'),
-    ('identify', '--workers 0', 'workers must be 1 or more'),
+    ('identify', '--workers -2', '--workers must be 0'),
     ('identify', '--method rls_ud --forgetting 0', 'forgetting must be above 0'),
     ('identify', '--method rls_ud --forgetting nan', 'forgetting must be above 0'),
     ('identify', '--warm-up -1', 'warm-up must be 0 s or more'),

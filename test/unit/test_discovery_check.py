@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.data.check import Check, check
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.reporting.discovery_report import untold_limits
 
@@ -45,3 +48,30 @@ def test_a_report_gives_no_advice_twice():
     lines = ['To tell creep, drift apart: record a step and hold it for 30 s.']
     assert untold_limits(found, lines) == ['r: short', 'lag, creep cannot be told apart']
     assert untold_limits(found, []) == list(found.sentences())
+
+
+def sine(name, dt=1e-3, drive=1.0, **info):
+    time = np.arange(2000) * dt
+    shape = np.sin(2 * np.pi * 10.0 * time)
+    return Record(name, dt, drive * shape, 1e-5 * shape, info=RecordInfo(**info))
+
+
+UNFIT = {
+    'different rates': [sine('a'), sine('b', dt=4e-4)],
+    'same name': [sine('a'), sine('a')],
+    'several actuators': [sine('a', actuator='x'), sine('b', actuator='y')],
+    'a voltage and some a force': [sine('a'), sine('b', input_unit='N')],
+    'constant in every record': [sine('a', drive=0.0)],
+    'record b: the voltage is constant but the displacement moves by 20 um': [
+        sine('a'), sine('b', drive=0.0)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('why', UNFIT)
+def test_identify_and_discover_refuse_alike(why):
+    said = []
+    for refuse in (check, lambda records: identify(records, named('classical'))):
+        with pytest.raises(IdentificationError, match=why) as caught:
+            refuse(UNFIT[why])
+        said.append(str(caught.value))
+    assert said[0] == said[1]

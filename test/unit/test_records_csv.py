@@ -1,9 +1,12 @@
 """CSV files: units in the column names, helpful refusals, and back again."""
 
+import re
+
 import numpy as np
 import pytest
 
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records import (
     Record,
     RecordInfo,
@@ -13,6 +16,8 @@ from piezo_hysteresis.records import (
     survey,
     write_csv,
 )
+from piezo_hysteresis.records.csv_files import csv_records
+from piezo_hysteresis.records.damage import DamageLog
 
 
 def write(path, text):
@@ -95,7 +100,7 @@ def test_written_and_read_back(tmp_path, unit, drive):
     [
         ('time_s,voltage_V,displacement', "rename 'displacement' to displacement_um"),
         ('t,u,y', "rename 't' to time_s"),
-        ('time_s,voltage_V,position_um', "rename 'position_um' to displacement_um"),
+        ('time_s,voltage_V,position', "rename 'position' to displacement_um"),
         ('time_s,voltage,displacement_um', "rename 'voltage' to voltage_V"),
         ('time_s,voltage_V,displacement_inch', "rename 'displacement_inch'"),
         ('a,b,c', 'columns are named like time_s,voltage_V,displacement_um'),
@@ -120,7 +125,7 @@ def test_other_spellings_get_help(tmp_path, head, message):
         (rows().replace('\n0.005,', '\n0.005,nan'), 'not numbers'),
         (rows().replace('0.005,', '0.005,oops'), "line 7 has 'oops50.0' in column voltage_V"),
         (rows() + '0.040,1', "line 42 has '' in column displacement_um"),
-        ('\x00\x01\x02', 'no column for time'),
+        ('\x00\x01\x02', 'this is no text'),
     ],
 )
 def test_bad_files_are_refused_in_one_sentence(tmp_path, text, message):
@@ -201,3 +206,102 @@ def test_what_is_not_plain_in_a_large_file_is_read_and_told_as_in_a_small_one(
     small = answer()
     monkeypatch.setattr(csv_columns, 'LARGE', 0)
     assert answer() == small
+
+
+# --- files of other programs ---------------------------------------------------------------------
+
+LABVIEW = (
+    'LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDate\t2026/01/01\n'
+    '***End_of_Header***\t\n\t\nChannels\t2\t\nSamples\t40\t40\nX0\t0.0\t0.0\n'
+    '***End_of_Header***\t\n'
+)
+
+
+def lines(separator, comma='.', n=40):
+    found = [f'{k * 1e-3:.4f}{separator}{k % 7:.2f}{separator}{k % 5:.3f}\n' for k in range(n)]
+    return ''.join(found).replace('.', comma)
+
+
+FOREIGN = {
+    'a.lvm': LABVIEW + 'X_Value\tVoltage (V)\tDisplacement (um)\tComment\n' + lines('\t'),
+    'a.txt': LABVIEW + 'X_Value\tSpannung [V]\tWeg [µm]\n' + lines('\t', ','),
+    'b.csv': 'Zeit [s];Spannung [V];Weg [µm]\n' + lines(';', ','),
+    'c.csv': 'Time (s),CH1 (V),CH2 (um)\n' + lines(','),
+    'e.dat': 'Time (s)   CH1 (V)   Laser (um)\n' + lines('   '),
+    'f.csv': 't_sec,U/V,x [micron]\n' + lines(','),
+}
+FOREIGN['d.csv'] = 'Time (S),Voltage (V),Monitor (V),Position/um\n' + ''.join(
+    f'{k * 1e-3},{k % 7},9,{k % 5}\n' for k in range(40)
+)
+
+
+@pytest.mark.parametrize('name', FOREIGN)
+@pytest.mark.parametrize('encoding', ['utf-8', 'cp1252', 'utf-16'])
+def test_columns_that_carry_quantity_and_unit_are_taken_and_said(tmp_path, name, encoding):
+    path = tmp_path / name
+    path.write_text(FOREIGN[name], encoding)
+    found = survey([path])
+    (record,) = found.records
+    assert (len(record), record.rate) == (40, 1000.0)
+    np.testing.assert_array_equal(record.voltage, np.arange(40) % 7)
+    np.testing.assert_array_equal(record.displacement, (np.arange(40) % 5) / 1e6)
+    assert 'voltage from ' in str(found.guesses[-1])
+    said = any('Windows-1252' in str(note) for note in found.notes)
+    assert said == (encoding == 'cp1252' and 'µ' in FOREIGN[name])
+    with pytest.warns(DataNote, match='reading time from column'):
+        load([path])
+
+
+@pytest.mark.parametrize(
+    ('head', 'words'),
+    [
+        ('Time (s),CH1 (V),CH2 (V)', "voltage may be 'CH1 (V)' or 'CH2 (V)'"),
+        (
+            'Time (s),CH1 (V),Temperature (K)',
+            'it has no column of displacement that is understood',
+        ),
+        ('Date,CH1,CH2', 'no column of time, voltage and displacement'),
+    ],
+)
+def test_what_is_not_clear_is_not_guessed(tmp_path, head, words):
+    with pytest.raises(RecordError, match=re.escape(words)) as caught:
+        load([write(tmp_path / 'a.csv', f'{head}\n{lines(",")}')])
+    assert '--displacement COLUMN:UNIT' in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'words'),
+    [
+        ('plain.txt', lines(' '), ()),
+        ('tab.txt', lines('\t'), ()),
+        ('lab.lvm', LABVIEW + 'X_Value\tUntitled\tUntitled 1\tComment\n' + lines('\t'), ()),
+        ('scope.csv', 'Model,TDS\nPoints,40\n\nTIME,A,B\n' + lines(','), ('--header-row', '4')),
+        ('skip.csv', 'Model,TDS\nPoints,40\n\nTIME,A,B\n' + lines(','), ('--skip-rows', '2')),
+        ('bare.csv', 'Model,TDS\n' + lines(','), ('--skip-rows', '1')),
+    ],
+)
+def test_columns_by_number_behind_any_head(tmp_path, name, text, words, capsys):
+    path, bag = write(tmp_path / name, text), tmp_path / 'bag'
+    columns = ['--time', '1', '--voltage', '2', '--displacement', '3:um']
+    assert main(['import', str(path), *columns, *words, '--out', str(bag)]) == 0
+    assert '1 record in' in capsys.readouterr().out
+    (record,) = load([bag])
+    np.testing.assert_array_equal(record.voltage, np.arange(40) % 7)
+
+
+def test_a_number_is_no_topic_of_a_file_of_another_kind(tmp_path, capsys):
+    path = write(tmp_path / 'rec.foo', lines(' '))
+    assert main(['import', str(path), '--voltage', '2', '--displacement', '3', '--out', 'x']) == 2
+    assert 'data of this kind are not known' in capsys.readouterr().err
+    path = write(tmp_path / 'a.csv', lines(','))
+    words = ['--time', '1', '--voltage', '2', '--displacement', '3', '--out', 'x']
+    assert main(['import', str(path), *words, '--header-row', '99']) == 2
+    assert 'it has no line 99, but 40 lines' in capsys.readouterr().err
+
+
+def test_a_chosen_column_keeps_the_unit_of_its_name(tmp_path):
+    path = write(tmp_path / 'a.csv', 'A (ms),B (mV),C (nm)\n' + lines(','))
+    log = DamageLog()
+    (record,) = csv_records(path, log, {'time': '1', 'voltage': '2', 'displacement': 'C (nm)'})
+    assert (record.rate, np.ptp(record.voltage)) == (1e6, 6e-3)
+    assert np.ptp(record.displacement) == pytest.approx(4e-9)

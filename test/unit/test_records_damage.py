@@ -64,8 +64,24 @@ def test_numbers_that_start_again(tmp_path):
     sample = np.concatenate([TICKS, TICKS])
     stamp = np.concatenate([TICKS * 1e-3, 1.0 + TICKS * 1e-3])
     path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-9 * sample)])
-    found = refused(path, 'the numbers of the samples start again 1 times')
-    assert [len(record) for record in found.records] == [300, 300]
+    found = survey([path])
+    assert [(record.name, len(record)) for record in found.records] == [
+        ('bag.1', 300), ('bag.2', 300)]  # fmt: skip
+    assert 'start again 1 times: read as 2 runs' in str(found.notes[0])
+
+
+def test_a_clock_that_starts_again_with_the_numbers(tmp_path):
+    """A simulator that was started anew stamps from 0 once more."""
+    sample = np.concatenate([TICKS[40:], TICKS[:50]])
+    path = raw_bag(tmp_path / 'bag', [(sample, sample * 1e-3, 1e-9 * sample)], in_order=True)
+    assert [len(record) for record in survey([path]).records] == [260, 50]
+
+
+def test_two_halves_in_the_wrong_order_are_no_restart(tmp_path):
+    sample = np.concatenate([TICKS[100:], TICKS[:100]])
+    path = raw_bag(tmp_path / 'bag', [(sample, sample * 1e-3, 1e-9 * sample)])
+    (record,) = refused(path, '1 samples are out of order').records
+    np.testing.assert_array_equal(record.voltage, TICKS)
 
 
 @pytest.mark.parametrize('numbered', [True, False])
@@ -78,12 +94,10 @@ def test_mixed_rates(tmp_path, numbered):
     assert sum(map(len, found.records)) == 500
 
 
-@pytest.mark.parametrize('numbered', [True, False])
-def test_uneven_rate(tmp_path, numbered):
+def test_uneven_rate(tmp_path):
     rng = np.random.default_rng(0)
     stamp = np.cumsum(rng.uniform(0.5e-3, 1.4e-3, 300))
-    sample = TICKS if numbered else np.zeros(300, int)
-    path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-6 * np.sin(20 * stamp))])
+    path = raw_bag(tmp_path / 'bag', [(np.zeros(300, int), stamp, 1e-6 * np.sin(20 * stamp))])
     found = refused(path, 'the rate is uneven, steps are')
     (record,) = found.records
     truth = 1e-6 * np.sin(20 * record.time)
@@ -91,14 +105,43 @@ def test_uneven_rate(tmp_path, numbered):
     assert 'interpolated' in found.damage[0].what
 
 
-def test_a_few_late_stamps_of_numbered_samples_are_only_noted(tmp_path):
-    stamp = TICKS * 1e-3
-    stamp[120] += 0.6e-3
-    path = raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)])
+LATE = np.where(TICKS == 120, 0.6e-3, 0.0)
+RNG = np.random.default_rng(4)
+# A driver that stamps late by a part of a tick, is held up for 8 ticks, or is set back.
+CLOCKS = {
+    'one late': LATE,
+    'all late': RNG.uniform(0, 0.9e-3, 300),
+    'stalled': 1e-3 * np.clip(150 - TICKS, 0, None) * (TICKS >= 142),
+    'set back': RNG.uniform(0, 1e-4, 300) - 5e-3 * (TICKS > 200),
+}
+
+
+@pytest.mark.parametrize('clock', CLOCKS)
+def test_stamps_of_numbered_samples_may_jitter(tmp_path, clock):
+    stamp = 1e9 + TICKS * 1e-3 + CLOCKS[clock]
+    path = raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)], in_order=True)
     found = survey([path])
     (record,) = found.records
-    assert record.dt == 1e-3
-    assert any('off their tick' in str(note) for note in found.notes)
+    assert record.rate == pytest.approx(1000.0, rel=0.02 if clock == 'set back' else 1e-12)
+    np.testing.assert_array_equal(record.voltage, TICKS)
+    assert any('its stamps jitter by up to' in str(note) for note in found.notes)
+
+
+def test_numbers_that_are_missing_are_a_gap_whatever_the_stamps_say(tmp_path):
+    kept = np.delete(TICKS, [100, 101])
+    stamp = kept * 1e-3 + RNG.uniform(0, 0.9e-3, kept.size)
+    found = refused(
+        raw_bag(tmp_path / 'bag', [(kept, stamp, kept * 1e-9)]), '2 samples are missing'
+    )
+    assert [len(record) for record in found.records] == [100, 198]
+
+
+def test_a_clock_that_jumps_is_said(tmp_path):
+    stamp = TICKS * 1e-3 + 3600.0 * (TICKS > 150)
+    found = refused(
+        raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)]), 'stamps jump by up to 3.6e'
+    )
+    assert [len(record) for record in found.records] == [151, 149]
 
 
 def test_values_that_are_not_numbers(tmp_path):

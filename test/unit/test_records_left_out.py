@@ -18,11 +18,16 @@ from piezo_hysteresis.records.markers import MOVED, VERDICTS
 from piezo_hysteresis.records.recorder import Recorder
 
 RATE = 1000
-Mark = tuple[int, str, str, str]  # tick, record, excitation, frame_id
+Mark = tuple[float, str, str, str]  # tick, record, excitation, frame_id
 
 
-def bag_of(folder: Path, marks: Sequence[Mark], ticks: int = 400) -> Path:
-    """Write what a recorder gets of a sweep: a sine of 25 Hz, marked as told."""
+def bag_of(
+    folder: Path, marks: Sequence[Mark], ticks: int = 400, jitter: Sequence[float] = ()
+) -> Path:
+    """Write what a recorder gets of a sweep: a sine of 25 Hz, marked as told.
+
+    Stamps of the samples are off by `jitter` [ticks]; markers may lie between two ticks.
+    """
     types = typestore().types
     number = np.arange(ticks)
     voltage = np.sin(2 * np.pi * 25.0 * number / RATE)
@@ -30,10 +35,11 @@ def bag_of(folder: Path, marks: Sequence[Mark], ticks: int = 400) -> Path:
     with Recorder(folder) as recorder:
         state = recorder.add_topic('/actuator/state', STATE, definition=definition_of(STATE)[0])
         mark = recorder.add_topic('/record/marker', MARKER, definition=definition_of(MARKER)[0])
-        for row in cdr.encode(FIELDS, number * 1_000_000, columns):
+        stamps = np.asarray(1e6 * (number + (np.asarray(jitter) if len(jitter) else 0)), np.int64)
+        for row in cdr.encode(FIELDS, stamps, columns):
             recorder.write(state, row.tobytes(), 0)
         for tick, name, excitation, judged in marks:
-            stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=tick * 1_000_000)
+            stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=round(tick * 1_000_000))
             message = types[MARKER](
                 header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=judged), record=name,
                 actuator='', excitation=excitation, frequency=25.0, amplitude=1.0, warm_up=0.0,
@@ -69,8 +75,51 @@ def test_what_is_run_again_counts_once_and_under_its_name(tmp_path: Path) -> Non
     found = survey([bag_of(tmp_path / 'bag', marks)])
     assert [(r.name, len(r), r.start) for r in found.records] == [('one', 80, 0.1)]
     assert [str(note).split(': ')[1] for note in found.notes] == [
-        'record one was repeated and is left out', '230 samples lie outside the marked records',
+        'record one was repeated and is left out', '290 samples lie outside the marked records',
     ]  # fmt: skip
+
+
+def test_a_start_that_was_announced_late_swallows_nothing(tmp_path: Path) -> None:
+    """A clock that jitters: the true start lies 8 us before the one that was foreseen."""
+    marks: list[Mark] = [
+        (100.5, 'one', 'sine', 'sample 101'), (105.5, '', 'moved', 'one'),
+        (100.492, 'one', 'sine', 'sample 101'), (180.5, '', '', 'sample 181'),
+    ]  # fmt: skip
+    found = survey([bag_of(tmp_path / 'bag', marks)])
+    assert [(r.name, len(r), r.start) for r in found.records] == [('one', 80, 0.101)]
+    assert not any('no samples' in str(note) for note in found.notes)
+    plain = [
+        (tick, name, kind, judged if kind == 'moved' else '') for tick, name, kind, judged in marks
+    ]
+    assert [len(r) for r in survey([bag_of(tmp_path / 'older', plain)]).records] == [80]
+
+
+def test_markers_cut_at_their_sample_whatever_the_stamps_say(tmp_path: Path) -> None:
+    jitter = np.random.default_rng(1).uniform(-3, 3, 400) + 10
+    marks: list[Mark] = [(100.5, 'one', 'sine', 'sample 100'), (160, '', '', 'sample 180'),
+                         (190, 'two', 'sine', 'sample 180'),
+                         (260, '', '', 'sample 260')]  # fmt: skip
+    found = survey([bag_of(tmp_path / 'bag', marks, jitter=list(jitter))])
+    assert [len(r) for r in found.records] == [80, 80]
+    assert found.records[1].voltage[0] == pytest.approx(np.sin(2 * np.pi * 25 * 0.18))
+    assert sum('its stamps jitter' in str(note) for note in found.notes) == 2
+
+
+def test_a_driver_that_is_held_up_again_and_again_keeps_its_stated_rate(tmp_path: Path) -> None:
+    late = np.cumsum(np.where(np.arange(400) % 5 == 3, 3.0, 0.0))
+    marks: list[Mark] = [(0, 'one', 'sine', 'sample 100'), (0, '', '', 'sample 300')]
+    found = survey([bag_of(tmp_path / 'bag', marks, jitter=list(late))])
+    assert [(len(r), r.rate) for r in found.records] == [(200, 1000.0)]
+    assert 'held up: 62' in str(found.notes[-1])
+    slow = np.arange(400) * 1.0  # every step takes twice as long: this is another rate
+    with pytest.raises(RecordError, match='marker says 1000 Hz but its samples come at 500 Hz'):
+        load([bag_of(tmp_path / 'slow', marks, jitter=list(slow))])
+
+
+def test_a_record_that_was_cancelled_before_it_began_swallows_nothing(tmp_path: Path) -> None:
+    marks: list[Mark] = [(150, 'two', 'sine', ''), (110, '', 'cancelled', 'two'),
+                         (120, 'three', 'sine', ''), (200, '', '', '')]  # fmt: skip
+    assert [len(r) for r in survey([bag_of(tmp_path / 'bag', marks)]).records] == [80]
 
 
 def test_a_record_is_taken_back_long_after_its_end(tmp_path: Path) -> None:

@@ -319,3 +319,13 @@ def test_refusals(tmp_path):
     assert not [path for path in Path(tmp_path).iterdir() if path.name.startswith('.')]
     with pytest.raises(RecordError, match='holds no messages'):
         read_bag(tmp_path / 'new')
+
+
+def test_a_flush_that_is_waited_for_has_it_all_in_the_bag(tmp_path):
+    with Recorder(tmp_path / 'bag', flush_interval=60.0) as recorder:
+        topic = recorder.add_topic('/words', 'std_msgs/msg/String')
+        for k in range(10):
+            recorder.write(topic, b'\0\1\0\0\2\0\0\0a\0', k)
+        assert recorder.status.written == 0
+        recorder.flush(timeout=30.0)
+        assert recorder.status.written == 10

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
 from piezo_sim.errors import SimulationError, SweepError
@@ -145,8 +146,8 @@ def _grid(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 def _plan(path: Path) -> list[dict[str, Any]]:
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = plain_yaml.load_file(path)
+    except (OSError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise SweepError(f'the plan {path} cannot be read: {reason}') from error
     if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):

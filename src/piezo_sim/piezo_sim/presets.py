@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS
@@ -112,8 +113,8 @@ def load_preset(name: str) -> Preset:
 def read_preset(file: Path) -> Preset:
     """Return the preset described by a YAML file."""
     try:
-        content = yaml.safe_load(file.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = plain_yaml.load_file(file)
+    except (OSError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise PresetError(f'preset {file.name} cannot be read: {reason}') from error
     if not isinstance(content, dict):

@@ -10,6 +10,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing.connection import wait
 from types import TracebackType
 
+from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.threads import one_for_linear_algebra
 
 
@@ -19,11 +20,19 @@ class OwnPool:
     Parameters
     ----------
     workers : int
-        Processes; 0 is one per core.
+        Processes, 1 or more.
+    task : object
+        What the processes have to load before they can work.
+
+    Raises
+    ------
+    PiezoError
+        If no process starts, or none can load the task.
     """
 
-    def __init__(self, workers: int) -> None:
-        self._workers = workers or os.cpu_count() or 1
+    def __init__(self, workers: int, task: object) -> None:
+        self._workers = workers
+        self._task = task
         self._others = {child.pid for child in multiprocessing.active_children()}
         one_for_linear_algebra()  # read when a process starts, so this one keeps what it has
         self.executor = self._new()
@@ -31,7 +40,15 @@ class OwnPool:
     def _new(self) -> Executor:
         # fresh processes: forking one in which numba or a BLAS has threads can hang
         context = multiprocessing.get_context('spawn')
-        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin)
+        pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin)
+        try:
+            pool.submit(_load, self._task).result()
+        except Exception as error:  # of the operating system, of pickle, of an import
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise PiezoError(
+                f'no worker process can start ({error}); use --workers 1, or free memory'
+            ) from error
+        return pool
 
     def renew(self) -> None:
         """Replace the pool, after it broke."""
@@ -52,6 +69,10 @@ class OwnPool:
                 if child.pid not in self._others:
                     child.terminate()
         self.executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _load(task: object) -> None:
+    """Do nothing: to be called, a process has to start and to load the task."""
 
 
 def _begin() -> None:

@@ -14,6 +14,7 @@ from piezo_hysteresis.batch.pool import OwnPool
 from piezo_hysteresis.batch.tasks import Progress, Row, Task, quiet
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.reporting.folder import claim
+from piezo_hysteresis.threads import number_of_workers
 
 Collect = Callable[[Job, Row], None]
 
@@ -66,7 +67,8 @@ def run_batch(
         Where the jobs run: threads, processes, a Dask cluster (``Client.get_executor()``). Its
         workers must see `data` and `out` under the same paths.
     workers : int
-        Without an executor: 1 works in this process, more in processes of their own.
+        Without an executor: 1 works in this process, more in processes of their own; 0 is one
+        per core.
     progress : callable
         Told ``(fraction, words)``.
 
@@ -78,8 +80,8 @@ def run_batch(
     Raises
     ------
     PiezoError
-        If there are no data, `out` cannot be written or holds the results of another verb, or the
-        given executor broke down; what is finished is kept.
+        If there are no data, `out` cannot be written or holds the results of another verb, no
+        process can start, or the given executor broke down; what is finished is kept.
     """
     from piezo_hysteresis.batch.table import TABLES, write_tables  # draws: not for the workers
 
@@ -97,11 +99,11 @@ def run_batch(
     if executor is not None:
         if _round(task, left, executor, len(left), collect):
             raise PiezoError('the executor broke down; start it anew and run the batch again')
-    elif workers == 1:
+    elif number_of_workers(workers) == 1:
         for job in left:
             collect(job, work(task, job))
-    else:
-        _in_own_pools(task, left, workers, collect)
+    elif left:
+        _in_own_pools(task, left, number_of_workers(workers), collect)
     ordered = [rows[job.name] for job in jobs]
     return Batch(ordered, resumed, write_tables(out, task.verb, ordered))
 
@@ -136,7 +138,7 @@ def _row(job: Job, state: str, error: str, begun: float) -> Row:
 
 def _in_own_pools(task: Task, jobs: Sequence[Job], workers: int, collect: Collect) -> None:
     """Work in processes; a pool that loses one is replaced, and the culprit found alone."""
-    with OwnPool(workers) as pool:
+    with OwnPool(workers, task) as pool:
         suspects: list[Job] = []
         while jobs:
             lost = _round(task, jobs, pool.executor, workers, collect)
@@ -173,7 +175,7 @@ def _round(
             job = waiting.pop()
             try:
                 running[executor.submit(work, task, job)] = job
-            except BrokenExecutor:
+            except (BrokenExecutor, OSError):  # a further process may be one too many
                 lost.append(job)
         for future in wait(running, return_when=FIRST).done:
             job = running.pop(future)

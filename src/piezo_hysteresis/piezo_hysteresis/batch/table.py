@@ -91,8 +91,8 @@ def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
     """Return the page: how many, how good, what went wrong, links to every report."""
     done = [row for row in rows if row['state'] == 'done']
     bad = [row for row in rows if row['state'] != 'done']
-    good = _identified(done) if verb == 'identify' else _discovered(done)
-    sections = [good] if done else []
+    summarized = _identified if verb == 'identify' else _discovered
+    sections = [summarized(done)] if done else []
     if bad:
         cells = [(row['name'], row['state'], row['error']) for row in bad[:_SHOWN]]
         why = table(('data', 'state', 'why'), cells)

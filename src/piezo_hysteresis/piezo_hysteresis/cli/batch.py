@@ -19,6 +19,7 @@ from typing import Any
 from piezo_hysteresis.cli import discover, identify, talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.threads import number_of_workers
 
 HELP = 'identify or discover over many bags, resumed after a kill'
 
@@ -40,9 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.batch import run_batch
     from piezo_hysteresis.batch.run import settled
 
-    if arguments.workers < 0:
-        raise PiezoError('--workers must be 0 (one per core) or more')
-    workers, arguments.workers = arguments.workers, 1  # one thread in each process
+    # one thread in each process
+    workers, arguments.workers = number_of_workers(arguments.workers), 1
     module: Any = {'identify': identify, 'discover': discover}[arguments.each]
     for name in ('model', 'baseline'):  # workers elsewhere start in other folders
         value = getattr(arguments, name, '')

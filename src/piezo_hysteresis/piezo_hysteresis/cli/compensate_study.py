@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import yaml
 
+from piezo_common import plain_yaml
 from piezo_hysteresis.cli.compensate_links import Builder, Feedback, Repetition
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
@@ -91,7 +91,7 @@ def _value(text: str) -> Any:
     try:
         return float(text) if any(c in text for c in '.eE') else int(text)
     except ValueError:
-        return yaml.safe_load(text.replace(' ', ', ')) if text.startswith('[') else text
+        return plain_yaml.load(text.replace(' ', ', ')) if text.startswith('[') else text
 
 
 def run_study(study: Study) -> list[Run]:

@@ -7,13 +7,13 @@ feedforward and gap_monitor), simulator.yaml (under the simulator's own names) a
 from __future__ import annotations
 
 import argparse
-import os
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.threads import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.batch.tasks import Discover
@@ -73,14 +73,12 @@ def task_of(arguments: argparse.Namespace) -> Discover:
     from piezo_hysteresis.batch.tasks import Discover
     from piezo_hysteresis.identification.settings import pairs
 
-    if arguments.workers < 0:
-        raise IdentificationError('--workers must be 0 (one per core) or more')
     if not arguments.time_limit >= 0.0:
         raise IdentificationError('--time-limit must be 0 (none) or more seconds')
     return Discover(
         baseline=arguments.baseline,
         seed=arguments.seed,
-        workers=arguments.workers or os.cpu_count() or 1,
+        workers=number_of_workers(arguments.workers),
         warm_up=arguments.warm_up,
         actuator=arguments.actuator,
         salvage=arguments.salvage,

@@ -17,7 +17,8 @@ from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, survey, write_csv
-from piezo_hysteresis.records.csv_files import INFO_FILE, LENGTHS
+from piezo_hysteresis.records.columns import LENGTHS
+from piezo_hysteresis.records.csv_files import INFO_FILE
 
 # What is a model and no data.
 MODELS = ('.yaml', '.yml')

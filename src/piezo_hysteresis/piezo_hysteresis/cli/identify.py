@@ -16,6 +16,7 @@ from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES
+from piezo_hysteresis.threads import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.batch.tasks import Identify
@@ -101,7 +102,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--no-offset', action='store_true', help='rls without an offset, as printed')
     add('--p0', type=float, help='rls: P starts as this times the identity (1, as printed)')
     add('--unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
-    add('--workers', type=int, default=1, help='threads; the result is the same')
+    add(
+        '--workers',
+        type=int,
+        default=1,
+        metavar='N',
+        help='threads; 0 is one per core; the result is the same',
+    )
     add('--actuator', help='which actuator, where a bag holds several')
 
 
@@ -166,7 +173,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         )
     options = {k: value for k, value in given.items() if value is not None and k != 'start'}
     if 'workers' in takes:
-        options['workers'] = arguments.workers
+        options['workers'] = number_of_workers(arguments.workers)
     return options
 
 

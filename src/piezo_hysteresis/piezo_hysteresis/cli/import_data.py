@@ -15,10 +15,11 @@ from pathlib import Path
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
+from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.foreign import foreign_records
-from piezo_hysteresis.records.load import is_csv
+from piezo_hysteresis.records.load import is_csv, sentences, unknown_kind
 from piezo_hysteresis.records.resampling import resampled
 
 HELP = 'CSV files to one bag, one record per file'
@@ -47,6 +48,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     fields = parser.add_argument_group('bags of other message types, CSV of other columns')
     fields.add_argument('--time', metavar='COLUMN[:UNIT]', help='of a CSV file')
+    rows = fields.add_mutually_exclusive_group()
+    rows.add_argument('--header-row', type=int, metavar='N',
+                      help='line with the names of the columns of a CSV file, from 1')  # fmt: skip
+    rows.add_argument('--skip-rows', type=int, metavar='N',
+                      help='lines in front of it that are left out')  # fmt: skip
     for quantity in ('voltage', 'force', 'displacement', 'reference'):
         fields.add_argument(f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]')
 
@@ -60,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_bag(arguments.out, records, storage=arguments.storage)
     print_survey_notes(found)
     print(records_table(records))
-    print(f'{len(records)} records in {arguments.out}')
+    print(f'{len(records)} record{"s" * (len(records) != 1)} in {arguments.out}')
     return 0
 
 
@@ -71,19 +77,27 @@ def _read(arguments: argparse.Namespace) -> Survey:
         if (text := getattr(arguments, what)) is not None
     }
     log = DamageLog(arguments.salvage, interpolate=arguments.resample is not None)
-    if not named:
+    row = arguments.header_row if arguments.skip_rows is None else arguments.skip_rows + 1
+    if not named and row is None:
         return survey(arguments.files, actuator=arguments.actuator, log=log)
     if len({'voltage', 'force'} & named.keys()) == 2:
         raise RecordError('the input is a voltage or a force: name one of them')
-    records = [record for path in map(Path, arguments.files) for record in _one(path, named, log)]
+    records = [
+        record for path in map(Path, arguments.files) for record in _one(path, named, log, row)
+    ]
     return Survey(records, log.findings, log.notes)
 
 
-def _one(path: Path, named: dict[str, str], log: DamageLog) -> list[Record]:
-    if not path.exists():
-        raise RecordError(f'{path} does not exist; check the path')
-    if is_csv(path):
-        return csv_records(path, log, named)
+def _one(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> list[Record]:
+    with sentences(path):
+        return _chosen(path, named, log, row)
+
+
+def _chosen(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> list[Record]:
+    if is_csv(path) and not path.is_dir():
+        return csv_records(path, log, named, row)
+    if not path.is_dir() and path.suffix not in (*READERS, '.zstd'):
+        raise RecordError(unknown_kind(path))
     if 'displacement' not in named or not {'voltage', 'force'} & named.keys():
         raise RecordError(
             'of a bag --displacement and --voltage (or --force) belong together; name both fields'

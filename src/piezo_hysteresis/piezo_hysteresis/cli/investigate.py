@@ -9,7 +9,6 @@ brings the actuator to rest. --replay repeats one from its bags, without an actu
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from piezo_common.ranges import range_refusal
 from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.threads import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.investigation.conduct import InvestigationProgress
@@ -124,7 +124,7 @@ def _replay(folder: Path, workers: int) -> int:
         if progress.stage == 'judge':
             print(f'{progress.number}. {progress.experiment}: {progress.why}', flush=True)
 
-    found = repeated(folder, workers or os.cpu_count() or 1, report)
+    found = repeated(folder, number_of_workers(workers), report)
     if found.differences:
         raise PiezoError(f'{folder}: {"; ".join(found.differences)}')
     last = found.lines[-1] if found.lines else None

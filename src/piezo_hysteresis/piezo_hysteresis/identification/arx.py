@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
@@ -89,7 +90,7 @@ class TransferFunction:
             If the file is missing or no transfer function.
         """
         try:
-            content: Any = yaml.safe_load(Path(path).read_text('utf-8'))
+            content: Any = plain_yaml.load_file(path)
             top, bottom = (tuple(map(float, content[k])) for k in ('numerator', 'denominator'))
             found = cls(top, bottom, float(content.get('rate', 0.0)),
                         float(content.get('nrmse_percent', 'nan')))  # fmt: skip
@@ -97,7 +98,7 @@ class TransferFunction:
             raise IdentificationError(
                 f'{path}: it cannot be read ({error.strerror or error})'
             ) from None
-        except (TypeError, KeyError, ValueError, AttributeError, yaml.YAMLError):
+        except (TypeError, KeyError, ValueError, OverflowError, AttributeError, yaml.YAMLError):
             raise IdentificationError(
                 f'{path} is no transfer function; it needs numerator and denominator, lists of '
                 'numbers with the highest power of s first'

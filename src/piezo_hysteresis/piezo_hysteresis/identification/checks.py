@@ -14,6 +14,7 @@ from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
+_REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 
 @dataclass(frozen=True)
@@ -56,19 +57,72 @@ def check_records(records: Sequence[Record]) -> list[Finding]:
     return found
 
 
+def require_consistent(records: Sequence[Record]) -> None:
+    """Refuse records of which nothing can be learnt together, whatever is done with them.
+
+    Raises
+    ------
+    IdentificationError
+        If there is none, they differ in rate, input or actuator, share a name, nothing drives or
+        moves them, or one moves while its input stands still.
+    """
+    if not records:
+        raise IdentificationError('there is no record; give at least one bag or CSV file')
+    names = [r.name for r in records]
+    if len(set(names)) < len(names):
+        raise IdentificationError('two records have the same name; give every record its own')
+    rates = sorted({round(r.rate, 6) for r in records})
+    if rates[-1] - rates[0] > 1e-6 * rates[-1]:
+        raise IdentificationError(
+            f'the records have different rates ({", ".join(f"{r:g} Hz" for r in rates)}); '
+            'give those of one rate at a time, or bring them to one with `import --resample`'
+        )
+    if len({r.info.input_unit for r in records}) > 1:
+        raise IdentificationError(
+            'some records have a voltage and some a force as their input; give those of one kind'
+        )
+    actuators = sorted({r.info.actuator for r in records if r.info.actuator})
+    if len(actuators) > 1:
+        raise IdentificationError(
+            f'the records are of several actuators ({", ".join(actuators)}); give those of one'
+        )
+    _require_motion(records)
+
+
+def _require_motion(records: Sequence[Record]) -> None:
+    kind = _kind(records[0])
+    driven = [r for r in records if float(np.ptp(r.voltage)) > 0]
+    if not driven:
+        raise IdentificationError(
+            f'the {kind} is constant in every record; record a sine over the range you will use'
+        )
+    stroke = max(float(np.ptp(r.displacement)) for r in driven)
+    if stroke == 0.0:
+        raise IdentificationError(
+            'the displacement is constant; check sensor and cable, then record anew'
+        )
+    for record in records:
+        moved = float(np.ptp(record.displacement))
+        if float(np.ptp(record.voltage)) == 0.0 and moved > _REST * stroke:
+            raise IdentificationError(
+                f'record {record.name}: the {kind} is constant but the displacement moves by '
+                f'{1e6 * moved:.3g} um; check that the {kind} was recorded, or leave it out'
+            )
+
+
+def _kind(record: Record) -> str:
+    return 'force' if record.info.input_unit == 'N' else 'voltage'
+
+
 def require_usable(records: Sequence[Record]) -> list[str]:
     """Return the warnings about `records`, or refuse them.
 
     Raises
     ------
     IdentificationError
-        If there is no record, or one is of no use; the first such one is named.
+        If they do not go together, or one is of no use; the first such one is named.
     """
-    if not records:
-        raise IdentificationError('there is no record to fit; give at least one')
-    names = [r.name for r in records]
-    if len(set(names)) < len(names):
-        raise IdentificationError('two records have the same name; rename one')
+    require_consistent(records)
     findings = check_records(records)
     for finding in findings:
         if finding.fatal:
@@ -86,7 +140,7 @@ def _doubtful(sentence: str) -> list[tuple[bool, str]]:
 
 def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
     u, y = record.voltage, record.displacement
-    kind = 'force' if record.info.input_unit == 'N' else 'voltage'
+    kind = _kind(record)
     if len(record) < 20:
         return _fatal(f'only {len(record)} samples; record at least two periods of the excitation')
     if float(np.ptp(u)) == 0.0:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
@@ -210,7 +211,7 @@ class ModelFile:
             If anything in it is unknown, missing or impossible.
         """
         try:
-            return _from_dict(yaml.safe_load(text))
+            return _from_dict(plain_yaml.load(text))
         except yaml.YAMLError as error:
             reason = str(error).replace('\n', ' ')
             raise ModelError(f'the text of the model is no YAML: {reason}') from error
@@ -322,8 +323,11 @@ def _provenance(content: object) -> Provenance:
         for key in ('rate', 'noise_floor', 'free_run_rms')
         if key in rows
     }
+    data = rows.get('data', [])
+    if not isinstance(data, list):
+        raise ModelError('provenance data must be a list of names')
     return Provenance(
-        data=tuple(str(each) for each in rows.get('data', ())),
+        data=tuple(str(each) for each in data),
         date=str(rows.get('date', '')),
         fit=str(rows.get('fit', '')),
         notes=dict(mapping(rows.get('notes', {}), 'provenance notes')),

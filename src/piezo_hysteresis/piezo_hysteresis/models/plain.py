@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import ModelError
 
@@ -59,8 +60,8 @@ def read_yaml(path: str | Path) -> object:
         If the file cannot be read.
     """
     try:
-        return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        return plain_yaml.load_file(path)
+    except (OSError, yaml.YAMLError) as error:
         reason = str(getattr(error, 'strerror', None) or error).replace('\n', ' ')
         raise ModelError(f'cannot read the model file {path}: {reason}') from error
 
@@ -88,8 +89,8 @@ def number(value: object, what: str) -> float:
         raise ModelError(f'{what} must be a number, got {value!r}')
     try:
         return float(value)  # YAML reads 1e-5 without a point as text
-    except ValueError as error:
-        raise ModelError(f'{what} must be a number, got {value!r}') from error
+    except (ValueError, OverflowError) as error:
+        raise ModelError(f'{what} must be a number, got {str(value)[:40]!r}') from error
 
 
 def mapping(value: object, what: str) -> Mapping[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from typing import Any
@@ -19,6 +18,7 @@ from piezo_hysteresis.nodes.investigation.server import InvestigationServer
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.tables import DISCOVERY
 from piezo_hysteresis.reporting.folder import check_folder
+from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Discover
 from piezo_ros_common.diagnostics import Diagnostics
 from piezo_ros_common.parameters import NodeParameters
@@ -170,7 +170,7 @@ class DiscoveryNode(Node):
             baseline,
             name=request.baseline,
             seed=int(request.seed),
-            workers=int(request.workers) or os.cpu_count() or 1,
+            workers=number_of_workers(int(request.workers)),
             progress=progress,
         )
         write_discovery(out, found, list(request.data))

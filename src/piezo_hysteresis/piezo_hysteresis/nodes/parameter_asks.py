@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -13,6 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
+from piezo_common import plain_yaml
 from piezo_hysteresis.errors import PiezoError
 from piezo_ros_common.middleware import prepare
 
@@ -101,8 +101,8 @@ class Asks:
             If the file is none or holds nothing for the node, or the node refuses.
         """
         try:
-            content = yaml.safe_load(Path(file).read_text())
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            content = plain_yaml.load_file(file)
+        except (OSError, yaml.YAMLError) as error:
             raise PiezoError(f'{file} cannot be read: {" ".join(str(error).split())}') from None
         short = node.rpartition('/')[2]
         found: dict[str, Any] = {}
@@ -153,7 +153,7 @@ class Asks:
 def _meant(text: str) -> Any:
     """Return what a typed value means; a mapping stays the text it is."""
     try:
-        value = yaml.safe_load(text)
+        value = plain_yaml.load(text)
     except yaml.YAMLError:
         return text
     plain = isinstance(value, bool | int | float | str | list)

@@ -43,8 +43,8 @@ class TopicContent:
         Messages.
     first, last : int
         Log times [ns].
-    stamps : list of ndarray
-        Header stamps block by block [ns] (fixed-size types of ours).
+    stamps, log_times : list of ndarray
+        Header stamps, and when they were recorded, block by block [ns] (fixed-size types of ours).
     columns : dict of list of ndarray
         Fields block by block.
     messages : list of Marker
@@ -56,12 +56,17 @@ class TopicContent:
     first: int = (1 << 63) - 1
     last: int = 0
     stamps: list[IntArray] = field(default_factory=list)
+    log_times: list[IntArray] = field(default_factory=list)
     columns: dict[str, list[Any]] = field(default_factory=dict)
     messages: list[Marker] = field(default_factory=list)
 
     def stamp(self) -> IntArray:
         """Return the header stamps [ns], shape (n,)."""
         return np.concatenate([np.zeros(0, np.int64), *self.stamps])
+
+    def log_time(self) -> IntArray:
+        """Return when each message was recorded [ns], shape (n,)."""
+        return np.concatenate([np.zeros(0, np.int64), *self.log_times])
 
     def column(self, name: str) -> Any:
         """Return one field, shape (n,)."""
@@ -182,6 +187,7 @@ def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: D
         what = f'{bad} messages of topic {topic.name} do not fit their definition'
         log.add(content.path, what, count=bad, lost=bad)
     held.stamps.append(decoded.stamps)
+    held.log_times.append(block.log_time[decoded.good])
     for name, column in decoded.columns.items():
         held.columns.setdefault(name, []).append(column)
 

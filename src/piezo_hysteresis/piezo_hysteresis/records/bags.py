@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE
 from piezo_hysteresis.records.markers import MOVED, Marker
 from piezo_hysteresis.records.record import Record
-from piezo_hysteresis.records.sampling import Track, records_of
+from piezo_hysteresis.records.sampling import Track, records_of, restarts
 
 STATE_NAME = 'actuator/state'
 REFERENCE_NAME = 'reference'
@@ -113,7 +114,7 @@ def _siblings(content: BagContent, msgtype: str, name: str, space: str, alone: b
 
 
 def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog) -> list[_Run]:
-    """Cut the samples of one topic at its markers."""
+    """Cut the samples of one topic where their numbers start again, and at its markers."""
     space = _namespace(state.topic.name, STATE_NAME)
     for name in ('sample', 'voltage', 'displacement'):
         if name not in state.columns:
@@ -125,7 +126,8 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
     origin = int(stamp.min()) if stamp.size and int(stamp.max()) >= EXACT else 0
     columns = {name: state.column(name).astype(np.float64) for name in ('voltage', 'displacement')}
     sample = state.column('sample').astype(np.int64)
-    reference = _reference(content, space, alone, sample)
+    starts = restarts(sample, state.log_time())
+    reference = _reference(content, space, alone, sample, starts)
     if reference is not None:
         columns['reference'] = reference
     track = Track(
@@ -139,67 +141,125 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
         for held in _siblings(content, MARKER, MARKER_NAME, space, alone)
         for message in held.messages
     ]
-    if not markers:
-        return [_Run(space, _with_reference(track, content.path, log))]
-    return [
-        _Run(space, _with_reference(part, content.path, log))
-        for part in _cut(track, stamp, markers, content.path, log)
-    ]
+    if starts.size:
+        what = f'the numbers of the samples start again {starts.size} times'
+        log.note(content.path, f'{what}: read as {starts.size + 1} runs', count=starts.size)
+    stretches = [slice(a, b) for a, b in pairwise([0, *starts.tolist(), sample.size])]
+    parts = [track.take(each) for each in stretches]
+    if markers:
+        stamps = [stamp[each] for each in stretches]
+        log_times = [state.log_time()[each] for each in stretches]
+        parts = _cut(parts, _edges(markers, parts, stamps, log_times), content.path, log)
+    elif len(parts) > 1:
+        parts = [replace(part, name=f'{part.name}.{k}') for k, part in enumerate(parts, 1)]
+    return [_Run(space, _with_reference(part, content.path, log)) for part in parts]
 
 
-def _cut(
-    track: Track, stamp: IntArray, markers: list[Marker], path: Path, log: DamageLog
-) -> list[Track]:
-    """Return the samples from each marker to the next, without the records that do not count."""
-    starts = [marker.stamp for marker in markers]
-    void = _void(markers)
+@dataclass(frozen=True)
+class _Edge:
+    """Where a marker cuts: the run, the number of its first sample, and why it does not count."""
+
+    run: int
+    sample: int
+    marker: Marker
+    void: str
+
+
+def _edges(
+    markers: list[Marker], runs: list[Track], stamps: list[IntArray], log_times: list[IntArray]
+) -> list[_Edge]:
+    """Return where the markers cut, in order; what was moved or never began cuts nothing."""
+    sequel = all(a.max() < b.min() for a, b in pairwise(stamps))
+    begins = [each.min() for each in (stamps if sequel else log_times)]
+    numbers = [_numbers(run) for run in runs]
+    places = []
+    for marker in markers:
+        when = marker.stamp if sequel else marker.log_time
+        run = max(int(np.searchsorted(begins, when, side='right')) - 1, 0)
+        places.append((run, marker.sample))
+        if marker.sample < 0 or runs[run].sample is not numbers[run]:
+            behind = int(np.searchsorted(np.sort(stamps[run]), marker.stamp))
+            number = np.append(np.sort(numbers[run]), numbers[run].max() + 1)
+            places[-1] = (run, int(number[behind]))
+    return _settled(markers, places)
+
+
+def _settled(markers: list[Marker], places: list[tuple[int, int]]) -> list[_Edge]:
+    """Return the edges in order, without those of records that never began.
+
+    A marker that judges ends the record that it judges and no other one.
+    """
+    judges = _judges(markers)
+    edges: list[_Edge] = []
+    running = -1
     # At one tick, the end of a record stands in front of the beginning of the next.
-    order = sorted(range(len(markers)), key=lambda k: (starts[k], bool(markers[k].record)))
-    edges = [starts[k] for k in order] + [int(stamp.max()) + 1]
-    outside = int(np.sum(stamp < edges[0]))
+    for k in sorted(range(len(markers)), key=lambda k: (places[k], bool(markers[k].record))):
+        marker, judge = markers[k], judges.get(k, -1)
+        void = markers[judge].verdict if judge >= 0 else ''
+        never = void == MOVED or (void and places[k] >= places[judge])
+        if never or (marker.judged and judges.get(running) != k):
+            continue
+        edges.append(_Edge(*places[k], marker, void))
+        running = k if marker.record else -1
+    return edges
+
+
+def _numbers(run: Track) -> IntArray:
+    """Return the numbers of samples, or their places where the source does not count."""
+    sample = run.sample
+    if sample is None or np.all(sample == sample[0]):
+        return np.argsort(np.argsort(run.time, kind='stable'), kind='stable')
+    return sample
+
+
+def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> list[Track]:
+    """Return the samples from each marker to the next, without the records that do not count."""
+    outside = 0
     parts = []
-    for k, first, last in zip(order, edges, edges[1:], strict=False):
-        own = (stamp >= first) & (stamp < last)
-        marker = markers[k]
-        if not marker.record:
-            outside += int(own.sum())
-        elif k in void:
-            if void[k] != MOVED:
-                what = f'record {marker.record} was {void[k]} and is left out'
-                log.leave_out(path, what, count=int(own.sum()))
-        elif not own.any():
-            if first < last:  # else it was said twice
+    for k, run in enumerate(runs):
+        number = _numbers(run)
+        own = [edge for edge in edges if edge.run == k]
+        last = int(number.max()) + 1
+        outside += int(np.sum(number < (own[0].sample if own else last)))
+        ends = [edge.sample for edge in own[1:]] + [last]
+        for edge, end in zip(own, ends, strict=True):
+            inside = (number >= edge.sample) & (number < end)
+            marker, count = edge.marker, int(inside.sum())
+            if not marker.record:
+                outside += count
+            elif edge.void:
+                what = f'record {marker.record} was {edge.void} and is left out'
+                log.leave_out(path, what, count=count)
+            elif count:
+                part = run.take(inside)
+                parts.append(replace(part, name=marker.record, info=marker.info, rate=marker.rate))
+            elif edge.sample < end or edge is own[-1]:  # else it was said twice
                 log.note(path, f'record {marker.record} is announced but holds no samples')
-        else:
-            part = track.take(own)
-            parts.append(
-                Track(marker.record, part.time, part.columns, part.sample,
-                      marker.info, marker.rate)
-            )  # fmt: skip
     if outside:
         log.note(path, f'{outside} samples lie outside the marked records', count=outside)
     return parts
 
 
-def _void(markers: list[Marker]) -> dict[int, str]:
-    """Return why records do not count, by the place of the marker that begins them.
+def _judges(markers: list[Marker]) -> dict[int, int]:
+    """Return which marker says that a record does not count, by that which begins the record.
 
     A marker that judges means the newest of its name that was begun before it and still counts.
     """
-    void: dict[int, str] = {}
+    judges: dict[int, int] = {}
     for k, judge in enumerate(markers):
         if judge.judged:
-            begun = [
-                j for j, m in enumerate(markers[:k]) if m.record == judge.judged and j not in void
-            ]
-            void |= dict.fromkeys(begun[-1:], judge.verdict)
-    return void
+            named = [j for j, m in enumerate(markers[:k]) if m.record == judge.judged]
+            judges |= dict.fromkeys([j for j in named if j not in judges][-1:], k)
+    return judges
 
 
 def _reference(
-    content: BagContent, space: str, alone: bool, sample: IntArray
+    content: BagContent, space: str, alone: bool, sample: IntArray, starts: IntArray
 ) -> FloatArray | None:
-    """Return the desired displacement of each sample [m], NaN where none was recorded."""
+    """Return the desired displacement of each sample [m], NaN where none was recorded.
+
+    `starts` are the places at which the numbers of the samples start again.
+    """
     found = _siblings(content, REFERENCE, REFERENCE_NAME, space, alone)
     if not found or 'displacement' not in found[0].columns:
         return None
@@ -207,6 +267,16 @@ def _reference(
     value = found[0].column('displacement').astype(np.float64)
     if not number.size:
         return None
+    again = restarts(number, found[0].log_time())
+    if again.size != starts.size:
+        starts = again = starts[:0]  # runs without a reference: joined as if there were one
+    pieces = zip(np.split(sample, starts), np.split(number, again), np.split(value, again),
+                 strict=True)  # fmt: skip
+    return np.concatenate([_joined(*piece) for piece in pieces])
+
+
+def _joined(sample: IntArray, number: IntArray, value: FloatArray) -> FloatArray:
+    """Return the value of each sample by its number, NaN where there is none."""
     order = np.argsort(number, kind='stable')
     number, value = number[order], value[order]
     place = np.minimum(np.searchsorted(number, sample), number.size - 1)

@@ -13,7 +13,41 @@ from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import MessageBlock, Storage, Topic
 
 PIECE = 1 << 20
-LARGEST_MESSAGE = 1 << 30
+
+# What is decompressed at once: chunks of `ros2 bag record` hold 768 kB, the largest of others some
+# 10 MB. In memory a chunk takes about four times its size.
+LARGEST = 1 << 28
+
+# A whole file may be this much larger than it was packed, whatever its size; black pictures are
+# 10 000 times as large, but the states of an actuator that does nothing only 40 times.
+RATIO, SMALL = 1000, 1 << 30
+
+
+def inflated(data: bytes, compression: str, size: int = LARGEST) -> bytes:
+    """Return what a chunk or message holds, never more than `size` + 1 bytes.
+
+    Raises
+    ------
+    ValueError
+        If the compression is not known, the data are damaged, or more than `LARGEST` bytes.
+    """
+    if size > LARGEST:
+        raise ValueError(f'it would take {size} bytes, at most {LARGEST} are read at once')
+    if compression == '':
+        return data
+    if compression == 'lz4':
+        from lz4.frame import LZ4FrameDecompressor
+
+        return bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    if compression == 'zstd':
+        # rosbags brings this module, the standard one of Python 3.14, along.
+        from backports import zstd
+
+        try:
+            return bytes(zstd.ZstdDecompressor().decompress(data, max_length=size + 1))
+        except zstd.ZstdError as error:
+            raise ValueError(str(error)) from None
+    raise ValueError(f'compression {compression!r} is not known')
 
 
 class CompressedFile:
@@ -43,9 +77,12 @@ class CompressedFile:
 
         with tempfile.TemporaryDirectory() as folder:
             plain = Path(folder) / self.path.stem
+            most = max(SMALL, RATIO * self.path.stat().st_size)
             try:
                 with zstd.open(self.path, 'rb') as source, plain.open('wb') as target:
                     while piece := source.read(PIECE):
+                        if target.tell() > most:
+                            raise EOFError(f'it holds more than {most} bytes')
                         target.write(piece)
             except (zstd.ZstdError, EOFError) as error:
                 self.log.add(self.path, f'it cannot be decompressed to its end ({error})')
@@ -57,15 +94,19 @@ class CompressedFile:
 
 def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBlock:
     """Return a block whose messages were compressed one by one."""
-    from backports import zstd
-
-    payloads, good = [], np.ones(block.topic.size, np.bool_)
+    payloads, good, left = [], np.ones(block.topic.size, np.bool_), LARGEST
     for index in range(block.topic.size):
         try:
-            decompressor = zstd.ZstdDecompressor()
-            payloads.append(decompressor.decompress(block.payload(index), LARGEST_MESSAGE))
-        except zstd.ZstdError:
+            payload = inflated(block.payload(index), 'zstd')
+        except ValueError:
             good[index] = False
+            continue
+        left -= len(payload)
+        if left < 0:
+            log.add(path, f'its messages are larger than {LARGEST} bytes, decompressed')
+            good[index:] = False
+            break
+        payloads.append(payload)
     bad = int(good.size - good.sum())
     if bad:
         log.add(path, f'{bad} messages cannot be decompressed', count=bad, lost=bad)

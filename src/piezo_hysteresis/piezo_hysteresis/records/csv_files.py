@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import re
 from collections.abc import Mapping
@@ -12,32 +13,17 @@ from typing import Any
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
+from piezo_hysteresis.records.columns import EXAMPLE, LENGTHS, UNITS, assigned, renamed
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
 from piezo_hysteresis.records.sampling import Track, records_of
 
-LENGTHS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'µm': 1e6, 'μm': 1e6, 'nm': 1e9}
-# Divisors, not factors: x / 1e6 is the double nearest to x um, x * 1e-6 often is not.
-UNITS = {
-    'time': {'s': 1.0, 'ms': 1e3, 'us': 1e6, 'ns': 1e9},
-    'voltage': {'V': 1.0, 'mV': 1e3, 'kV': 1e-3},
-    'force': {'N': 1.0, 'mN': 1e3, 'kN': 1e-3},
-    'displacement': LENGTHS,
-    'reference': LENGTHS,
-}
-MEANT = {
-    'time': ('t', 'zeit', 'timestamp', 'stamp', 'seconds'),
-    'voltage': ('v', 'u', 'volt', 'volts', 'volatge', 'input', 'command', 'drive'),
-    'force': ('f', 'load'),
-    'displacement': ('x', 'y', 'pos', 'position', 'disp', 'displ', 'output', 'extension', 'stroke',
-                     'deflection'),
-    'reference': ('r', 'ref', 'desired', 'setpoint', 'target', 'yd'),
-}  # fmt: skip
-EXAMPLE = 'time_s,voltage_V,displacement_um'
+END_OF_HEADER = '***End_of_Header***'  # LabVIEW
 INFO_FILE = 'records.yaml'
 
 
@@ -66,7 +52,10 @@ def read_csv(path: str | Path, *, salvage: bool = False) -> Record:
 
 
 def csv_records(
-    path: Path, log: DamageLog, chosen: Mapping[str, str] | None = None
+    path: Path,
+    log: DamageLog,
+    chosen: Mapping[str, str] | None = None,
+    header_row: int | None = None,
 ) -> list[Record]:
     """Return a CSV file as one record, or as its intact pieces when salvaging.
 
@@ -79,25 +68,16 @@ def csv_records(
     chosen : mapping of str to str, optional
         ``NAME:UNIT`` or the number of a column, from 1, by what it is to be taken for; columns
         that are not named keep what their own names say.
+    header_row : int, optional
+        Line of the column names, from 1; the first one that is neither empty nor a comment where
+        not given, and behind the header block of LabVIEW where there is one.
 
     Raises
     ------
     RecordError
         If the file cannot be used and the log does not salvage, or nothing of it is readable.
     """
-    large = path.stat().st_size > csv_columns.LARGE
-    lines = _lines(path, most=_HEAD if large else -1)
-    head = next((k for k, line in enumerate(lines) if line.strip() and line[0] != '#'), None)
-    if head is None:
-        raise RecordError(f'{path}: the file is empty; it needs the columns {EXAMPLE}')
-    delimiter = next((mark for mark in ('\t', ';', ',') if mark in lines[head]), ',')
-    names = [name.strip().strip('"\'') for name in lines[head].split(delimiter)]
-    meanings = _meanings(path, _renamed(path, names, chosen or {}))
-    plain = large and (delimiter == ',' or ',' not in ''.join(lines[head + 1 : head + 2]))
-    found = csv_columns.columns(path, head, delimiter, list(meanings)) if plain else None
-    if found is None:
-        found = _values(path, _lines(path), head, delimiter, names, meanings, log)
-    values = found
+    values, meanings = _table(path, log, chosen or {}, header_row)
     if not values.size:
         raise RecordError(f'{path}: it has column names but no samples; export it again')
     columns = {
@@ -115,86 +95,94 @@ def csv_records(
     return records
 
 
-def _renamed(path: Path, names: list[str], chosen: Mapping[str, str]) -> list[str]:
-    """Return the names of the columns as they would have to be, for those that are chosen."""
-    columns = list(names)
-    for what, text in chosen.items():
-        name, colon, unit = text.rpartition(':')
-        if not colon:
-            name, unit = text, ''
-        unit = unit or next(iter(UNITS[what]))
-        place = int(name) - 1 if name not in names and name.isdigit() else -1
-        if name in names:
-            place = names.index(name)
-        if not 0 <= place < len(names):
-            raise RecordError(f'{path}: it has no column {name!r}, but {", ".join(names)[:160]}')
-        if unit not in UNITS[what]:
-            raise RecordError(f'{unit!r} is no unit of a {what}; use {", ".join(UNITS[what])}')
-        # what was named so by itself is something else then
-        columns = ['' if _meaning(each)[0] == what else each for each in columns]
-        columns[place] = f'{what}_{unit}'
-    return columns
-
-
-def _meanings(path: Path, names: list[str]) -> dict[int, tuple[str, str]]:
-    """Return which column means what in which unit, by the column's place."""
-    meanings: dict[int, tuple[str, str]] = {}
-    helps = []
-    for place, name in enumerate(names):
-        what, unit = _meaning(name)
-        if what and unit:
-            if what in (known for known, _ in meanings.values()):
-                raise RecordError(f'{path}: the column {what} stands twice; keep one of them')
-            meanings[place] = (what, unit)
-        elif what:
-            example = (
-                next(iter(UNITS[what])) if what not in ('displacement', 'reference') else 'um'
-            )
-            helps.append(f'rename {name!r} to {what}_{example} (or its unit)')
-    found = {what for what, _ in meanings.values()}
-    if {'voltage', 'force'} <= found:
-        raise RecordError(
-            f'{path}: it has both a voltage and a force; keep the one that drives it'
-        )
-    missing = [what for what in ('time', 'voltage', 'displacement') if what not in found]
-    if 'force' in found:
-        missing = [what for what in missing if what != 'voltage']
-    if missing:
-        advice = '; '.join(helps) if helps else f'columns are named like {EXAMPLE}'
-        advice += f', or named to `import` (--{missing[0]} COLUMN:UNIT)'
-        listed = ', '.join(names)[:120]
-        raise RecordError(
-            f'{path}: no column for {" and ".join(missing)} among {listed!r}; {advice}'
-        )
-    return meanings
-
-
-def _meaning(name: str) -> tuple[str, str]:
-    """Return the quantity and unit of a column; the unit is empty where it is not understood."""
-    stem, _, unit = name.rpartition('_')
-    stem = stem.lower()
-    if stem in UNITS:
-        for known in UNITS[stem]:
-            if unit == known or unit.lower() == known.lower():
-                return stem, known
-        return stem, ''
-    parts = [part for part in re.split(r'[^a-zµμ]+', name.lower()) if part]
-    for what, spellings in MEANT.items():
-        if parts and (parts[0] == what or parts[0] in spellings):
-            return what, ''
-    return '', ''
+def _table(
+    path: Path, log: DamageLog, chosen: Mapping[str, str], header_row: int | None
+) -> tuple[FloatArray, dict[int, tuple[str, str]]]:
+    """Return the numbers of the columns that mean something, shape (n, columns), and what."""
+    large = path.stat().st_size > csv_columns.LARGE
+    lines = _lines(path, log, most=_HEAD if large else -1)
+    first = _first(lines, header_row, path)
+    delimiter = _delimiter(lines[first])
+    names = _names(lines, first, delimiter)
+    numbers = all(map(_is_number, names))  # the first line is one of numbers: none has a name
+    if numbers:
+        names = [str(k) for k in range(1, len(names) + 1)]
+    meanings, guessed = assigned(renamed(names, chosen, path), path)
+    if guessed:
+        log.guess(path, f'reading {guessed}')
+    head = first - 1 if numbers else first
+    commas = delimiter != ',' and ',' in ''.join(lines[head + 1 : head + 2])
+    plain = large and delimiter and not commas
+    values = csv_columns.columns(path, head, delimiter, list(meanings)) if plain else None
+    if values is None:
+        lines = _lines(path, log) if large else lines
+        values = _values(path, lines, head, delimiter, names, meanings, log)
+    return values, meanings
 
 
 # Characters in which the column names of a large file are looked for.
 _HEAD = 100_000
 
 
-def _lines(path: Path, most: int = -1) -> list[str]:
+def _lines(path: Path, log: DamageLog, most: int = -1) -> list[str]:
+    """Return the lines of a file in UTF-8, UTF-16 (with its mark) or Windows-1252."""
+    with path.open('rb') as file:
+        data = file.read(most)
+    wide = data[:2] in (b'\xff\xfe', b'\xfe\xff')
+    text = None
+    for encoding in ('utf-16',) if wide else ('utf-8-sig', 'cp1252'):
+        try:  # the last character of a piece may be cut
+            text = codecs.getincrementaldecoder(encoding)().decode(data, most < 0)
+            break
+        except UnicodeDecodeError:
+            continue
+    head = (text or '')[:_HEAD]
+    letters = sum('\t' <= letter < '\x7f' for letter in head)
+    if text is None or any(letter < '\t' for letter in head) or 2 * letters < len(head):
+        raise RecordError(f'{path}: this is no text; save it as CSV in UTF-8')
+    if encoding == 'cp1252':
+        log.guess(path, 'read as Windows-1252, since it is no UTF-8')
+    return text.splitlines()
+
+
+def _first(lines: list[str], header_row: int | None, path: Path) -> int:
+    """Return the place of the line with the column names."""
+    begin = 0
+    if header_row is not None:
+        if not 1 <= header_row <= len(lines):
+            raise RecordError(f'{path}: it has no line {header_row}, but {len(lines)} lines')
+        begin = header_row - 1
+    else:
+        marks = [k for k, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
+        begin = marks[-1] + 1 if marks else 0
+    filled = (k for k in range(begin, len(lines)) if lines[k].strip() and lines[k][0] != '#')
+    first = next(filled, None)
+    if first is None:
+        raise RecordError(f'{path}: the file is empty; it needs the columns {EXAMPLE}')
+    return first
+
+
+def _delimiter(line: str) -> str:
+    """Return what separates the columns; empty for spaces."""
+    found = next((mark for mark in ('\t', ';', ',') if mark in line), '')
+    return found or ('' if len(line.split()) > 1 else ',')
+
+
+def _names(lines: list[str], first: int, delimiter: str) -> list[str]:
+    """Return the names of the columns; words are names of their own where there are as many."""
+    line = lines[first].strip() if not delimiter else lines[first]
+    names = line.split(delimiter or None)
+    if not delimiter and first + 1 < len(lines) and len(lines[first + 1].split()) != len(names):
+        names = re.split(r'\s{2,}', line)
+    return [name.strip().strip('"\'') for name in names]
+
+
+def _is_number(text: str) -> bool:
     try:
-        with path.open(encoding='utf-8-sig') as file:
-            return file.read(most).splitlines()
-    except UnicodeDecodeError:
-        raise RecordError(f'{path}: this is no text; save it as CSV in UTF-8') from None
+        float(text.replace(',', '.'))
+    except ValueError:
+        return False
+    return True
 
 
 def _values(
@@ -210,7 +198,11 @@ def _values(
     body = lines[head + 1 :]
     if delimiter != ',' and any(',' in line for line in body[:1]):
         body = [line.replace(',', '.') for line in body]
-    options: dict[str, Any] = {'delimiter': delimiter, 'usecols': list(meanings), 'ndmin': 2}
+    options: dict[str, Any] = {
+        'delimiter': delimiter or None,
+        'usecols': list(meanings),
+        'ndmin': 2,
+    }
     if all(not line.strip() or line.lstrip().startswith('#') for line in body):
         return np.zeros((0, len(meanings)))
     try:
@@ -233,7 +225,7 @@ def _slowly(
     for number, line in enumerate(body, start=head + 2):
         if not line.strip() or line.startswith('#'):
             continue
-        cells = line.split(delimiter)
+        cells = line.split(delimiter or None)
         row = []
         for place in meanings:
             cell = cells[place].strip().strip('"') if place < len(cells) else ''
@@ -257,8 +249,8 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
     entry: Any = None
     if notes.is_file():
         try:
-            entry = (yaml.safe_load(notes.read_text('utf-8')) or {}).get(path.name)
-        except (yaml.YAMLError, UnicodeDecodeError, AttributeError) as error:
+            entry = (plain_yaml.load_file(notes) or {}).get(path.name)
+        except (OSError, yaml.YAMLError, AttributeError) as error:
             reason = str(error).split('\n', 1)[0]
             raise RecordError(
                 f'{notes}: it cannot be read ({reason}); mend or remove it'
@@ -276,7 +268,7 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
             str(entry.get('record', path.stem)),
             float(entry.get('rate', 0)),
         )
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise RecordError(
             f'{notes}: the entry of {path.name} has a value of the wrong kind; mend it'
         ) from None

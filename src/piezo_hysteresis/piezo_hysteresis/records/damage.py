@@ -58,6 +58,8 @@ class DamageLog:
         What should be said but costs nothing (a recording that was cut off between two flushes).
     left_out : list of Damage
         Those of the notes that tell of a record that does not count.
+    guesses : list of Damage
+        Those of the notes that tell what was taken for what.
     """
 
     salvage: bool = False
@@ -65,6 +67,7 @@ class DamageLog:
     findings: list[Damage] = field(default_factory=list)
     notes: list[Damage] = field(default_factory=list)
     left_out: list[Damage] = field(default_factory=list)
+    guesses: list[Damage] = field(default_factory=list)
 
     def add(
         self,
@@ -98,6 +101,12 @@ class DamageLog:
         """Note a record that is left out because whoever made it says that it does not count."""
         self.note(where, what, count=count)
         self.left_out.append(self.notes[-1])
+
+    def guess(self, where: object, what: str) -> None:
+        """Note what was taken for what, once."""
+        if not any((each.where, each.what) == (str(where), what) for each in self.guesses):
+            self.note(where, what)
+            self.guesses.append(self.notes[-1])
 
     @property
     def lost(self) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import blocks_of
-from piezo_hysteresis.records.csv_files import UNITS
+from piezo_hysteresis.records.columns import UNITS
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import stored_types, typestore
 from piezo_hysteresis.records.record import Record, RecordInfo

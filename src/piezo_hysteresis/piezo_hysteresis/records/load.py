@@ -5,11 +5,12 @@ from __future__ import annotations
 import sqlite3
 import struct
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
 from piezo_hysteresis.records.csv_files import csv_records
@@ -38,6 +39,8 @@ class Survey:
         The bags among the data, with all their topics.
     left_out : list of Damage
         Those of the notes that tell of a record that was cancelled, refused or run again.
+    guesses : list of Damage
+        Those of the notes that tell what was taken for what.
     """
 
     records: list[Record]
@@ -45,6 +48,7 @@ class Survey:
     notes: list[Damage] = field(default_factory=list)
     bags: list[BagContent] = field(default_factory=list)
     left_out: list[Damage] = field(default_factory=list)
+    guesses: list[Damage] = field(default_factory=list)
 
 
 def load(
@@ -73,6 +77,8 @@ def load(
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
     for record in found.left_out:
         warnings.warn(str(record), LeftOutWarning, stacklevel=2)
+    for guess in found.guesses:
+        warnings.warn(str(guess), DataNote, stacklevel=2)
     return found.records
 
 
@@ -98,40 +104,65 @@ def survey(
     records: list[Record] = []
     bags: list[BagContent] = []
     for path in map(Path, paths):
+        before = len(log.findings)
         try:
-            found = _read(path, log, bags, actuator)
-        except RecordError:
-            raise
-        except (OSError, ValueError, KeyError, IndexError, OverflowError, struct.error,
-                sqlite3.Error, MemoryError) as error:  # fmt: skip
-            reason = getattr(error, 'strerror', None) or error  # without the path once more
-            raise RecordError(f'{path}: it cannot be read ({reason})') from error
+            with sentences(path):
+                found = _read(path, log, bags, actuator)
+        except RecordError as error:
+            lost = '; '.join(each.what for each in log.findings[before : before + 2])
+            raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
         if not found:
             lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
             raise RecordError(f'{path}: no record in it is readable ({lost})')
         records += found
-    return Survey(_uniquely_named(records), log.findings, log.notes, bags, log.left_out)
+    named = _uniquely_named(records)
+    return Survey(named, log.findings, log.notes, bags, log.left_out, log.guesses)
+
+
+@contextmanager
+def sentences(path: Path) -> Iterator[None]:
+    """Refuse what is no file or folder, and say in one sentence why it cannot be read.
+
+    Raises
+    ------
+    RecordError
+        Instead of all that reading damaged data may raise.
+    """
+    try:
+        if not path.exists():
+            raise RecordError(f'{path} does not exist; check the path')
+        if not (path.is_file() or path.is_dir()):
+            raise RecordError(f'{path}: it is a pipe or a device; save the data as a file')
+        yield
+    except (OSError, ValueError, KeyError, IndexError, OverflowError, RecursionError, struct.error,
+            sqlite3.Error, MemoryError) as error:  # fmt: skip
+        # without the path once more
+        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
+        raise RecordError(
+            f'{path}: it cannot be read ({reason or type(error).__name__})'
+        ) from error
 
 
 def _read(
     path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
 ) -> list[Record]:
-    if not path.exists():
-        raise RecordError(f'{path} does not exist; check the path')
     if path.is_dir() or path.suffix in READERS:
         content = read_content(path, log)
         bags.append(content)
         return bag_records(content, log, actuator)
     if is_csv(path):
         return csv_records(path, log)
-    raise RecordError(
-        f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
-    )
+    raise RecordError(unknown_kind(path))
+
+
+def unknown_kind(path: Path) -> str:
+    """Return the sentence with which a file of another kind is refused."""
+    return f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
 
 
 def is_csv(path: Path) -> bool:
     """Return whether a file is one of columns, by its name."""
-    return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat')
+    return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat', '.lvm', '.asc', '.prn')
 
 
 def _uniquely_named(records: list[Record]) -> list[Record]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
 from functools import cache
@@ -43,6 +44,10 @@ class Marker:
         Name of a record that does not count; empty where none is judged.
     verdict : str
         Why it does not: one of `VERDICTS`.
+    sample : int
+        Number of the sample at which it begins or ends; -1 where only its stamp says.
+    log_time : int
+        When it was recorded [ns].
     """
 
     stamp: int
@@ -51,6 +56,8 @@ class Marker:
     info: RecordInfo
     judged: str = ''
     verdict: str = ''
+    sample: int = -1
+    log_time: int = 0
 
 
 def decode_markers(path: Path, topic: Topic, block: MessageBlock, log: DamageLog) -> list[Marker]:
@@ -72,7 +79,7 @@ def decode_markers(path: Path, topic: Topic, block: MessageBlock, log: DamageLog
     for index in range(block.topic.size):
         try:
             message = store.deserialize_cdr(block.payload(index), MARKER)
-            markers.append(_marker(message, path, log))
+            markers.append(_marker(message, int(block.log_time[index]), path, log))
         except (SerdeError, ValueError, IndexError, AssertionError, struct.error) as error:
             log.add(path, f'a marker on topic {topic.name} cannot be read ({error})', lost=1)
     return markers
@@ -97,7 +104,17 @@ def _store(topic: Topic) -> Any:
     return store
 
 
-def _marker(message: Any, path: Path, log: DamageLog) -> Marker:
+def sample_text(sample: int) -> str:
+    """Return the ``frame_id`` with which a marker that judges nothing names its sample."""
+    return f'sample {sample}'
+
+
+def _sample_of(text: str) -> int:
+    found = re.fullmatch(r'sample ([0-9]{1,18})', text)
+    return int(found[1]) if found else -1
+
+
+def _marker(message: Any, log_time: int, path: Path, log: DamageLog) -> Marker:
     numbers = {name: float(getattr(message, name)) for name in NUMBERS}
     wrong = [name for name, value in numbers.items() if not np.isfinite(value) or value < 0]
     if wrong:
@@ -119,4 +136,6 @@ def _marker(message: Any, path: Path, log: DamageLog) -> Marker:
         ),
         message.header.frame_id if judges else '',
         message.excitation if judges else '',
+        -1 if judges else _sample_of(message.header.frame_id),
+        log_time,
     )

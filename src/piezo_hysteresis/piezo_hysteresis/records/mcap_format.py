@@ -18,6 +18,7 @@ METADATA_INDEX, SUMMARY_OFFSET, DATA_END = 0x0D, 0x0E, 0x0F
 PADDING = 0x80  # opcodes from here on are private; every reader steps over them
 
 PREFIX = struct.Struct('<BQ')  # opcode and length in front of every record
+MOST_OTHERS = 1 << 17  # records that are no messages in one buffer: two for each channel there is
 MESSAGE_HEAD = 31  # prefix, channel (2), sequence (4), log time (8), publish time (8)
 
 
@@ -111,7 +112,7 @@ class Walk:
     others : ndarray, shape (r, 3)
         Opcode, offset and length of the content of every other record.
     stop : int
-        Where the walk stopped: behind the last complete record.
+        Where the walk stopped: behind the last complete record, or at `MOST_OTHERS`.
     """
 
     messages: IntArray
@@ -122,6 +123,6 @@ class Walk:
 def walk(buffer: np.ndarray[Any, Any]) -> Walk:
     """Walk over the records that lie completely within a buffer of uint8, shape (b,)."""
     fields = np.empty((buffer.size // MESSAGE_HEAD + 1, 4), np.int64)
-    others = np.empty((buffer.size // PREFIX.size + 1, 3), np.int64)
+    others = np.empty((min(buffer.size // PREFIX.size + 1, MOST_OTHERS), 3), np.int64)
     messages, rest, stop = _walk(buffer, fields, others)
     return Walk(fields[:messages].copy(), others[:rest].copy(), stop)

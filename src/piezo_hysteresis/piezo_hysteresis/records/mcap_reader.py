@@ -15,6 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from piezo_hysteresis.records import mcap_format as mcap
+from piezo_hysteresis.records.compressed import RATIO, SMALL, inflated
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import MessageBlock, Topic
 
@@ -47,7 +48,7 @@ class McapFile:
         self.finished = False
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._size = path.stat().st_size
-        self._messages = 0
+        self._messages = self._total = 0
         self._expected: int | None = None
         self._chunk_starts: list[int] = []
         self._data_end = 0
@@ -206,7 +207,10 @@ class McapFile:
             size, crc = cursor.number('Q'), cursor.number('I')
             compression, stored = cursor.text(), cursor.number('Q')
             packed = content[cursor.at : cursor.at + stored] if cut else cursor.take(stored)
-            data = decompress(packed, compression, size)
+            self._total += size
+            if compression and self._total > max(SMALL, RATIO * self._size):
+                raise ValueError(f'the file states more than {RATIO} times its size')
+            data = inflated(packed, compression, size)
             cut = cut and len(data) < size
         except (ValueError, struct.error, RuntimeError, EOFError) as error:
             self.log.add(self.path, f'the chunk at byte {at} cannot be read ({error})')
@@ -228,28 +232,3 @@ def _prefix(window: bytes) -> tuple[int, int]:
         return 0, 1 << 62
     opcode, length = mcap.PREFIX.unpack_from(window)
     return int(opcode), int(length)
-
-
-def decompress(data: bytes, compression: str, size: int) -> bytes:
-    """Return what a chunk holds, never more than `size` + 1 bytes.
-
-    Raises
-    ------
-    ValueError
-        If the compression is not known or the data are damaged.
-    """
-    if compression == '':
-        return data
-    if compression == 'lz4':
-        from lz4.frame import LZ4FrameDecompressor
-
-        return bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
-    if compression == 'zstd':
-        # rosbags brings this module, the standard one of Python 3.14, along.
-        from backports import zstd
-
-        try:
-            return bytes(zstd.ZstdDecompressor().decompress(data, max_length=size + 1))
-        except zstd.ZstdError as error:
-            raise ValueError(str(error)) from None
-    raise ValueError(f'compression {compression!r} is not known')

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Topic
@@ -73,7 +74,7 @@ class Metadata:
                         'name': topic.name,
                         'type': topic.msgtype,
                         'serialization_format': 'cdr',
-                        'offered_qos_profiles': yaml.safe_load(topic.qos) or [],
+                        'offered_qos_profiles': plain_yaml.load(topic.qos) or [],
                         'type_description_hash': topic.type_hash,
                     },
                     'message_count': count,
@@ -122,8 +123,8 @@ def read_metadata(folder: Path, log: DamageLog) -> Metadata:
         log.add(folder, f'{NAME} is missing', remedy='run `ros2 bag reindex` on the folder')
         return _from_files(folder)
     try:
-        return _parse(yaml.safe_load(path.read_text('utf-8'))[ROOT])
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
+        return _parse(plain_yaml.load_file(path)[ROOT])
+    except (OSError, yaml.YAMLError, ValueError, OverflowError) as error:
         reason = str(error).split('\n', 1)[0]
     except (KeyError, TypeError, AttributeError, IndexError):
         reason = 'an entry is missing or of the wrong kind'

@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import mcap_format as mcap
@@ -96,6 +97,7 @@ class Recorder:
         self._interval, self._split, self._room = flush_interval, split, queue
         self._queue: deque[_Message] = deque()
         self._lock = threading.Lock()
+        self._written = threading.Condition(self._lock)
         self._wake = threading.Event()
         self._closing = False
         self._topics: list[Topic] = []
@@ -156,7 +158,7 @@ class Recorder:
         """
         topic = Topic(name, msgtype, definition, type_hash, qos)
         try:
-            yaml.safe_load(qos)
+            plain_yaml.load(qos)
         except yaml.YAMLError:
             raise RecordError(f'topic {name}: its QoS profiles are no YAML') from None
         with self._lock:
@@ -199,9 +201,18 @@ class Recorder:
                 sum(self._received), sum(self._counts), self._dropped, self._problem
             )
 
-    def flush(self) -> None:
-        """Write what is queued, as the thread does by itself at every interval."""
+    def flush(self, timeout: float = 0.0) -> None:
+        """Write what is queued, as the thread does by itself at every interval.
+
+        Parameters
+        ----------
+        timeout : float
+            How long to wait until it is in the bag [s].
+        """
         self._wake.set()
+        with self._written:
+            goal = sum(self._received) - self._dropped
+            self._written.wait_for(lambda: sum(self._counts) >= goal or self._problem, timeout)
 
     def close(self) -> RecorderStatus:
         """Write all that is queued, finish the bag and return the counters.
@@ -244,6 +255,7 @@ class Recorder:
                         self._queue.popleft()
                         self._waiting -= len(message.payload)
                         self._counts[message.topic - 1] += 1
+                    self._written.notify_all()
             if time.monotonic() >= self._metadata_due:
                 self._add_new_topics()
                 self._write_metadata(RECORDING)

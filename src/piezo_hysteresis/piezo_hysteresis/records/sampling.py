@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from piezo_common.order import REORDERED
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
@@ -15,7 +16,10 @@ SHORTEST = 16  # a shorter piece is of no use to anyone [samples]
 SAME_TIME = 1e-12  # stamps closer than this are one [s]
 GAP = 1.5  # a longer step, in median steps, is a gap
 UNEVEN = 0.2  # steps may differ from their median by this part
-STRAY = 0.01  # part of the steps that may, where samples are numbered
+WANDER = 0.05  # numbered samples: stamps may leave an even rate by this part of the record
+LARGEST_WANDER = 0.25  # and by this one if the rate is the same nearly everywhere
+LOCAL = 32  # over so many steps the rate is looked at [steps]
+JITTER = 0.05  # jitter below this part of a step is not worth a note
 LARGEST_NUMBER = 1e15  # nothing here is larger in any unit; float64 still adds it safely
 LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
 SMALLEST_STROKE = 1e-11  # an excited actuator moves more [m]
@@ -123,13 +127,37 @@ def _finite(track: Track, place: str, log: DamageLog) -> Track:
     return track
 
 
+def restarts(sample: IntArray, log_time: IntArray) -> IntArray:
+    """Return the places at which the numbers of samples start again, shape (r,).
+
+    Empty where that is ambiguous: numbers that are out of order, or pieces too short for a run.
+
+    Parameters
+    ----------
+    sample : ndarray, shape (n,)
+        Number of each sample, in the order of arrival.
+    log_time : ndarray, shape (n,)
+        When each was recorded [ns]: where that falls too, the order of the file is wrong.
+    """
+    falls = np.flatnonzero(np.diff(sample) < 0) + 1
+    if not falls.size or np.any(np.diff(log_time)[falls - 1] < 0):
+        return np.zeros(0, np.int64)
+    edges = [0, *falls.tolist(), sample.size]
+    first = sample[edges[:-1]]
+    far = (sample[falls - 1] - sample[falls] > REORDERED) | (sample[falls] <= first[:-1])
+    return falls if far.all() and min(np.diff(edges)) >= SHORTEST else np.zeros(0, np.int64)
+
+
 def _ordered(track: Track, place: str, log: DamageLog) -> Track:
-    """Sort by time and drop samples that come twice."""
-    back = int(np.sum(np.diff(track.time) < 0))
+    """Sort by number, or by time where there are none, and drop samples that come twice."""
+    key: FloatArray | IntArray = track.time
+    if track.sample is not None and np.unique(track.sample).size == track.sample.size:
+        key = track.sample  # whatever the stamps say
+    back = int(np.sum(np.diff(key) < 0))
     if back:
         log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time',
                 done='sorted')  # fmt: skip
-        track = track.take(np.argsort(track.time, kind='stable'))
+        track = track.take(np.argsort(key, kind='stable'))
     again = np.zeros(track.time.size, np.bool_)
     if track.sample is None:
         again[1:] = np.diff(track.time) < SAME_TIME
@@ -210,26 +238,64 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     odd = np.abs(steps - median) > UNEVEN * median
     mean = (track.time[-1] - track.time[0]) / (track.time.size - 1)
     wander = np.abs(track.time - track.time[0] - mean * np.arange(track.time.size)).max()
-    if not odd.any() and wander < 0.5 * mean:
+    steady = 0.5 if track.sample is None else JITTER
+    if not odd.any() and wander < steady * mean:
         return [track]
-    if track.sample is not None and odd.mean() <= STRAY and wander < 0.05 * steps.size * mean:
-        number = int(odd.sum())
-        log.note(place, f'{number} stamps are off their tick; their numbers hold', count=number)
+    runs = _even_runs(steps)
+    off = sum(b - a for a, b in runs if odd[a:b].all())
+    if track.sample is not None and off <= 0.1 * steps.size and _returns(track, wander / mean):
+        what = f'its stamps jitter by up to {1e3 * wander:.3g} ms'
+        if abs(mean / median - 1) > 0.01:
+            what += f' (its driver was held up: {1 / mean:.4g} Hz on average)'
+        log.note(place, f'{what}; its samples are taken at an even rate, by their numbers',
+                 count=int(odd.sum()))  # fmt: skip
         return [track]
+    if len(runs) < 2:
+        return [_resampled(track, place, log)]
+    periods = [float(np.median(steps[a:b])) for a, b in runs]
+    listed = ', '.join(dict.fromkeys(f'{1 / period:.6g}' for period in periods if period > 0))
+    what = f'the rate changes within the record ({listed} Hz)'
+    remedy = 'make a record of each rate'
+    if max(periods) <= (1 + UNEVEN) * min(periods):
+        what = f'its stamps jump by up to {float(np.abs(steps - median).max()):.3g} s'
+        remedy = 'record again with a steady clock'
+    log.add(place, what, count=len(runs) - 1, remedy=remedy)
+    ends = {b for _, b in runs}  # a sample between two rates belongs to the first
+    return [track.take(slice(a + (a in ends), b + 1)) for a, b in runs]
+
+
+def _returns(track: Track, wander: float) -> bool:
+    """Return whether stamps that leave an even rate by `wander` steps are only late now and then.
+
+    They come back, or a driver was held up: then most steps are those of the stated rate, or the
+    rate is the same nearly everywhere.
+    """
+    number = track.time.size
+    if wander < max(WANDER * number, SHORTEST) or _usually(track):
+        return True
+    local = _local_steps(track)
+    median = np.median(local)
+    odd = np.abs(local - median) > UNEVEN * median
+    return bool(wander < LARGEST_WANDER * number and odd.mean() < 0.25)
+
+
+def _usually(track: Track) -> bool:
+    """Return whether the middle one of all steps is that of the stated rate."""
+    return bool(abs(track.rate * np.median(np.diff(track.time)) - 1) < 0.02)
+
+
+def _local_steps(track: Track) -> FloatArray:
+    """Return the mean step around each sample of an even numbering [s]."""
+    span = min(LOCAL, track.time.size - 1)
+    return np.asarray((track.time[span:] - track.time[:-span]) / span, np.float64)
+
+
+def _even_runs(steps: FloatArray) -> list[tuple[int, int]]:
+    """Return the stretches of even steps where they make up nearly all; none where not."""
     changes = np.flatnonzero(np.abs(np.diff(steps)) > UNEVEN * steps[:-1]) + 1
     edges = [0, *changes.tolist(), steps.size]
     runs = [(a, b) for a, b in pairwise(edges) if b - a >= SHORTEST]
-    if len(runs) < 2 or sum(b - a for a, b in runs) < 0.9 * steps.size:
-        return [_resampled(track, place, log)]
-    rates = [1 / float(np.median(steps[a:b])) for a, b in runs]
-    listed = ', '.join(f'{rate:.6g}' for rate in dict.fromkeys(rates))
-    log.add(
-        place,
-        f'the rate changes within the record ({listed} Hz)',
-        count=len(runs) - 1,
-        remedy='make a record of each rate',
-    )
-    return [track.take(slice(a + 1 if a else 0, b + 1)) for a, b in runs]
+    return runs if sum(b - a for a, b in runs) >= 0.9 * steps.size else []
 
 
 def _resampled(track: Track, place: str, log: DamageLog) -> Track:
@@ -247,22 +313,43 @@ def _resampled(track: Track, place: str, log: DamageLog) -> Track:
             remedy='sample at a constant rate, `import` it with --resample RATE',
             done='interpolated at its mean rate',
         )
+    track = track.take(np.argsort(track.time, kind='stable'))
     number = track.time.size
     time = np.linspace(track.time[0], track.time[-1], number)
     columns = {key: np.interp(time, track.time, column) for key, column in track.columns.items()}
     return Track(track.name, time, columns, None, track.info, 0.0)
 
 
-def _record(track: Track, name: str, place: str, log: DamageLog) -> Record:
-    dt = float(track.time[-1] - track.time[0]) / (track.time.size - 1)
+def _interval(track: Track, place: str, log: DamageLog) -> float:
+    """Return the sampling interval [s]: as stated, or the roundest that the stamps allow."""
+    number = track.time.size
+    dt = float(track.time[-1] - track.time[0]) / (number - 1)
+    if not dt > 0:
+        return dt  # which no record can have
+    digits, slack = [6], 0.02  # in steps over the whole record
+    if track.sample is not None:
+        ticks = np.arange(number)
+        off = float(np.abs(track.time - track.time[0] - dt * ticks).max() / dt)
+        if off > JITTER:
+            digits, slack = [1, 2, 3, 4, 5, 6], off
+            # Where a driver was held up for a while, the rate before and behind is the true one.
+            usual = float(np.median(_local_steps(track)))
+            dt = dt if abs(usual / dt - 1) < 0.01 else usual
     stated = track.rate if np.isfinite(track.rate) else 0.0
-    if stated > 0 and abs(stated * dt - 1) > 0.01:
+    if stated > 0:
+        near = max(0.01, 2 * min(slack, SHORTEST) / number)
+        if abs(stated * dt - 1) <= near or (track.sample is not None and _usually(track)):
+            return 1 / stated
         log.add(place, f'its marker says {stated:.6g} Hz but its samples come at {1 / dt:.6g} Hz')
-        stated = 0.0
-    # The stated rate is exact; else a rate of six digits is taken where the stamps allow it.
-    exact = 1 / stated if stated > 0 else 1 / float(f'{1 / dt:.6g}')
-    if stated > 0 or abs(exact - dt) * track.time.size < 0.02 * dt:
-        dt = exact
+    for count in digits:
+        exact = 1 / float(f'{1 / dt:.{count}g}')
+        if abs(exact - dt) * number < slack * dt:
+            return exact
+    return dt
+
+
+def _record(track: Track, name: str, place: str, log: DamageLog) -> Record:
+    dt = _interval(track, place, log)
     columns = track.columns
     return Record(
         name,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import RecordInfo
@@ -258,7 +259,7 @@ def parse_options(text: str) -> dict[str, object]:
         If it is no mapping.
     """
     try:
-        options = yaml.safe_load(text) if text.strip() else {}
+        options = plain_yaml.load(text) if text.strip() else {}
     except yaml.YAMLError as error:
         raise WaveformError(f'the options are no YAML: {" ".join(str(error).split())}') from None
     if not isinstance(options, dict) or not all(isinstance(name, str) for name in options):

@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 import yaml
 
+from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import LEVELS
 from piezo_hysteresis.errors import CompensationError
@@ -38,8 +39,8 @@ def read_tables(path: str | Path) -> Tables:
         If the file cannot be read or holds something else.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = plain_yaml.load_file(path)
+    except (OSError, yaml.YAMLError) as error:
         reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
         raise CompensationError(f'the fuzzy tables {path} cannot be read: {reason}') from error
     if not isinstance(content, dict) or set(content) != set(_TABLES):

@@ -11,6 +11,7 @@ from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.checks import require_consistent
 from piezo_hysteresis.identification.units import require_plausible, unit_findings
 from piezo_hysteresis.records import Record
 
@@ -57,32 +58,7 @@ def check(records: Sequence[Record]) -> Check:
 
 
 def _refuse(records: Sequence[Record]) -> None:
-    if not records:
-        raise IdentificationError('there is no record: give at least one bag or CSV file')
-    names = [r.name for r in records]
-    if len(set(names)) < len(names):
-        raise IdentificationError('two records have the same name: give every record its own')
-    rates = {round(r.rate, 6) for r in records}
-    if max(rates) - min(rates) > 1e-6 * max(rates):
-        raise IdentificationError(
-            f'the records have different rates ({", ".join(f"{r:g} Hz" for r in sorted(rates))}): '
-            'give those of one rate at a time, or bring them to one with `import --resample`'
-        )
-    units = {r.info.input_unit for r in records}
-    if len(units) > 1:
-        raise IdentificationError('some records have a voltage and some a force as their input')
-    actuators = {r.info.actuator for r in records if r.info.actuator}
-    if len(actuators) > 1:
-        raise IdentificationError(
-            f'the records are of several actuators ({", ".join(sorted(actuators))}): discover one '
-            'at a time'
-        )
-    if all(float(np.ptp(r.voltage)) == 0.0 for r in records):
-        raise IdentificationError(
-            'the input is constant in every record: record at least one sine over the full range'
-        )
-    if max(float(np.ptp(r.displacement)) for r in records) == 0.0:
-        raise IdentificationError('the displacement never changes: check the sensor')
+    require_consistent(records)
     require_plausible(records)
     if max(len(r) for r in records) < FEWEST_SAMPLES:
         raise IdentificationError(

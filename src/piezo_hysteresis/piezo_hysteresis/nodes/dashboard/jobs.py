@@ -254,7 +254,7 @@ class Jobs:
             sink = partial(_keep, partial(recorder.write, number), counted.get(short))
             self._ear.channels[short].sinks.append(sink)
         self._recorder = recorder
-        self._report.begin(lambda: recorder.status)
+        self._report.begin(recorder)
 
     def confirm(self) -> None:
         """Tell the excitation what has been recorded since the last word."""

@@ -11,6 +11,7 @@ from rclpy.publisher import Publisher
 from piezo_common import topics
 from piezo_common.stamps import nanoseconds_of, stamp_into
 from piezo_hysteresis.nodes.recording.reports import QUIET, Reports
+from piezo_hysteresis.records.markers import sample_text
 from piezo_hysteresis.runtime.confirmation import Progress
 from piezo_hysteresis.runtime.sweep_plan import SweepRecord
 from piezo_interfaces.msg import RecordMarker
@@ -113,6 +114,7 @@ class SweepAudience:
 
     def _say(self, marker: RecordMarker, sample: int) -> int:
         marker.rate = self._parameters.number('rate')
+        marker.header.frame_id = marker.header.frame_id or sample_text(sample)
         stamp_into(marker.header.stamp, self.edge_at(sample))
         self._publisher.publish(marker)
         return nanoseconds_of(marker.header.stamp)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable
 from math import inf, isfinite
@@ -23,6 +22,7 @@ from piezo_hysteresis.nodes.investigation.neighbours_asked import (
 )
 from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
 from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import LoopStatus
 from piezo_ros_common.parameters import NodeParameters
@@ -166,7 +166,7 @@ class InvestigationServer:
                 setup,
                 _Actuator(self._sweeper, self._neighbours, under),
                 report,
-                workers=int(request.workers) or os.cpu_count() or 1,
+                workers=number_of_workers(int(request.workers)),
                 apply=request.apply,
             )
         finally:

@@ -54,7 +54,7 @@ class SweepBag:
             (topics.STATE, STATE, ActuatorState, self._on_state),
             (topics.MARKER, MARKER, RecordMarker, self._report.on_marker),
         )
-        self._report.begin(lambda: recorder.status)
+        self._report.begin(recorder)
         for short, kind, message, count in kinds:
             definition, type_hash = definition_of(kind)
             name = self._node.resolve_topic_name(short)

@@ -65,7 +65,7 @@ class RecorderNode(Node):
         self._confirmed = self._topics_confirmed()
         whole = len(self._confirmed) == 2
         # Told before it subscribes: whoever sees the subscription can ask how far it is.
-        self._report.begin(lambda: self._recorder.status, confirms=whole)
+        self._report.begin(self._recorder, confirms=whole)
         self._subscribe_ahead()
         self._look()
         wall_timer(self, 0.1, self._look)

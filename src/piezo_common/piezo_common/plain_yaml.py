@@ -1,0 +1,105 @@
+"""YAML of plain types: whatever a text or a file holds, it is read quickly or refused.
+
+PyYAML takes a second for 100 kB, and a few lines of aliases may stand for a thousand million
+values: `LARGEST` bounds the text, `MOST` what it stands for.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+LARGEST = 1 << 20  # characters of a text, bytes of a file
+LONGEST = 100  # characters of a number
+DEEPEST = 100  # lists and mappings within each other
+MOST = 1_000_000  # values, counted where aliases repeat them
+
+
+class _Loader(yaml.SafeLoader):
+    """Counts what a document stands for before it makes anything of it."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Refuse what is nested too deeply, before the interpreter does."""
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise yaml.YAMLError('it is nested too deeply')
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_document(self, node: yaml.Node) -> Any:
+        if _size(node, {}) > MOST:
+            raise yaml.YAMLError('its aliases stand for too many values')
+        return super().construct_document(node)
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Refuse long numbers: their digits alone, or 59:59:59:..., take seconds."""
+        return int(super().construct_yaml_int(_short(node)))
+
+    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
+        """Refuse long numbers."""
+        return float(super().construct_yaml_float(_short(node)))
+
+
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
+_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
+
+
+def _short(node: yaml.ScalarNode) -> yaml.ScalarNode:
+    if len(node.value) > LONGEST:
+        raise ValueError(f'a number of {len(node.value)} characters')
+    return node
+
+
+def _size(node: yaml.Node, known: dict[int, int]) -> int:
+    """Return how many nodes a node stands for; `known` are those that were counted."""
+    if id(node) not in known:
+        known[id(node)] = MOST + 1  # one that holds itself never ends
+        children = node.value if isinstance(node, yaml.CollectionNode) else []
+        pairs = [each if isinstance(each, tuple) else (each,) for each in children]
+        known[id(node)] = 1 + sum(_size(each, known) for pair in pairs for each in pair)
+    return known[id(node)]
+
+
+def load(text: str) -> Any:
+    """Return what a YAML text says, in plain types only.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it is no YAML, or more or deeper than anything written for this suite.
+    """
+    if len(text) > LARGEST:
+        raise yaml.YAMLError(f'{len(text)} characters are too many, at most {LARGEST} are read')
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        reason = str(error).split(';')[0]  # such as a number of 200 000 digits
+        raise yaml.YAMLError(f'it holds a value that cannot be read ({reason[:100]})') from None
+
+
+def load_file(path: str | Path) -> Any:
+    """Return what a YAML file says, in plain types only.
+
+    Raises
+    ------
+    OSError
+        If it is no regular file or cannot be read.
+    yaml.YAMLError
+        If it is no text, no YAML, or more or deeper than anything written for this suite.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise OSError(errno.EINVAL, 'it is no regular file', os.fspath(path))
+    if path.stat().st_size > LARGEST:
+        raise yaml.YAMLError(f'more than {LARGEST} bytes are too many')
+    try:
+        return load(path.read_text(encoding='utf-8'))
+    except UnicodeDecodeError:
+        raise yaml.YAMLError('it is no text in UTF-8') from None
