@@ -142,7 +142,7 @@ class Stopwatch(Node):
         self.commands.setdefault(message.sample, written)
 
     def _on_status(self, message: LoopStatus, _: int) -> None:
-        more = dict(zip(message.names.split(','), message.counts, strict=True))
+        more = dict(zip(message.names, message.counts, strict=True))
         self.counts = {'late': message.late, 'missed': message.missed, **more}
 
     def _on_link(self, name: str, message: LoopStatus, _: int) -> None:

@@ -16,6 +16,9 @@ from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.screen import Screen
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
 from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.clock import JITTER, clock_about, clock_of
+from piezo_hysteresis.identification.comparison import compared
+from piezo_hysteresis.identification.discrepancy import residuals_of
 from piezo_hysteresis.identification.reading import simulated
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import (
@@ -27,7 +30,7 @@ from piezo_hysteresis.models import (
     described,
     named,
 )
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE, Provenance
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE, Provenance
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, NOISE, MISSED = 2e-3, 1e-8, 1e-7
@@ -55,12 +58,13 @@ def measured(model: Model, values: dict[str, float], late: float, *, noise: floa
     return records
 
 
-def kept(late: float) -> ModelFile:
+def kept(late: float, std: float | None = None, model: Model = MODEL) -> ModelFile:
     """Return the file of a model that was identified with its clock so `late` [s]."""
     rms = float(np.hypot(MISSED, NOISE))
     missed = Discrepancy(False, (Condition(1.0, 1.0, 1e-4, rms, NOISE, {2: MISSED}),))
-    notes = Provenance(notes={OFFSET_NOTE: late})
-    return ModelFile(MODEL, VALUES, provenance=notes, discrepancy=missed)
+    known = {} if std is None else {OFFSET_STD_NOTE: std}
+    notes = Provenance(notes={OFFSET_NOTE: late} | known)
+    return ModelFile(model, model.defaults() | VALUES, provenance=notes, discrepancy=missed)
 
 
 def held_by(known: ModelFile, records: list[Record]) -> tuple[HeldEvaluator, CandidateFit]:
@@ -149,3 +153,39 @@ def test_a_fit_follows_a_clock_that_moved(late: float) -> None:
     found = judge.fit(replace(base, sampling_offset=0.0))
     assert found is not None
     assert found.sampling_offset == pytest.approx(late, abs=0.02 * DT)
+
+
+@pytest.mark.parametrize(
+    ('model', 'std', 'reach'),
+    [
+        ('classical', 0.0, JITTER),
+        ('bouc_wen_mode', 0.05, JITTER + 0.1),
+        ('bouc_wen_mode', 3.0, 0.5),
+        ('bouc_wen_mode', None, 0.5),
+        # what takes less than a sample is in the clock of a chain that answers at once
+        ('classical', 0.01, 0.5),
+    ],
+)
+def test_a_held_clock_moves_by_what_clocks_move(
+    model: str, std: float | None, reach: float
+) -> None:
+    file = kept(0.3 * DT, None if std is None else std * DT, named(model))
+    low, high = clock_about(ModelFile.parse(file.text()), DT)
+    assert (low / DT, high / DT) == pytest.approx((0.3 - reach, 0.3 + reach))
+
+
+@pytest.mark.parametrize('ticks', [0, 1, 2])
+def test_discover_and_validate_agree_that_a_tick_is_a_delay(ticks: int) -> None:
+    file = kept(0.0, 0.0)
+    late = [
+        replace(r, voltage=np.roll(r.voltage, -ticks)[:1990], displacement=r.displacement[:1990])
+        for r in on_time()
+    ]
+    views = [replace(whole(r), own_zero=True) for r in late]
+    clock = clock_of(file, views)
+    assert abs(clock) <= 1.001 * JITTER * DT
+    left = residuals_of(MODEL, VALUES, late, views, clock)
+    judge, base = held_by(file, late)
+    assert judge.shows_news(base) == any(c.news for c in compared(left, file.discrepancy))
+    assert judge.shows_news(base) == (ticks > 0)
+    assert judge.unseen_delay == pytest.approx(JITTER * DT)

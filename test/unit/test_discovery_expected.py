@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezo_hysteresis.discovery.data.dataset import cut
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
 from piezo_hysteresis.discovery.selection.expectation import expectation
 from piezo_hysteresis.discovery.selection.uncertain import widened
@@ -83,3 +84,24 @@ def test_what_values_leave_open_is_no_news_away_from_what_was_judged() -> None:
     known = Discrepancy(True, (Condition(8.0, 1.0, STROKE, 1e-9),))
     expected = expectation(view, known, STROKE)
     assert widened((expected,), base, (view,), names[:1], spread[:1, :1])[0] is expected
+
+
+@pytest.mark.parametrize('grows', [GROWING, np.ones(TIME.size)], ids=['growing', 'steady'])
+def test_what_differs_from_part_to_part_is_no_news_in_one_of_them(grows: np.ndarray) -> None:
+    """A fit makes the mean of a harmonic small; the last quarter of the same record has it all."""
+    parts = np.where(np.arange(TIME.size) < 3000, -0.2, 1.0)
+    error = grows * (third() * parts + 5e-8 * np.cos(9 * 4 * np.pi * TIME))
+    voltage = grows * drive()
+    found = condition(voltage, error)
+    assert found.scatter[3] == pytest.approx(0.6 * np.std(third()), rel=0.3)
+    assert Condition.parse(found.to_dict()).scatter[3] == pytest.approx(found.scatter[3], rel=1e-3)
+    view = replace(whole(record(voltage, error)), noise=1e-9)
+    last = cut(view, 0.75)[1]
+
+    def news(known: Condition, size: float = 1.0) -> bool:
+        expected = expectation(last, Discrepancy(False, (known,)), STROKE)
+        return expected.news(expected.powers(size * error[-last.measured.size :]))
+
+    assert not news(found)
+    assert news(found, 4.0)
+    assert news(replace(found, scatter={}))

@@ -65,8 +65,9 @@ def hidden(record: Record, kind: str) -> Record:
     if kind == 'lag':
         a = np.exp(-DT / 8e-3)
         y = lfilter([1.0 - a], [1.0, -a], y)
-    if kind == 'delay':
-        y = np.concatenate([np.full(2, y[0]), y[:-2]])
+    if 'delay' in kind:
+        ticks = 1 if 'one tick' in kind else 2
+        y = np.concatenate([np.full(ticks, y[0]), y[:-ticks]])
     if kind == 'tone':
         y = y + 6e-7 * np.sin(2 * np.pi * 37.3 * t)
     if kind == 'drift':
@@ -85,6 +86,7 @@ def known() -> ModelFile:
     [
         ('', None),
         ('delay', 'transport_delay'),
+        ('delay of one tick', 'transport_delay'),
         ('lag', 'amplifier_lag'),
         ('tone', 'mains_hum'),
         ('drift', 'drift'),

@@ -1,11 +1,16 @@
 """What is reported of a record is what a run from its start gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from piezo_hysteresis import models
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.errors import free_run_of
+from piezo_hysteresis.identification.record_start import RecordStart, cycle_of
+from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import grid, simulate
 
@@ -34,3 +39,21 @@ def test_the_error_that_is_told_is_that_of_a_free_run(
         run = free_run_of(found.model, found.values, view, found.sampling_offset)
         error = (record.displacement - run)[record.warm_up_samples :]
         assert np.sqrt(np.mean(error**2)) == pytest.approx(row.free_run_rms, rel=0.02)
+
+
+def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:
+    """Of 2500 samples the first 2000 end where they begin and pass for a cycle; all do not."""
+    t = np.arange(2500) / 1000.0
+    voltage = 1.0 + np.minimum(t / 0.2, 1.0) ** 2 * np.sin(2 * np.pi * 31.0 * t)
+    model = models.named('classical')
+    cycle = voltage[:2000]
+    led = np.concatenate([cycle, cycle, cycle, voltage])
+    y = model.respond(led, model.pack(model.defaults()), 1e-3)[6000:]
+    record = Record('a', 1e-3, voltage, y)
+    assert cycle_of(record.section(0, 2000))
+    assert not cycle_of(record)
+    target = whole(record, begins=RecordStart('estimate'))
+    end = target.origin + 2000
+    part = replace(target, voltage=target.voltage[:end], measured=target.measured[:2000])
+    (seen,) = revised(model, model.defaults(), 0.0, [part], [record], Choices(), alone=True)
+    assert seen.begins.kind != 'settled'

@@ -38,6 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from piezo_hysteresis.identification.circumstances import Choices
+    from piezo_hysteresis.identification.clock import clock_of
     from piezo_hysteresis.identification.comparison import (
         compared,
         comparison_summary,
@@ -63,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     late = saved.sampling_offset
     choices = Choices('settled' if arguments.steady else arguments.start, arguments.zero)
     views = views_of(saved.model, saved.values, records, late, choices)
+    late = clock_of(saved, views)
     rows = judged(saved.model, saved.values, views, late)
     simulated = {v.name: free_run_of(saved.model, saved.values, v, late) for v in views}
     noise = floor_of(records).rms

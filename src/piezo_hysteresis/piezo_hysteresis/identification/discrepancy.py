@@ -12,6 +12,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.drive_lines import (
+    PERIODS,
+    amplitudes,
     at_its_largest,
     drive_lines,
     phase_at,
@@ -26,6 +28,10 @@ from piezo_hysteresis.records import Record
 
 #: Lines and bands with less than this of the power of a residual are not told.
 LEAST_POWER = 1e-3
+# Parts of a record whose harmonics are compared, as long as what is held out, and the mean
+# amplitude of the drive, over the largest, from which a part says something.
+_PARTS = 4
+_MOVES = 0.25
 # Periods for which a drive must hold its largest amplitude to have phases.
 _HELD_FOR = 2.0
 # Places in an octave, over its lowest frequency, at which the spectrum of noise is read.
@@ -154,6 +160,7 @@ def condition_of(residual: RecordResidual) -> Condition:
         if periodic
         else _octaves(error, residual.dt, least),
         phases=_phases(residual, sizes) if periodic else {},
+        scatter=_scatter(residual, sizes) if periodic else {},
     )
 
 
@@ -195,6 +202,35 @@ def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]
     turn = phase_of(drive, dt, residual.error.size) + phase_at(residual.voltage, dt, drive)
     phasors = line_amplitudes(residual.error[where], turn[where], above)[1]
     return {n: float(np.angle(each)) for n, each in zip(above, phasors, strict=True)}
+
+
+def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:
+    """Return the rms by which harmonics differ between parts of a record [m].
+
+    A fit makes their mean over the record small, and no part of it needs to be so near. They are
+    taken to grow with the drive; a part in which it hardly moves says nothing.
+    """
+    above = [order for order in orders if order > 0]
+    dt, drive = residual.dt, residual.frequency
+    if (
+        residual.voltage is None
+        or not above
+        or residual.error.size * dt * drive < _PARTS * PERIODS
+    ):
+        return {}
+    reach = amplitudes(residual.voltage, dt, drive)
+    size = reach / max(float(reach.max()), 1e-300)
+    turn = phase_of(drive, dt, size.size)
+    cuts = np.array_split(np.arange(size.size), _PARTS)
+    rows = [
+        line_amplitudes(residual.error[part], turn[part], above)[1] / float(size[part].mean())
+        for part in cuts
+        if float(size[part].mean()) > _MOVES
+    ]
+    if len(rows) < 2:
+        return {}
+    spread = np.std(np.array(rows), axis=0, ddof=1)
+    return dict(zip(above, map(float, sqrt(0.5) * spread), strict=True))
 
 
 def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> dict[float, float]:
@@ -244,6 +280,7 @@ def _together(conditions: Sequence[Condition]) -> Condition:
         {int(n): rms for n, rms in joined([c.harmonics for c in conditions]).items()},  # type: ignore[misc]
         joined([c.bands for c in conditions]),
         _phases_together(conditions),
+        {int(n): rms for n, rms in joined([c.scatter for c in conditions]).items()},  # type: ignore[misc]
     )
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
 from piezo_hysteresis.records import Record
 
 _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss on average.'
@@ -64,6 +66,8 @@ class Identification:
         Rms noise of one sample from period to period [m]; NaN where no record repeats itself.
     sampling_offset : float
         By how much later than our convention the displacement was sampled [s].
+    sampling_offset_std : float
+        Standard deviation of it [s], 0 where it was not fitted; infinite where it is not known.
     history : tuple of float
         How the error fell, for the figure of convergence [m].
     seconds : float
@@ -94,6 +98,7 @@ class Identification:
     fit: FitResult | None = field(default=None, repr=False)
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     views: tuple[Target, ...] = field(default=(), repr=False)
+    sampling_offset_std: float = inf
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -106,6 +111,12 @@ class Identification:
         known = set(self.model.parameter_names)
         finite = {k: v for k, v in self.std.items() if np.isfinite(v) and k in known}
         worst = max((r.free_run_rms for r in self.records), default=float('nan'))
+        notes: dict[str, float | bool] = {
+            OFFSET_NOTE: float(self.sampling_offset),
+            'converged': self.converged,
+        }
+        if np.isfinite(self.sampling_offset_std):
+            notes[OFFSET_STD_NOTE] = float(self.sampling_offset_std)
         provenance = Provenance(
             data=tuple(data),
             date=datetime.now(UTC).isoformat(timespec='seconds'),
@@ -113,10 +124,7 @@ class Identification:
             rate=rate,
             noise_floor=self.noise_floor if np.isfinite(self.noise_floor) else None,
             free_run_rms=worst if np.isfinite(worst) else None,
-            notes={
-                'sampling_offset_s': float(self.sampling_offset),
-                'converged': self.converged,
-            },
+            notes=notes,
         )
         try:
             together = Correlation.among(self.names, self.correlation, tuple(finite))
@@ -290,6 +298,7 @@ def from_fit(
         fit=fit,
         discrepancy=_discrepancy(fit.model, fit.values, records, views, fit.sampling_offset),
         views=views,
+        sampling_offset_std=fit.std.get(SAMPLING_OFFSET, 0.0),
     )
 
 

@@ -17,8 +17,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.factor import inner
 from piezo_hysteresis.identification.opening import misfit, opened
 from piezo_hysteresis.identification.record_start import (
+    SETTLED,
     STEP,
     RecordStart,
+    cycle_of,
     deepened,
     refined,
     rivals,
@@ -124,6 +126,7 @@ class StartSearch:
             others = [
                 self._tried(free, record, each)
                 for each in rivals(record, self._wanted, levels=self._levels)
+                if each != SETTLED or self._repeats(target)
             ]
             best = min([kept, *others], key=_cost)
         noise = target.noise if isfinite(target.noise) else 0.0
@@ -137,6 +140,10 @@ class StartSearch:
             kept = best
         kept = self._plainest(kept, others, target.measured.size)
         return target if kept[1] == target.begins else led_in(target, record, kept[1])
+
+    def _repeats(self, target: Target) -> bool:
+        """Return whether the whole record has a cycle: a part of one may close by chance."""
+        return cycle_of(self._records[target.name.removesuffix(WAY_IN)]) > 0
 
     def settled(self, target: Target) -> Target:
         """Return the target with the levels before it where no slope would move them.

@@ -13,11 +13,12 @@ from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors
 from piezo_hysteresis.discovery.selection.expectation import Expectation, expectation
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.reading import simulated
 from piezo_hysteresis.identification.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
-from piezo_hysteresis.models import Discrepancy
+from piezo_hysteresis.models import Discrepancy, ModelFile
 from piezo_hysteresis.numerics.linalg import solve_square
 
 # Ticks of rest at 0 V before a record.
@@ -61,6 +62,8 @@ class Outlook:
         Its range, the conditioning included [m].
     expected : Expectation
         What may be left there without its being news.
+    clock : float
+        By how much the clock of its record may be other than that of the model [s].
     """
 
     experiment: PlannedExperiment
@@ -68,6 +71,7 @@ class Outlook:
     answer: FloatArray
     stroke: float
     expected: Expectation
+    clock: float
 
     @cached_property
     def slope(self) -> FloatArray:
@@ -80,7 +84,7 @@ class Outlook:
     ) -> FloatArray:
         """Return by how much two answers differ beyond what nobody knows anyway [m].
 
-        The mean, since the zero of a record is its own; a clock that is less than a sample off;
+        The mean, since the zero of a record is its own; a clock that is off by what clocks move;
         and what small changes, `rows` of shape (p, n), of the fitted values can do, each of them
         one standard deviation.
         """
@@ -89,7 +93,7 @@ class Outlook:
         size = float(self.slope @ self.slope)
         if size > 0.0:
             late = float(gap @ self.slope) / size
-            late = min(max(late, -self.view.dt), self.view.dt)
+            late = min(max(late, -self.clock), self.clock)
             gap = gap - late * self.slope
         if rows is None or not len(rows):
             return np.asarray(gap)
@@ -126,16 +130,23 @@ def answer_of(spec: ModelSpec, view: Target) -> FloatArray:
 
 
 def outlook(
-    experiment: PlannedExperiment, base: ModelSpec, known: Discrepancy, rate: float, noise: float
+    experiment: PlannedExperiment, given: ModelFile, known: Discrepancy, rate: float
 ) -> Outlook:
-    """Return what the model in use says of an experiment."""
-    view = view_of(experiment, rate, noise)
+    """Return what the model in use, that of a file, says of an experiment."""
+    view = view_of(experiment, rate, known.noise)
+    base = in_use(given)
     answer = answer_of(base, view)
     packed = base.model.pack(base.values)
     whole = simulated(base.model, packed, view, base.sampling_offset)
     stroke = float(np.ptp(whole)) if np.all(np.isfinite(whole)) else np.inf
     known_part = expectation(view, known, max(stroke, 1e-300), HELD)
-    return Outlook(experiment, view, answer, stroke, known_part)
+    clock = clock_about(given, view.dt)[1] - given.sampling_offset
+    return Outlook(experiment, view, answer, stroke, known_part, clock)
+
+
+def in_use(given: ModelFile) -> ModelSpec:
+    """Return the model of a file with its own clock."""
+    return ModelSpec(given.model, dict(given.values), sampling_offset=given.sampling_offset)
 
 
 def sensitivities_of(spec: ModelSpec, deviations: dict[str, float], view: Target) -> FloatArray:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
 from piezo_hysteresis.investigation.belief import Belief, belief_of, nothing_known
 from piezo_hysteresis.investigation.catalogue import catalogue
 from piezo_hysteresis.investigation.choose import ExperimentChoice, choices, unseen
@@ -19,7 +18,7 @@ from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.hidden import hidden_effects
 from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
-from piezo_hysteresis.investigation.predict import Outlook, outlook, within
+from piezo_hysteresis.investigation.predict import in_use, outlook, within
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 
@@ -163,24 +162,17 @@ class Investigation:
                 'the model does not say what it misses: identify it once more, on records of the '
                 'actuator as it should be'
             )
-        base = ModelSpec(
-            self.model.model,
-            dict(self.model.values),
-            sampling_offset=self.model.sampling_offset,
-        )
-        noise = known.noise
-
-        def seen(experiment: PlannedExperiment) -> Outlook:
-            return outlook(experiment, base, known, self.rate, noise)
-
-        every = [seen(each) for each in catalogue(self.limits, self.rate)]
+        every = [
+            outlook(each, self.model, known, self.rate)
+            for each in catalogue(self.limits, self.rate)
+        ]
         self.outlooks = within(every, self.limits.stroke)
         if not any(each.stroke > 0.0 for each in self.outlooks):
             raise InvestigationError(
                 'every experiment exceeds the stroke that is allowed: allow more stroke or a '
                 'smaller range of voltages'
             )
-        self.hidden = hidden_effects(base, self.outlooks, self.limits.amplitude)
+        self.hidden = hidden_effects(in_use(self.model), self.outlooks, self.limits.amplitude)
         self.belief = nothing_known(self.hidden)
         self.records: list[Record] = []
         self.answers: list[ExperimentAnswer] = []

@@ -50,6 +50,9 @@ class Condition:
         periodic drive what is beside its harmonics, and beyond the noise.
     phases : mapping of int to float
         Phase of each harmonic [rad], less its order times that of the drive; where they are known.
+    scatter : mapping of int to float
+        Rms by which each harmonic differs from one part of the record to another, at the largest
+        amplitude of the drive [m]; where the record is long enough to say.
     """
 
     frequency: float
@@ -60,10 +63,12 @@ class Condition:
     harmonics: Mapping[int, float] = field(default_factory=dict)
     bands: Mapping[float, float] = field(default_factory=dict)
     phases: Mapping[int, float] = field(default_factory=dict)
+    scatter: Mapping[int, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         numbers = [self.frequency, self.amplitude, self.rms, self.noise or 0.0]
         numbers += [*self.harmonics.values(), *self.bands.values(), *self.bands]
+        numbers += [*self.scatter.values()]
         if not all(isfinite(x) and x >= 0.0 for x in numbers) or not self.stroke > 0.0:
             raise ModelError('a discrepancy holds sizes, which are finite and not negative')
         if not all(map(isfinite, self.phases.values())):
@@ -104,6 +109,8 @@ class Condition:
             row['bands'] = {_short(k): _short(v) for k, v in self.bands.items()}
         if self.phases:
             row['phases'] = {k: _short(v) for k, v in self.phases.items()}
+        if self.scatter:
+            row['scatter'] = {k: _short(v) for k, v in self.scatter.items()}
         return row
 
     @classmethod
@@ -137,6 +144,7 @@ class Condition:
             {int(order): rms for order, rms in table('harmonics').items()},
             table('bands'),
             {int(order): phase for order, phase in table('phases').items()},
+            {int(order): rms for order, rms in table('scatter').items()},
         )
 
 
@@ -150,6 +158,8 @@ class Missed:
         Its rms as a part of the stroke.
     harmonics : mapping of int to float
         The same at the mean (0) and at each harmonic.
+    scatter : mapping of int to float
+        By which part of the stroke each harmonic differs from one part of a record to another.
     octaves : tuple of (float, float, float)
         Lowest and highest frequency [Hz], and the density of the square of the share between
         them [1/Hz].
@@ -157,6 +167,7 @@ class Missed:
 
     share: float
     harmonics: Mapping[int, float]
+    scatter: Mapping[int, float]
     octaves: tuple[tuple[float, float, float], ...]
 
     def density(self, frequency: FloatArray) -> FloatArray:
@@ -271,13 +282,18 @@ class Discrepancy:
         ]
         shares = [weight / sum(weights) for weight in weights]
         pairs = list(zip(shares, self.conditions, strict=True))
-        orders = sorted({order for c in self.conditions for order in c.harmonics})
+
+        def lines(of: Callable[[Condition], Mapping[int, float]]) -> dict[int, float]:
+            orders = sorted({order for c in self.conditions for order in of(c)})
+            return {
+                n: sqrt(sum(w * (of(c).get(n, 0.0) / c.stroke) ** 2 for w, c in pairs))
+                for n in orders
+            }
+
         return Missed(
             sqrt(sum(w * c.share**2 for w, c in pairs)),
-            {
-                n: sqrt(sum(w * (c.harmonics.get(n, 0.0) / c.stroke) ** 2 for w, c in pairs))
-                for n in orders
-            },
+            lines(lambda c: c.harmonics),
+            lines(lambda c: c.scatter),
             tuple(
                 (low, 2.0 * low, w * (rms / c.stroke) ** 2 / low)
                 for w, c in pairs

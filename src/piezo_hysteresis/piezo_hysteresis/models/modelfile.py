@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ SCHEMA = 'piezo_hysteresis/model/2'
 READ = (SCHEMA, 'piezo_hysteresis/model/1')
 #: Note on when the fitted data had sampled the displacement, later than our convention [s].
 OFFSET_NOTE = 'sampling_offset_s'
+#: Note on its standard deviation [s]; 0 where it was given and not fitted.
+OFFSET_STD_NOTE = 'sampling_offset_std_s'
 
 RosParameters = dict[str, float | str | list[str]]
 
@@ -220,6 +223,11 @@ class ModelFile:
     def sampling_offset(self) -> float:
         """Time by which the displacement of its data was sampled after the voltage [s]."""
         return float(self.provenance.notes.get(OFFSET_NOTE, 0.0))
+
+    @property
+    def sampling_offset_std(self) -> float:
+        """Standard deviation of it [s]; infinite where the file does not say."""
+        return float(self.provenance.notes.get(OFFSET_STD_NOTE, inf))
 
     def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:
         """Return flat node parameters: ``model.name``, ``model.chain``, ``model.<parameter>``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ import yaml
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.live.apply import simulator_parameters
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
 from piezo_hysteresis.reporting.discovery_report import discovery_page
 from piezo_hysteresis.reporting.folder import write_folder
 
@@ -37,12 +40,22 @@ def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
             free_run_rms=final.rms,
             notes={
                 'effects': effects,
-                'sampling_offset_s': float(final.sampling_offset),
+                OFFSET_NOTE: float(final.sampling_offset),
+                **_clock_known(found),
             },
         ),
         together,
         what_is_left(found),
     )
+
+
+def _clock_known(found: Discovery) -> dict[str, float]:
+    """Return the note on how well the clock is known: by the fit, or by the file it came from."""
+    fitted, given = found.final.fitted, found.given
+    std = fitted.std.get(SAMPLING_OFFSET, inf) if fitted is not None else inf
+    if given is not None and given.sampling_offset == found.final.sampling_offset:
+        std = min(std, given.sampling_offset_std)
+    return {OFFSET_STD_NOTE: float(std)} if np.isfinite(std) else {}
 
 
 def _uncertainty(

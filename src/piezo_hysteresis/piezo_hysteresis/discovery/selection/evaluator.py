@@ -153,6 +153,12 @@ class Evaluator(ABC):
     #: Between what the sampling offset may lie [s]; None for what every recording may have.
     clock: tuple[float, float] | None = None
 
+    @property
+    def unseen_delay(self) -> float:
+        """How long a delay may be that passes for the clock of the records [s]."""
+        low, high = self.clock or (0.0, 2.0 * self.views[0].dt)
+        return 0.5 * (high - low)
+
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return a model with every effect that it can take up."""
         return candidates(spec.model, self.data.amplitude, self.data.span)

@@ -164,6 +164,10 @@ def expectation(
     if repeated is None:
         known_lines = {n: (share * stroke) ** 2 for n, share in missed.harmonics.items()}
         repeated = np.zeros(count)
+    reach = amplitudes(voltage, dt, view.frequency) if view.frequency > 0.0 else np.zeros(1)
+    moves = float(np.mean((reach / max(float(reach.max()), 1e-300)) ** 2))
+    for order, share in missed.scatter.items():
+        known_lines[order] = known_lines.get(order, 0.0) + moves * (share * stroke) ** 2
     for order, square in known_lines.items():
         if ranks[order]:
             by_model[order] += square

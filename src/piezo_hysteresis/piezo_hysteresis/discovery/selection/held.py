@@ -34,6 +34,7 @@ from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.discovery.selection.uncertain import cost_of_change, widened
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
+from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.discrepancy import discrepancy_words
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
@@ -81,7 +82,7 @@ class HeldEvaluator(Evaluator):
         self.base, self.given, self.known = base, given, known_to_miss(given)
         self._fixed = frozenset(base.model.free_names)
         self.late = given.sampling_offset
-        self.clock = clock_about(self.late, self.views[0].dt)
+        self.clock = clock_about(given, self.views[0].dt, policy.jitter)
         self._uncertain = given.covariance()
 
         def expected(views: Sequence[Target]) -> tuple[Expectation, ...]:
@@ -142,9 +143,10 @@ class HeldEvaluator(Evaluator):
         if found is None or views is not None or not self._clock_moved(found):
             return found
         here = replace(found, sampling_offset=self.late)
-        clock = clock_about(self.late, self.policy.still_clock * self.views[0].dt)
-        still = self._fitted(here, self.views, self.policy.first_evaluations, clock)
-        return found if still is None else min(found, still, key=self.score)
+        still = self.policy.still_clock * self.views[0].dt
+        clock = self.late - still, self.late + still
+        there = self._fitted(here, self.views, self.policy.first_evaluations, clock)
+        return found if there is None else min(found, there, key=self.score)
 
     def _clock_moved(self, spec: ModelSpec) -> bool:
         still = self.policy.still_clock * self.views[0].dt
@@ -317,8 +319,3 @@ def _with_repeated(
     return replace(
         data, training=moved(data.training, training), held_out=moved(data.held_out, held_out)
     )
-
-
-def clock_about(late: float, dt: float) -> tuple[float, float]:
-    """Return between what the sampling offset may lie [s]: records may be a tick early or late."""
-    return late - dt, late + dt

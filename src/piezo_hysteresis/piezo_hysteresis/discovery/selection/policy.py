@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.clock import JITTER
 
 
 def number(value: float, unit: str, means: str, source: str) -> Any:
@@ -93,6 +94,14 @@ class SelectionPolicy:
         'Share of what a name asks for that a first fit must have taken to get a final one, '
         'wherever one of them has.',
         'effort: final fits take up to a few hundredths more than first ones',
+    )
+    jitter: float = number(
+        JITTER,
+        'samples',
+        'By how much the clock of records may be other than that of a model file, beside two of '
+        'its standard deviations; never more than half a sample.',
+        'chosen: what a driver that reads and writes in every tick keeps; sample numbers count '
+        'whole ones, so that a whole one is a delay',
     )
     still_clock: float = number(
         1e-4,

@@ -20,7 +20,6 @@ from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.free import FreeEvaluator
 from piezo_hysteresis.discovery.selection.held import (
     HeldEvaluator,
-    clock_about,
     known_to_miss,
     without_repeated,
 )
@@ -29,6 +28,7 @@ from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionP
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
 from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.record_start import STEP
 from piezo_hysteresis.models import Model, ModelFile
 
@@ -151,7 +151,7 @@ def held_data(
         evaluations=policy.final_evaluations,
         tolerance=policy.final_tolerance,
         free=(),
-        clock=clock_about(late, data.training[0].dt),
+        clock=clock_about(given, data.training[0].dt, policy.jitter),
         workers=how.workers,
     )
     return judged_on(clocked or nominal, seen.training), seen

@@ -46,6 +46,10 @@ def tell(
     seen = left.fit.errors
     description = describe(data, left.views, seen, floor) if left.significant else left.note
     kind = rules.verdict_word(len(found.steps), left.significant)
+    if kind == 'none':
+        short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
+        clock = f'A delay of up to {short} would pass for the clock of the records.'
+        description = f'{description} {clock}'.strip()
     verdict = Verdict(
         baseline=name,
         seed=seed,
