@@ -28,6 +28,7 @@ from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
 _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss on average.'
 
@@ -74,6 +75,8 @@ class Identification:
         What the model misses; on the fitted records, as long as no others were given.
     views : tuple of Target
         The whole records, with starts and zeros as they are taken.
+    seen : tuple of Fingerprint
+        Of the records that were fitted, and of those on which the discrepancy was judged.
     """
 
     model: Model
@@ -94,6 +97,7 @@ class Identification:
     fit: FitResult | None = field(default=None, repr=False)
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     views: tuple[Target, ...] = field(default=(), repr=False)
+    seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -117,6 +121,7 @@ class Identification:
                 'sampling_offset_s': float(self.sampling_offset),
                 'converged': self.converged,
             },
+            records=self.seen,
         )
         try:
             together = Correlation.among(self.names, self.correlation, tuple(finite))
@@ -290,6 +295,7 @@ def from_fit(
         fit=fit,
         discrepancy=_discrepancy(fit.model, fit.values, records, views, fit.sampling_offset),
         views=views,
+        seen=fingerprints(records),
     )
 
 
@@ -318,7 +324,7 @@ def judged_on(found: Identification, records: Sequence[Record]) -> Identificatio
     late = found.sampling_offset
     views = views_of(found.model, found.values, records, late)
     left = _discrepancy(found.model, found.values, records, views, late, held_out=True)
-    return replace(found, discrepancy=left)
+    return replace(found, discrepancy=left, seen=(*found.seen, *fingerprints(records)))
 
 
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
@@ -389,4 +395,5 @@ def _online(
         seconds=time.perf_counter() - begun,
         discrepancy=_discrepancy(chain, values, records, views, late),
         views=views,
+        seen=fingerprints(records),
     )

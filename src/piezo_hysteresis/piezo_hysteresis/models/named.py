@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from piezo_hysteresis.blocks import named_block
@@ -186,14 +186,36 @@ FOLLOWED = (
 
 
 def named(name: str) -> Model:
-    """Return the model called `name`, one of `NAMES`.
+    """Return the model called `name`: one of `NAMES`, with further blocks behind a ``+``.
 
     Raises
     ------
     ModelError
-        If there is no such model.
+        If there is no such model or block.
     """
-    if name not in RECIPES:
-        raise ModelError(f'there is no model {name}; choose one of {", ".join(NAMES)}')
-    recipe = RECIPES[name]
-    return Model(name, tuple(named_block(each) for each in recipe.blocks), recipe.held)
+    first, *blocks = name.split('+')
+    if first not in RECIPES:
+        raise ModelError(f'there is no model {first}; choose one of {", ".join(NAMES)}')
+    recipe = RECIPES[first]
+    model = Model(first, tuple(named_block(each) for each in recipe.blocks), recipe.held)
+    for block in blocks:
+        model = model.with_block(named_block(block))
+    return model
+
+
+def name_of(model: Model) -> str:
+    """Return the name by which `named` gives this chain; empty where there is none."""
+    chain = [block.name for block in model.blocks]
+    for name in (model.name, *NAMES):
+        try:
+            more = [] if name == model.name else _beyond(chain, RECIPES[name].blocks)
+            full = '+'.join((name, *more))
+            if [block.name for block in named(full).blocks] == chain:
+                return full
+        except ModelError:
+            continue
+    return ''
+
+
+def _beyond(chain: Sequence[str], blocks: Sequence[str]) -> list[str]:
+    return [each for each in chain if each not in blocks]

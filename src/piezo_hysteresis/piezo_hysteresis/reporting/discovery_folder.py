@@ -14,6 +14,7 @@ from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.live.apply import simulator_parameters
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
+from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 from piezo_hysteresis.reporting.discovery_report import discovery_page
 from piezo_hysteresis.reporting.folder import write_folder
 
@@ -39,10 +40,17 @@ def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
                 'effects': effects,
                 'sampling_offset_s': float(final.sampling_offset),
             },
+            records=_seen(found),
         ),
         together,
         what_is_left(found),
     )
+
+
+def _seen(found: Discovery) -> tuple[Fingerprint, ...]:
+    """Return the records that made the model: those before, where its values were held, too."""
+    before = found.given.provenance.records if found.given is not None else ()
+    return tuple(dict.fromkeys((*before, *fingerprints(found.data.records))))
 
 
 def _uncertainty(

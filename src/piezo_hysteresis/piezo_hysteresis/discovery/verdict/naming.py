@@ -217,13 +217,29 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
 def summary_of(verdict: Verdict) -> str:
     """Return the verdict in one sentence, and in another what there was no time for."""
     summary = _summary(verdict)
+    if verdict.identified_from and not _only_own(verdict):
+        summary += (
+            f' {len(verdict.identified_from)} of the records are left out: the model was '
+            'identified from them or judged on them, so that they show nothing new.'
+        )
     if not verdict.not_tried:
         return summary
     return f'{summary} The time limit came first; not tried: {", ".join(verdict.not_tried)}.'
 
 
+def _only_own(verdict: Verdict) -> bool:
+    judged = {name for names in verdict.records.values() for name in names}
+    return judged <= set(verdict.identified_from)
+
+
 def _summary(verdict: Verdict) -> str:
     held = verdict.held_out
+    if _only_own(verdict):
+        return (
+            f'These are the records that the model {verdict.baseline} was identified from or judged '
+            f'on: the {held.before_in_floors:.3g} noise floors that it misses of them are part of '
+            'it, and nothing new can show.'
+        )
     gap = f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g} noise floors'
     if verdict.verdict == 'none':
         return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.outcome import Outcome
-from piezo_hysteresis.discovery.verdict.advise import advise
+from piezo_hysteresis.discovery.verdict.advise import advise, instead
 from piezo_hysteresis.discovery.verdict.describe import describe
 from piezo_hysteresis.discovery.verdict.locate import places
 from piezo_hysteresis.discovery.verdict.naming import named_effects, summary_of, suspects
@@ -21,7 +22,13 @@ _MOST_PLACES = 20
 
 
 def tell(
-    coverage: Check, base: Baselines, outcome: Outcome, proof: Proof, name: str, seed: int
+    coverage: Check,
+    base: Baselines,
+    outcome: Outcome,
+    proof: Proof,
+    name: str,
+    seed: int,
+    own: Sequence[str] = (),
 ) -> Verdict:
     """Return the verdict on a search.
 
@@ -39,6 +46,8 @@ def tell(
         What the baseline is called.
     seed : int
         Of the search.
+    own : sequence of str
+        Records that were given and that the file of the baseline was made from.
     """
     found, left = outcome.found, outcome.remainder
     final = found.final
@@ -88,7 +97,10 @@ def tell(
         sampling_offset_s=final.sampling_offset,
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
         not_tried=tuple(found.evaluator.deadline.untried),
+        identified_from=tuple(own),
     )
+    if {view.name for view in (*data.training, *data.held_out)} <= set(own):
+        verdict = replace(verdict, next_experiments=instead(base.joint.model))
     return replace(verdict, summary=summary_of(verdict))
 
 
