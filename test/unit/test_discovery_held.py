@@ -105,7 +105,7 @@ def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
     assert [each.name for each in verdict.effects] == ([name] if name else [])
     assert verdict.verdict == ('named' if name else 'none')
     assert verdict.held_out.gap_after_rms_m <= 1.02 * verdict.held_out.gap_before_rms_m
-    assert 'um rms beyond the noise' in verdict.unexplained.description
+    assert 'µm rms beyond the noise' in verdict.unexplained.description
 
 
 def test_the_records_of_a_model_show_nothing_new_and_say_so(known: ModelFile) -> None:
@@ -124,7 +124,7 @@ def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> 
     found = discover([*FITTED, new], known)
     assert [each.name for each in found.verdict.effects] == ['mains_hum']
     assert [each.name for each in found.data.records] == ['new']
-    assert '3 of the records are left out' in found.verdict.summary
+    assert 'Records left out: 3' in found.verdict.summary
     # what came out of it was made from all of them
     made_from = [each.name for each in model_file(found).provenance.records]
     assert made_from == [*(r.name for r in FITTED), 'new']

@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--baseline',
         required=True,
         metavar='NAME[+BLOCK...]|YAML',
-        help='named model, fitted to these data; or model.yaml of other data, whose values are held',
+        help='named model, fitted to these data; or model.yaml of other data, which is held',
     )
     add(
         '--reference',

@@ -348,8 +348,9 @@ def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     if ratio < 3:
         return remarks
     sentence = (
-        f'the model misses {ratio:.0f} times the noise floor on record {worst.record}: standard '
-        'deviations do not cover that; run discover to learn what is missing.'
+        f'on record {worst.record}, its worst, the model misses {1e6 * worst.free_run_rms:.3g} '
+        f'µm, {ratio:.0f} times the noise: standard deviations do not cover that, and `discover` '
+        'says what is missing.'
     )
     return [*remarks, sentence]
 

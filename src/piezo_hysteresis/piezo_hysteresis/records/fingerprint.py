@@ -20,8 +20,8 @@ from piezo_hysteresis.records.record import Record
 _MULTIPLIERS = (58_321, 74_933, 90_821, 103_091, 131_111, 176_041)
 _SUMS = len(_MULTIPLIERS)
 _TURN = 1 << 20
-# A copy differs by its rounding, two repeats by 1.4 times their noise. Six sums of two repeats agree
-# within this share of the noise once in (2 * 0.2 / 1.4 / sqrt(2 pi))^6 = 5e5 pairs.
+# A copy differs by its rounding, two repeats by 1.4 times their noise. Six sums of two repeats
+# agree within this share of the noise once in (2 * 0.2 / 1.4 / sqrt(2 pi))^-6 = 5e5 pairs.
 _OF_NOISE = 0.2
 # Below this share of the standard deviation no record holds anything, and a command no change.
 _NOTHING, _SAME_COMMAND = 1e-6, 1e-4
@@ -127,4 +127,3 @@ def _noise(samples: FloatArray) -> float:
         return 0.0
     size = 1.4826 * float(np.median(np.abs(np.diff(samples, _ORDER))))
     return size / sqrt(comb(2 * _ORDER, _ORDER)) / spread
-

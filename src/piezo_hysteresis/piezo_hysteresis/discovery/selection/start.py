@@ -24,7 +24,7 @@ from piezo_hysteresis.discovery.selection.held import (
     known_to_miss,
     without_repeated,
 )
-from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
+from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of, with_headlines_only
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
@@ -142,7 +142,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
         evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
         still = evaluator.judged(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
-        each = search(evaluator, base, progress)
+        each = with_headlines_only(search(evaluator, base, progress))
         levels = _invented(data, each.evaluator.data, given)
         found.append((each.evaluator.score(each.final) + policy.price * levels, each))
     return min(found, key=lambda pair: pair[0])[1]

@@ -9,6 +9,7 @@ from typing import Any
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import Baselines
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.outcome import Outcome
 from piezo_hysteresis.discovery.verdict.advise import advise, instead
 from piezo_hysteresis.discovery.verdict.describe import describe
@@ -98,9 +99,13 @@ def tell(
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
         not_tried=tuple(found.evaluator.deadline.untried),
         identified_from=tuple(own),
+        held_baseline=isinstance(found.evaluator, HeldEvaluator),
     )
     if {view.name for view in (*data.training, *data.held_out)} <= set(own):
         verdict = replace(verdict, next_experiments=instead(base.joint.model))
+    elif verdict.held_baseline and kind == 'none' and not outcome.ends_in_noise:
+        lacks = instead(base.joint.model)[:-1]
+        verdict = replace(verdict, next_experiments=(*lacks, *verdict.next_experiments))
     return replace(verdict, summary=summary_of(verdict))
 
 
