@@ -26,6 +26,7 @@ from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.unseen import without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
@@ -77,6 +78,8 @@ class Identification:
         The whole records, with starts and zeros as they are taken.
     seen : tuple of Fingerprint
         Of the records that were fitted, and of those on which the discrepancy was judged.
+    left_out : tuple of str
+        What of the chain the records do not show, in sentences: blocks left out, values held.
     """
 
     model: Model
@@ -98,6 +101,7 @@ class Identification:
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     views: tuple[Target, ...] = field(default=(), repr=False)
     seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
+    left_out: tuple[str, ...] = ()
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -120,6 +124,7 @@ class Identification:
             notes={
                 'sampling_offset_s': float(self.sampling_offset),
                 'converged': self.converged,
+                **({'left_out': ' '.join(self.left_out)} if self.left_out else {}),
             },
             records=self.seen,
         )
@@ -239,12 +244,15 @@ def identify(
         return _online(records, model, method, remarks, begun, progress, options)
     if base == 'output_error':
         fit = output_error_in_stages(model, records, workers=workers, progress=progress, **options)
+        fit, left_out = without_unseen(fit, records, {**options, 'workers': workers})
     else:
         fit = identify_by_search(
             model, records, base, seed=seed, workers=workers, progress=progress, **options
         )
+        left_out = ()
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
-    return from_fit(fit, method, records, remarks, begun, choices)
+    found = from_fit(fit, method, records, [*remarks, *left_out], begun, choices)
+    return replace(found, left_out=left_out)
 
 
 def from_fit(

@@ -162,11 +162,11 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             )
         else:
             remarks.append(
-                f'{_listed(group)} cannot be told apart from these records: {_help(group)}.'
+                f'{_listed(group)} cannot be told apart from these records: {help_for(group)}.'
             )
     remarks += [
         f'{_listed(group)} can hardly be told apart from these records (correlation beyond '
-        f'{CORRELATION_LIMIT}): {_help(group)}.'
+        f'{CORRELATION_LIMIT}): {help_for(group)}.'
         for group in _confounded(result, names, values)
         if not set(group) <= lost
     ]
@@ -208,7 +208,8 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
-def _help(names: Sequence[str]) -> str:
+def help_for(names: Sequence[str]) -> str:
+    """Return what to record so that parameters are determined."""
     for pair, advice in _HELP.items():
         if pair <= set(names):
             return advice

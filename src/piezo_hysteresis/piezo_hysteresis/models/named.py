@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from piezo_hysteresis.blocks import named_block
@@ -204,18 +204,20 @@ def named(name: str) -> Model:
 
 
 def name_of(model: Model) -> str:
-    """Return the name by which `named` gives this chain; empty where there is none."""
+    """Return the name by which `named` gives this chain; empty where there is none.
+
+    Of names for the same chain that one comes first which holds the same parameters.
+    """
     chain = [block.name for block in model.blocks]
+    found: dict[str, bool] = {}
     for name in (model.name, *NAMES):
         try:
-            more = [] if name == model.name else _beyond(chain, RECIPES[name].blocks)
+            other = named(name)
+            more = [each for each in chain if each not in other.block_names]
             full = '+'.join((name, *more))
-            if [block.name for block in named(full).blocks] == chain:
-                return full
+            other = named(full)
         except ModelError:
             continue
-    return ''
-
-
-def _beyond(chain: Sequence[str], blocks: Sequence[str]) -> list[str]:
-    return [each for each in chain if each not in blocks]
+        if [block.name for block in other.blocks] == chain:
+            found[full] = set(other.held) == set(model.held)
+    return next((name for name, same in found.items() if same), next(iter(found), ''))
