@@ -67,7 +67,7 @@ class Identification:
     sampling_offset : float
         By how much later than our convention the displacement was sampled [s].
     history : tuple of float
-        How the error fell, for the figure of convergence [m].
+        How the error fell [m].
     seconds : float
         Time it took.
     fit : FitResult or None

@@ -54,7 +54,10 @@ def tell(
     final = found.final
     data, floor = found.evaluator.data, found.evaluator.floor
     seen = left.fit.errors
-    description = describe(data, left.views, seen, floor) if left.significant else left.note
+    on_held_out = (proof.after, proof.after_in_floors)
+    description = (
+        describe(data, left.views, seen, floor, on_held_out) if left.significant else left.note
+    )
     kind = rules.verdict_word(len(found.steps), left.significant)
     verdict = Verdict(
         baseline=name,
