@@ -65,8 +65,8 @@ def folded(values: Iterable[Value]) -> list[tuple[str, str, str]]:
     nothing = [g[0].name for g in groups if len(g) == 1 and _is_nothing(g[0])]
     if len(nothing) < _FEWEST_ZEROS:
         return [_line(group) for group in groups]
-    told = [_line(g) for g in groups if len(g) > 1 or g[0].name not in nothing]
-    return [*told, (', '.join(nothing), '0 within one deviation', '')]
+    lines = [_line(g) for g in groups if len(g) > 1 or g[0].name not in nothing]
+    return [*lines, (', '.join(nothing), '0 within one deviation', '')]
 
 
 def _is_nothing(value: Value) -> bool:
