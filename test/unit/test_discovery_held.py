@@ -75,10 +75,12 @@ def hidden(record: Record, kind: str) -> Record:
     return replace(record, displacement=np.ascontiguousarray(y))
 
 
+FITTED = [actuator(f, a, k) for k, (f, a) in enumerate(((1, 1.0), (5, 1.0), (1, 0.5)))]
+
+
 @pytest.fixture(scope='module')
 def known() -> ModelFile:
-    fitted = [actuator(f, a, k) for k, (f, a) in enumerate(((1, 1.0), (5, 1.0), (1, 0.5)))]
-    return identify(fitted, named('classical')).model_file()
+    return identify(FITTED, named('classical')).model_file()
 
 
 @pytest.mark.parametrize(
@@ -105,7 +107,29 @@ def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
     assert [each.name for each in verdict.effects] == ([name] if name else [])
     assert verdict.verdict == ('named' if name else 'none')
     assert verdict.held_out.gap_after_rms_m <= 1.02 * verdict.held_out.gap_before_rms_m
-    assert 'um rms beyond the noise' in verdict.unexplained.description
+    assert 'µm rms beyond the noise' in verdict.unexplained.description
+
+
+def test_the_records_of_a_model_show_nothing_new_and_say_so(known: ModelFile) -> None:
+    again = ModelFile.parse(known.text())  # as it comes from a file
+    own = [replace(r, name=f'copy {k}') for k, r in enumerate(FITTED)]
+    verdict = discover(own[:2], again).verdict
+    assert (verdict.verdict, verdict.effects) == ('none', ())
+    assert 'identified from' in verdict.summary
+    assert '--baseline classical' in verdict.next_experiments[0]
+    assert verdict.identified_from == ('copy 0', 'copy 1')
+    assert verdict.held_out.before_in_floors == verdict.held_out.after_in_floors > 4.0
+
+
+def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> None:
+    new = hidden(replace(actuator(5, 1.0, 11), name='new'), 'tone')
+    found = discover([*FITTED, new], known)
+    assert [each.name for each in found.verdict.effects] == ['mains_hum']
+    assert [each.name for each in found.data.records] == ['new']
+    assert 'Records left out: 3' in found.verdict.summary
+    # what came out of it was made from all of them
+    made_from = [each.name for each in model_file(found).provenance.records]
+    assert made_from == [*(r.name for r in FITTED), 'new']
 
 
 @pytest.mark.parametrize('factor', [1.1, 0.8])

@@ -17,3 +17,7 @@ from piezo_hysteresis.discovery.verdict.describe import growth
 )
 def test_growth_and_fall_are_told_apart(power, words):
     assert words in growth('frequency', power)
+
+
+def test_sizes_that_follow_no_law_are_not_said_to_stay() -> None:
+    assert growth('frequency', 0.05, 0.5) == 'With the frequency it changes by no simple law.'

@@ -163,7 +163,7 @@ def test_identify_judges_on_what_is_held_out(folder, tmp_path, capsys):
     words = ['identify', str(folder / 'one.csv'), '--model', 'classical']
     held = ['--held-out', str(folder / 'more.csv')]
     assert main([*words, *held, '--out', str(tmp_path / 'out')]) == 0
-    assert 'on records that were not fitted' in capsys.readouterr().out
+    assert 'over all records that were not fitted' in capsys.readouterr().out
     known = ModelFile.load(tmp_path / 'out' / 'model.yaml').discrepancy
     assert known is not None
     assert known.held_out

@@ -306,7 +306,9 @@ def test_confounded_parameters_are_named_once_together() -> None:
 
 def test_digits_end_where_the_uncertainty_begins() -> None:
     assert digits(1.23456, 0.0123) == '1.23 ± 0.01'
-    assert digits(1e-4, 1e-3) == '0 within 1.0e-03'
+    assert digits(1e-4, 1e-3) == '0 within 0.0010'
+    assert digits(432.0, 129.0) == '400 ± 100'
+    assert digits(8.4e-5, 7e-5) == '0.00008 ± 0.00007'
     assert digits(1.0, float('inf')) == 'not determined'
 
 

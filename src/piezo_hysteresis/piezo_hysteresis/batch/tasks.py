@@ -156,7 +156,7 @@ class Discover:
     Attributes
     ----------
     baseline : str
-        Name of a model, or the path of a ``model.yaml``.
+        ``NAME[+BLOCK...]`` of a model, or the path of a ``model.yaml``.
     seed : int
         Of every random choice.
     workers : int
@@ -302,17 +302,12 @@ def _is_file(text: str) -> bool:
 
 def _model(given: str) -> tuple[Model, dict[str, float]]:
     """Return model and start values that `given` names."""
-    from piezo_hysteresis.blocks import named_block
     from piezo_hysteresis.models import ModelFile, named
 
     if _is_file(given):
         saved = ModelFile.load(given)
         return saved.model, {n: saved.values[n] for n in saved.model.free_names}
-    name, *blocks = given.split('+')
-    model = named(name)
-    for block in blocks:
-        model = model.with_block(named_block(block))
-    return model, {}
+    return named(given), {}
 
 
 def _finite(value: float) -> float | None:

@@ -34,8 +34,9 @@ class Plan:
     frequencies : sequence of float
         Of the sweep [Hz]; around a third of the resonance they lie close, for there the third
         harmonic tells where it is.
-    amplitude : float
-        Of the sweep [V].
+    amplitudes : sequence of float
+        Of the sweep [V]: one alone does not tell the parameters of the loop apart. The reference
+        takes the last.
     seconds, warm_up : float
         Length of each record of the sweep and the part that errors leave out [s].
     tracked : float
@@ -46,7 +47,7 @@ class Plan:
     """
 
     frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)
-    amplitude: float = 1.0
+    amplitudes: Sequence[float] = (0.5, 1.0)
     seconds: float = 2.0
     warm_up: float = 1.0
     tracked: float = 23.0
@@ -110,7 +111,7 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     with ros_needed():
         from piezo_hysteresis.nodes import live
     clock = _Clock()
-    order = live.LiveSweep(plan.frequencies, [plan.amplitude], plan.seconds, plan.warm_up)
+    order = live.LiveSweep(plan.frequencies, plan.amplitudes, plan.seconds, plan.warm_up)
     progress(0.0, 'starting the nodes')
     with _advice():
         sweep = live.record_sweep(
@@ -132,7 +133,7 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
         learning = plan.learning_seconds if settings['attenuation'].get('enabled', True) else 0.0
         tracking = live.Tracking(
             frequency=plan.tracked,
-            amplitude=gain * plan.amplitude,
+            amplitude=gain * plan.amplitudes[-1],
             offset=found.values['offset'],
             seconds=plan.tracking_seconds + learning,
         )
@@ -165,7 +166,7 @@ class _Clock:
 
 def _gain(sweep: Sequence[Record], plan: Plan) -> float:
     """Displacement per volt at the tracked frequency [m/V], as in Fujii 2018."""
-    record = min(sweep, key=lambda r: abs(r.info.frequency - plan.tracked))
+    record = min(sweep, key=lambda r: (abs(r.info.frequency - plan.tracked), -r.info.amplitude))
     u, y = (x[record.warm_up_samples :] for x in (record.voltage, record.displacement))
     return float((y - np.mean(y)) @ u / (u @ u))
 

@@ -25,7 +25,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
-    add('--baseline', required=True, metavar='NAME|YAML', help='named model or model.yaml')
+    add(
+        '--baseline',
+        required=True,
+        metavar='NAME[+BLOCK...]|YAML',
+        help='named model, fitted to these data; or model.yaml of other data, which is held',
+    )
     add(
         '--reference',
         nargs='+',

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import talk
@@ -117,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
     task = task_of(arguments)
     with progress_bar(f'{arguments.method} {arguments.model}') as progress:
         found = task.work(arguments.data, arguments.out, progress)
-    _tell(found, arguments.out)
+    _tell(found, arguments.data, arguments.out)
     return 0
 
 
@@ -177,10 +178,14 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     return options
 
 
-def _tell(found: Any, out: str) -> None:
+def _tell(found: Any, data: Sequence[str], out: str) -> None:
     """Print parameters with the digits they have, errors and warnings."""
     from piezo_hysteresis.identification.discrepancy import discrepancy_words
     from piezo_hysteresis.identification.uncertainty import digits
+    from piezo_hysteresis.reporting.identification_report import (
+        discover_command,
+        lacks_something,
+    )
     from piezo_hysteresis.reporting.units import shown
 
     print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
@@ -203,7 +208,9 @@ def _tell(found: Any, out: str) -> None:
     if found.noise_floor > 0:
         print(f'  noise floor {1e6 * found.noise_floor:.4g} µm')
     if found.discrepancy is not None:
-        print('  ' + discrepancy_words(found.discrepancy, 'µm'))
+        print('  ' + discrepancy_words(found.discrepancy))
     print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
         talk.warn(str(warning))
+    if lacks_something(found):
+        print(f'next: {discover_command(found.model, data)}')

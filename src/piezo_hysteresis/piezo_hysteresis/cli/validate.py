@@ -51,6 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.identification.settings import warmed
     from piezo_hysteresis.identification.units import require_plausible
     from piezo_hysteresis.records import load
+    from piezo_hysteresis.records.fingerprint import fingerprints
     from piezo_hysteresis.reporting.folder import check_folder, write_folder
     from piezo_hysteresis.reporting.identification_figures import figures
     from piezo_hysteresis.reporting.validation_report import validation_page
@@ -70,7 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
     noise = floor_of(records).rms
     left = residuals_of(saved.model, saved.values, records, views, late)
     known = compared(left, saved.discrepancy) if saved.discrepancy is not None else []
-    updated = replace(saved, discrepancy=discrepancy_of(left, held_out=True))
+    known_records = (*saved.provenance.records, *fingerprints(records))
+    updated = replace(
+        saved,
+        discrepancy=discrepancy_of(left, held_out=True),
+        provenance=replace(saved.provenance, records=known_records),
+    )
     summary = {
         'model': saved.model.name,
         'method': 'validate',

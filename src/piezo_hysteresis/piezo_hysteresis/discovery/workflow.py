@@ -22,6 +22,7 @@ from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.fingerprint import recognised
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,9 @@ def discover(
     records : sequence of Record
         Of one actuator at one rate.
     baseline : Model or ModelFile
-        The model that lacks something; a file also gives its nominal values.
+        The model that lacks something. The values of a file are held: records that it was
+        identified from can show nothing new and are left out; where there are no others, the
+        verdict is ``none`` and says so.
     name : str
         What to call the baseline.
     seed : int
@@ -108,15 +111,17 @@ def discover(
     began = time.monotonic()
     end = Deadline(time_limit)
     how = Searching(choices or Choices(), seed, workers, dict(policy or {}), end)
-    known = annotated(records)
+    given = annotated(records)
+    own = _own_records(given, baseline)
+    known = [record for record in given if record.name not in own] or given
     coverage = check(known)
     data = split(known, how.choices.start)
     progress(0.02, 'checked, split and noise measured')
-    base, outcome = find(data, baseline, how, progress)
+    base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))
     found = outcome.found
     measured = found.evaluator.measured
     proof = prove(measured, outcome.before, outcome.after)
-    verdict = tell(coverage, base, outcome, proof, name or base.joint.model.name, seed)
+    verdict = tell(coverage, base, outcome, proof, name or base.joint.model.name, seed, own)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,
@@ -129,3 +134,10 @@ def discover(
         baseline if isinstance(baseline, ModelFile) else None,
         found.last,
     )
+
+
+def _own_records(records: Sequence[Record], baseline: Model | ModelFile) -> tuple[str, ...]:
+    """Return the names of the records that the file of a baseline was made from."""
+    if not isinstance(baseline, ModelFile):
+        return ()
+    return tuple(recognised(records, baseline.provenance.records))

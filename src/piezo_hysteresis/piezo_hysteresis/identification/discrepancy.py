@@ -297,10 +297,10 @@ def _mean(sizes: Iterable[float]) -> float:
     return float(np.sqrt(np.mean(np.square(list(sizes)))))
 
 
-def discrepancy_words(known: Discrepancy, unit: str = 'um') -> str:
+def discrepancy_words(known: Discrepancy) -> str:
     """Return in a sentence how much a model misses, and on what that was judged."""
-    where = 'records that were not fitted' if known.held_out else 'the fitted records'
+    where = 'records that were not fitted' if known.held_out else 'fitted records'
     return (
-        f'misses {1e6 * known.missed:.3g} {unit} rms beyond the noise, {100 * known.share:.2g} % '
-        f'of the stroke, on {where}'
+        f'misses {1e6 * known.missed:.3g} µm rms beyond the noise, {100 * known.share:.2g} % '
+        f'of the stroke, over all {where}'
     )

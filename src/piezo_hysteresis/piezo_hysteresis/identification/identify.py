@@ -27,9 +27,11 @@ from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.unseen import without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
 _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss on average.'
 
@@ -69,7 +71,7 @@ class Identification:
     sampling_offset_std : float
         Standard deviation of it [s], 0 where it was not fitted; infinite where it is not known.
     history : tuple of float
-        How the error fell, for the figure of convergence [m].
+        How the error fell [m].
     seconds : float
         Time it took.
     fit : FitResult or None
@@ -78,6 +80,10 @@ class Identification:
         What the model misses; on the fitted records, as long as no others were given.
     views : tuple of Target
         The whole records, with starts and zeros as they are taken.
+    seen : tuple of Fingerprint
+        Of the records that were fitted, and of those on which the discrepancy was judged.
+    left_out : tuple of str
+        What of the chain the records do not show, in sentences: blocks left out, values held.
     """
 
     model: Model
@@ -99,6 +105,8 @@ class Identification:
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     views: tuple[Target, ...] = field(default=(), repr=False)
     sampling_offset_std: float = inf
+    seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
+    left_out: tuple[str, ...] = ()
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -117,6 +125,8 @@ class Identification:
         }
         if np.isfinite(self.sampling_offset_std):
             notes[OFFSET_STD_NOTE] = float(self.sampling_offset_std)
+        if self.left_out:
+            notes['left_out'] = ' '.join(self.left_out)
         provenance = Provenance(
             data=tuple(data),
             date=datetime.now(UTC).isoformat(timespec='seconds'),
@@ -125,6 +135,7 @@ class Identification:
             noise_floor=self.noise_floor if np.isfinite(self.noise_floor) else None,
             free_run_rms=worst if np.isfinite(worst) else None,
             notes=notes,
+            records=self.seen,
         )
         try:
             together = Correlation.among(self.names, self.correlation, tuple(finite))
@@ -242,12 +253,15 @@ def identify(
         return _online(records, model, method, remarks, begun, progress, options)
     if base == 'output_error':
         fit = output_error_in_stages(model, records, workers=workers, progress=progress, **options)
+        fit, left_out = without_unseen(fit, records, {**options, 'workers': workers})
     else:
         fit = identify_by_search(
             model, records, base, seed=seed, workers=workers, progress=progress, **options
         )
+        left_out = ()
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
-    return from_fit(fit, method, records, remarks, begun, choices)
+    found = from_fit(fit, method, records, [*remarks, *left_out], begun, choices)
+    return replace(found, left_out=left_out)
 
 
 def from_fit(
@@ -299,6 +313,7 @@ def from_fit(
         discrepancy=_discrepancy(fit.model, fit.values, records, views, fit.sampling_offset),
         views=views,
         sampling_offset_std=fit.std.get(SAMPLING_OFFSET, 0.0),
+        seen=fingerprints(records),
     )
 
 
@@ -327,7 +342,7 @@ def judged_on(found: Identification, records: Sequence[Record]) -> Identificatio
     late = found.sampling_offset
     views = views_of(found.model, found.values, records, late)
     left = _discrepancy(found.model, found.values, records, views, late, held_out=True)
-    return replace(found, discrepancy=left)
+    return replace(found, discrepancy=left, seen=(*found.seen, *fingerprints(records)))
 
 
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
@@ -351,8 +366,9 @@ def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     if ratio < 3:
         return remarks
     sentence = (
-        f'the model misses {ratio:.0f} times the noise floor on record {worst.record}: standard '
-        'deviations do not cover that; run discover to learn what is missing.'
+        f'on record {worst.record}, its worst, the model misses {1e6 * worst.free_run_rms:.3g} '
+        f'µm, {ratio:.0f} times the noise: standard deviations do not cover that, and `discover` '
+        'says what is missing.'
     )
     return [*remarks, sentence]
 
@@ -398,4 +414,5 @@ def _online(
         seconds=time.perf_counter() - begun,
         discrepancy=_discrepancy(chain, values, records, views, late),
         views=views,
+        seen=fingerprints(records),
     )

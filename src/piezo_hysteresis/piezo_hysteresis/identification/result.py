@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Part
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.solver import Solution
 from piezo_hysteresis.identification.targets import Target
@@ -138,6 +139,8 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
     freedom = max(sum(e.size for e in residuals) - p, 1)
     variance = 2 * solution.cost / freedom * inflation(residuals) if possible else float('inf')
     spread = covariance(solution.factor, variance, names)
+    if all(target.own_zero for target in objective.targets):
+        spread = _without_zero(spread, objective)
     values = objective.values(solution.x)
     late = values.pop(SAMPLING_OFFSET, 0.0)
     remarks = list(warnings_of(spread, names, solution.x))
@@ -165,6 +168,18 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
         objective=objective,
         solution=solution,
     )
+
+
+def _without_zero(spread: Covariance, objective: Objective) -> Covariance:
+    """Return what is known where every record has a zero of its own: not that of the model."""
+    zeros = {
+        name
+        for block in objective.model.blocks
+        if block.part is Part.ZERO
+        for name in objective.model.names_of(block).values()
+    }
+    lost = np.array([name in zeros for name in objective.free], dtype=bool)
+    return replace(spread, std=np.where(lost, np.inf, spread.std))
 
 
 def result_at(

@@ -119,10 +119,19 @@ def digits(value: float, std: float) -> str:
         return 'not determined'
     if std <= 0.0 or value == 0.0:
         return f'{value:.6g}'
+    place = int(np.floor(np.log10(std)))
     if abs(value) < std:
-        return f'0 within {std:.1e}'
-    known = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(std)))
-    return f'{value:.{min(max(known, 0) + 1, 9)}g} ± {std:.1g}'
+        return f'0 within {_to_place(std, place - 1)}'
+    place = max(place, int(np.floor(np.log10(abs(value)))) - 8)
+    return f'{_to_place(value, place)} ± {_to_place(std, place)}'
+
+
+def _to_place(value: float, place: int) -> str:
+    """Return a number to its digit of 10^place, as a plain decimal where it is no longer so."""
+    if -7 < place < 5 and abs(value) < 1e6:
+        return f'{round(value, -place):.{max(-place, 0)}f}'
+    size = int(np.floor(np.log10(abs(value)))) if value else place
+    return f'{value:.{max(size - place, 0)}e}'
 
 
 _HELP = {
@@ -162,11 +171,11 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             )
         else:
             remarks.append(
-                f'{_listed(group)} cannot be told apart from these records: {_help(group)}.'
+                f'{_listed(group)} cannot be told apart from these records: {help_for(group)}.'
             )
     remarks += [
         f'{_listed(group)} can hardly be told apart from these records (correlation beyond '
-        f'{CORRELATION_LIMIT}): {_help(group)}.'
+        f'{CORRELATION_LIMIT}): {help_for(group)}.'
         for group in _confounded(result, names, values)
         if not set(group) <= lost
     ]
@@ -208,7 +217,8 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
-def _help(names: Sequence[str]) -> str:
+def help_for(names: Sequence[str]) -> str:
+    """Return what to record so that parameters are determined."""
     for pair, advice in _HELP.items():
         if pair <= set(names):
             return advice

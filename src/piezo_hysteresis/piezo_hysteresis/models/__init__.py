@@ -15,7 +15,7 @@ from piezo_hysteresis.models.effects import (
 )
 from piezo_hysteresis.models.former import FormerModelWarning
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
-from piezo_hysteresis.models.named import NAMES, RECIPES, named
+from piezo_hysteresis.models.named import NAMES, RECIPES, name_of, named
 from piezo_hysteresis.models.scaling import for_range
 from piezo_hysteresis.models.timing import answers_at_once
 
@@ -40,6 +40,7 @@ __all__ = [
     'candidates',
     'described',
     'for_range',
+    'name_of',
     'named',
     'shifted',
 ]

@@ -250,6 +250,13 @@ class Model:
             chain.sort(key=lambda each: _ORDER[each.slot])
         return Model(name, tuple(chain), self.held)
 
+    def without(self, block: Block) -> Model:
+        """Return the chain less one of its blocks."""
+        rest = tuple(each for each in self.blocks if each is not block)
+        own = set(self.names_of(block).values())
+        held = {name: value for name, value in self.held.items() if name not in own}
+        return Model(f'{self.name}-{block.name}', rest, held)
+
     def with_replaced(self, block_name: str, block: Block, name: str = '') -> Model:
         """Return the chain with `block` in the place of the first one called `block_name`.
 

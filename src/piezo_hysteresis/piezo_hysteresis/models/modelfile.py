@@ -14,7 +14,7 @@ import yaml
 from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Discrepancy
@@ -27,6 +27,7 @@ from piezo_hysteresis.models.plain import (
     write_yaml,
     yaml_text,
 )
+from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'
 #: Earlier ones, which lack correlation and discrepancy and are read as they are.
@@ -59,6 +60,9 @@ class Provenance:
         rms of the free-run error on the fitted data [m].
     notes : mapping of str to str, float, int or bool
         Anything else.
+    records : tuple of Fingerprint
+        By which the records are recognised from which the model was identified, or on which what
+        it misses was judged.
     """
 
     data: tuple[str, ...] = ()
@@ -68,6 +72,7 @@ class Provenance:
     noise_floor: float | None = None
     free_run_rms: float | None = None
     notes: Mapping[str, str | float | int | bool] = field(default_factory=dict)
+    records: tuple[Fingerprint, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -161,6 +166,7 @@ class ModelFile:
         provenance = asdict(self.provenance)
         provenance['data'] = list(self.provenance.data)
         provenance['notes'] = dict(self.provenance.notes)
+        provenance['records'] = [each.to_dict() for each in self.provenance.records]
         more: dict[str, Any] = {}
         if self.correlation is not None:
             more['correlation'] = self.correlation.to_dict()
@@ -342,4 +348,12 @@ def _provenance(content: object) -> Provenance:
         rate=numbers.get('rate'),
         noise_floor=numbers.get('noise_floor'),
         free_run_rms=numbers.get('free_run_rms'),
+        records=tuple(_fingerprint(row) for row in rows.get('records', ())),
     )
+
+
+def _fingerprint(row: object) -> Fingerprint:
+    try:
+        return Fingerprint.parse(mapping(row, 'a row of provenance records'))
+    except RecordError as error:
+        raise ModelError(str(error)) from error

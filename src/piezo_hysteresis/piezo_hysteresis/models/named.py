@@ -186,14 +186,38 @@ FOLLOWED = (
 
 
 def named(name: str) -> Model:
-    """Return the model called `name`, one of `NAMES`.
+    """Return the model called `name`: one of `NAMES`, with further blocks behind a ``+``.
 
     Raises
     ------
     ModelError
-        If there is no such model.
+        If there is no such model or block.
     """
-    if name not in RECIPES:
-        raise ModelError(f'there is no model {name}; choose one of {", ".join(NAMES)}')
-    recipe = RECIPES[name]
-    return Model(name, tuple(named_block(each) for each in recipe.blocks), recipe.held)
+    first, *blocks = name.split('+')
+    if first not in RECIPES:
+        raise ModelError(f'there is no model {first}; choose one of {", ".join(NAMES)}')
+    recipe = RECIPES[first]
+    model = Model(first, tuple(named_block(each) for each in recipe.blocks), recipe.held)
+    for block in blocks:
+        model = model.with_block(named_block(block))
+    return model
+
+
+def name_of(model: Model) -> str:
+    """Return the name by which `named` gives this chain; empty where there is none.
+
+    Of names for the same chain that one comes first which holds the same parameters.
+    """
+    chain = [block.name for block in model.blocks]
+    found: dict[str, bool] = {}
+    for name in (model.name, *NAMES):
+        try:
+            other = named(name)
+            more = [each for each in chain if each not in other.block_names]
+            full = '+'.join((name, *more))
+            other = named(full)
+        except ModelError:
+            continue
+        if [block.name for block in other.blocks] == chain:
+            found[full] = set(other.held) == set(model.held)
+    return next((name for name, same in found.items() if same), next(iter(found), ''))

@@ -96,9 +96,9 @@ class DiscoveryNode(Node):
         data = [str(inside(folder, path)) for path in goal.data]
         if not data:
             raise PiezoError('give at least one bag or CSV file as data')
-        if goal.baseline not in NAMES:
-            return data, str(inside(folder, goal.baseline)), str(inside(folder, goal.out))
-        return data, goal.baseline, str(inside(folder, goal.out))
+        if _is_named(goal.baseline):
+            return data, goal.baseline, str(inside(folder, goal.out))
+        return data, str(inside(folder, goal.baseline)), str(inside(folder, goal.out))
 
     def _health(self) -> Health:
         findings = self._watch.findings(self._counts)
@@ -155,7 +155,7 @@ class DiscoveryNode(Node):
 
         request = goal.request
         data, name, out = self._paths(request)
-        baseline = named(name) if name in NAMES else ModelFile.load(name)
+        baseline = named(name) if _is_named(name) else ModelFile.load(name)
 
         def progress(fraction: float, words: str) -> None:
             if self._closing or goal.is_cancel_requested:
@@ -183,6 +183,10 @@ class DiscoveryNode(Node):
         result.after_in_floors = verdict.held_out.after_in_floors
         result.report = f'{out}/report.html'
         result.message = verdict.summary
+
+
+def _is_named(baseline: str) -> bool:
+    return baseline.split('+')[0] in NAMES
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
+from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 from piezo_hysteresis.reporting.discovery_report import discovery_page
 from piezo_hysteresis.reporting.folder import write_folder
 
@@ -43,6 +44,7 @@ def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
                 OFFSET_NOTE: float(final.sampling_offset),
                 **_clock_known(found),
             },
+            records=_seen(found),
         ),
         together,
         what_is_left(found),
@@ -56,6 +58,12 @@ def _clock_known(found: Discovery) -> dict[str, float]:
     if given is not None and given.sampling_offset == found.final.sampling_offset:
         std = min(std, given.sampling_offset_std)
     return {OFFSET_STD_NOTE: float(std)} if np.isfinite(std) else {}
+
+
+def _seen(found: Discovery) -> tuple[Fingerprint, ...]:
+    """Return the records that made the model: those before, where its values were held, too."""
+    before = found.given.provenance.records if found.given is not None else ()
+    return tuple(dict.fromkeys((*before, *fingerprints(found.data.records))))
 
 
 def _uncertainty(

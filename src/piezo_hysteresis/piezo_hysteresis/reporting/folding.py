@@ -14,6 +14,8 @@ from piezo_hysteresis.reporting.units import shown, with_deviation
 
 # Fewer elements are listed one by one.
 FEWEST = 6
+# So many values that are zero within their deviations are told together.
+_FEWEST_ZEROS = 2
 _NUMBERED = re.compile(r'^(.*?)(\d+)$')
 
 
@@ -59,7 +61,16 @@ def groups_of(values: Iterable[Value]) -> list[list[Value]]:
 
 def folded(values: Iterable[Value]) -> list[tuple[str, str, str]]:
     """Return name, value with deviation, and unit of each parameter, elements on one line."""
-    return [_line(group) for group in groups_of(values)]
+    groups = groups_of(values)
+    nothing = [g[0].name for g in groups if len(g) == 1 and _is_nothing(g[0])]
+    if len(nothing) < _FEWEST_ZEROS:
+        return [_line(group) for group in groups]
+    lines = [_line(g) for g in groups if len(g) > 1 or g[0].name not in nothing]
+    return [*lines, (', '.join(nothing), '0 within one deviation', '')]
+
+
+def _is_nothing(value: Value) -> bool:
+    return value.std is not None and abs(value.value) < value.std < np.inf
 
 
 def _line(group: Sequence[Value]) -> tuple[str, str, str]:
@@ -70,7 +81,7 @@ def _line(group: Sequence[Value]) -> tuple[str, str, str]:
         number, deviation = with_deviation(factor * value.value, std)
         return (
             value.name,
-            f'{number} ± {deviation}' if _is_number(deviation) else number,
+            f'{number} ± {deviation}' if _is_number(deviation) else _without(number, deviation),
             shown_unit,
         )
     sizes = np.array([factor * value.value for value in group])
@@ -122,6 +133,10 @@ def _stem(value: Value) -> str:
 def _number(value: Value) -> int:
     match = _NUMBERED.match(value.name)
     return int(match.group(2)) if match else 0
+
+
+def _without(number: str, deviation: str) -> str:
+    return deviation if deviation == 'not determined' else number
 
 
 def _is_number(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""Figures of an identification: loops, residual spectra, error over frequency, convergence."""
+"""Figures of an identification: loops, residual spectra, error over frequency."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ def figures(
     errors: Sequence[RecordErrors],
     *,
     noise_floor: float = float('nan'),
-    history: Sequence[float] = (),
 ) -> dict[str, bytes]:
     """Draw all figures.
 
@@ -40,8 +39,6 @@ def figures(
         Of the same records.
     noise_floor : float
         Rms [m]; NaN where it is not known.
-    history : sequence of float
-        Error after each step of the fit [m].
 
     Returns
     -------
@@ -54,8 +51,6 @@ def figures(
         'residual_spectra.png': _spectra(chosen, simulated, noise_floor),
         'error_over_frequency.png': _over_frequency(records, errors, noise_floor),
     }
-    if len(history) > 1:
-        drawn['convergence.png'] = _convergence(history, noise_floor)
     return {name: _png(figure) for name, figure in drawn.items()}
 
 
@@ -159,17 +154,6 @@ def _over_frequency(
     axis.set_xlabel('frequency of the drive [Hz]' if known else 'record')
     axis.set_ylabel('error rms [µm]')
     axis.legend()
-    return figure
-
-
-def _convergence(history: Sequence[float], floor: float) -> Figure:
-    figure, (axis,) = _panels(1)
-    axis.semilogy(range(len(history)), 1e6 * np.asarray(history), 'o-', ms=3, color=_ERROR)
-    if floor > 0:
-        axis.axhline(1e6 * floor, color=_FLOOR, ls=':', label='noise floor')
-        axis.legend()
-    axis.set_xlabel('accepted step')
-    axis.set_ylabel('error rms [µm]')
     return figure
 
 

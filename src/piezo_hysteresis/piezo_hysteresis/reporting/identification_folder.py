@@ -42,7 +42,6 @@ def write_identification(
         free_runs(records, found),
         found.records,
         noise_floor=found.noise_floor,
-        history=found.history,
     )
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
     write_folder(

@@ -12,6 +12,7 @@ from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_certainty import (
@@ -167,27 +168,45 @@ def choice_section(steps: Sequence[TriedModel]) -> PageSection:
 def next_section(found: Identification, data: Sequence[str] = (), folder: str = '') -> PageSection:
     """Return what to do with this model, the most urgent thing first."""
     model, parameters = (str(Path(folder) / name) for name in ('model.yaml', 'params.yaml'))
-    inputs = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     lines = []
     if not found.converged:
         lines.append('The fit did not come to rest: record more, or take a simpler model.')
-    worst = max(largest_if_unknown(row.free_run_rms) for row in found.records)
-    lacks = found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
-    why = 'names what the model lacks' if lacks else 'says what the model still misses'
+    lacks = lacks_something(found)
     discover = (
-        f'`python -m piezo_hysteresis discover {inputs} --baseline {model} --out found` {why}, '
-        'with probabilities and alternatives.'
+        f'`{discover_command(found.model, data)}` names what the model lacks, with probabilities '
+        'and alternatives; it fits the model anew with every effect.'
+    )
+    changed = (
+        f'`python -m piezo_hysteresis discover NEW_DATA --baseline {model} --out changed` names '
+        'what has changed since, in records made later.'
     )
     judge = (
         f'`python -m piezo_hysteresis validate OTHER_DATA --model {model} --out check` judges '
         'the model on records that it has never seen: do that before you trust it.'
     )
-    lines += [discover, judge] if lacks else [judge, discover]
+    lines += [discover, judge] if lacks else [judge]
+    lines.append(changed)
     lines.append(
         f'`python -m piezo_hysteresis param load /feedforward {parameters}` makes the running '
         'feedforward node invert it.'
     )
     return PageSection('What next?', '\n'.join(f'- {line}' for line in lines))
+
+
+def lacks_something(found: Identification) -> bool:
+    """Return whether the model misses far more than noise in the worst of its records."""
+    worst = max(largest_if_unknown(row.free_run_rms) for row in found.records)
+    return found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
+
+
+def discover_command(model: Model, data: Sequence[str] = ()) -> str:
+    """Return the command that names what a model lacks on the data that it was identified from.
+
+    The chain goes by its name: given its own file `discover` can find nothing new in these data.
+    """
+    inputs = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
+    baseline = name_of(model) or 'NAME'
+    return f'python -m piezo_hysteresis discover {inputs} --baseline {baseline} --out found'
 
 
 def _spread(records: Sequence[Record]) -> list[Record]:

@@ -49,7 +49,7 @@ def where_section(
             f'{micrometres(found.noise_floor)} µm rms: the noise floor, below which no model gets.'
         )
     if found.discrepancy is not None:
-        text += f' `model.yaml` keeps that the model {discrepancy_words(found.discrepancy, "µm")}.'
+        text += f' `model.yaml` keeps that the model {discrepancy_words(found.discrepancy)}.'
     return PageSection('Where is the model wrong?', text, tuple(figures), (_table(rows),))
 
 

@@ -8,7 +8,7 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.reporting.identification_report import fit_figures
+from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import Curve, trace_figure
 from piezo_hysteresis.reporting.units import micrometres
@@ -61,8 +61,10 @@ def validation_page(
         _rest(records, simulated, worst.record),
         PageSection(
             'What next?',
-            f'- `python -m piezo_hysteresis discover {where} --baseline {model} --out found` says '
-            'what the model misses, with probabilities and alternatives.\n'
+            f'- `{discover_command(saved.model, data)}` names what the model lacks, with '
+            'probabilities and alternatives.\n'
+            f'- `python -m piezo_hysteresis discover {where} --baseline {model} --out changed` '
+            'names what has changed since it was identified.\n'
             '- `model.yaml` beside this page is the same model, with what it misses on these '
             'records as its discrepancy: the next `validate` compares with it.',
         ),

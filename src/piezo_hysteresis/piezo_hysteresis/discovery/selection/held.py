@@ -208,6 +208,10 @@ class HeldEvaluator(Evaluator):
             return False
         if not rules.is_worth_a_name(self.excess(before), self.excess(after), 0.0, self.policy):
             return False
+        unseen = [judged_on(each, self.data.held_out).floors for each in (before, after)]
+        gaps = ([before.floors, after.floors], unseen)
+        if not any(rules.takes_its_share(old, new, self.policy) for old, new in gaps):
+            return False
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
 
     def _held_out(self, spec: ModelSpec) -> float:

@@ -163,6 +163,14 @@ class SelectionPolicy:
         'laws so far are known to miss is asked for besides.',
         'chosen: it lowers the gap by an eighth',
     )
+    least_gap: float = number(
+        0.1,
+        '1',
+        'Share of the gap on held-out records, in rms beyond the noise, that names must take: '
+        'what takes less is no headline.',
+        'derived: the rms of 50 independent numbers, as two or three held-out records hold '
+        '(`octave`), is itself known to a tenth, 1/sqrt(2 * 50)',
+    )
     records_information: float = number(
         200.0,
         '1',

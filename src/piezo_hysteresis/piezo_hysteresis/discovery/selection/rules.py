@@ -117,6 +117,20 @@ def is_no_worse(before: float, after: float, policy: SelectionPolicy) -> bool:
     return after <= (1.0 + policy.worse) * before
 
 
+def takes_its_share(before: float, after: float, policy: SelectionPolicy) -> bool:
+    """Return whether a gap has fallen by enough to be a headline.
+
+    Parameters
+    ----------
+    before, after : float
+        On records that decided nothing, in noise rms.
+    policy : SelectionPolicy
+        What decides.
+    """
+    old, new = (max(gap**2 - 1.0, 0.0) ** 0.5 for gap in (before, after))
+    return after <= before and old - new >= policy.least_gap * old
+
+
 def explained(before: float, after: float) -> float:
     """Return the share of an excess that was taken, 0 to 1; both in noise rms."""
     excess = before**2 - 1.0

@@ -23,7 +23,7 @@ from piezo_hysteresis.discovery.selection.held import (
     known_to_miss,
     without_repeated,
 )
-from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of
+from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of, with_headlines_only
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
@@ -63,12 +63,18 @@ class Searching:
 
 
 def find(
-    data: Dataset, given: Model | ModelFile, how: Searching, progress: Progress
+    data: Dataset,
+    given: Model | ModelFile,
+    how: Searching,
+    progress: Progress,
+    *,
+    nothing_new: bool = False,
 ) -> tuple[Baselines, Outcome]:
     """Find what a baseline lacks, in the view that suits what is known of it, and judge that.
 
     What the user knows is a prior: a free refit would hide the effect in wrong values. So the
-    values of a file that says what it misses are held.
+    values of a file that says what it misses are held. Where its own records are given again
+    (`nothing_new`), it is only judged on them: what it misses there it misses by definition.
 
     Raises
     ------
@@ -76,9 +82,15 @@ def find(
         If the baseline cannot be fitted to the records at all, or the policy is impossible.
     """
     if isinstance(given, ModelFile) and given.discrepancy is not None:
-        held = _find_held(data, given, how, progress)
+        if nothing_new:
+            held = _unsearched(data, given, how)
+        else:
+            held = _find_held(data, given, how, progress)
         outcome = _judged(held, progress)
         nominal = outcome.found.start
+        if nothing_new:
+            left = replace(outcome.remainder, significant=False, note='')
+            outcome = replace(outcome, remainder=left)
         return Baselines(nominal, None, nominal), outcome
     choices = zeros_apart(how.choices, data)
     base, seen = fitted_baselines(data, given, choices, how.workers)
@@ -104,6 +116,13 @@ def zeros_apart(choices: Choices, data: Dataset) -> Choices:
     return replace(choices, zero='record') if choices.zero == 'auto' and several else choices
 
 
+def _unsearched(data: Dataset, given: ModelFile, how: Searching) -> Found:
+    base, seen = held_data(data, given, how)
+    policy = how.policy(HELD)
+    evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
+    return Found(evaluator, base, base)
+
+
 def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progress) -> Found:
     """Find what the model of a file lacks.
 
@@ -123,7 +142,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
         evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
         still = evaluator.judged(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
-        each = search(evaluator, base, progress)
+        each = with_headlines_only(search(evaluator, base, progress))
         levels = _invented(data, each.evaluator.data, given)
         found.append((each.evaluator.score(each.final) + policy.price * levels, each))
     return min(found, key=lambda pair: pair[0])[1]

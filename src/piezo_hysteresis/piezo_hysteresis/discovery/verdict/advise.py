@@ -6,12 +6,20 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.discovery.data.check import Check
-from piezo_hysteresis.models import described
+from piezo_hysteresis.models import Model, described, name_of
 
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery.selection.elimination import Step
 
 RIVAL_PROBABILITY = 0.02
+
+
+def instead(model: Model) -> tuple[str, ...]:
+    """Return what to do where a model was given the very records that it was identified from."""
+    name = name_of(model)
+    by_name = f'To learn what the model lacks, give its name: `discover DATA --baseline {name}`.'
+    changed = 'To learn what has changed since, record new data and give them with the model file.'
+    return (by_name, changed) if name else (changed,)
 
 
 def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:

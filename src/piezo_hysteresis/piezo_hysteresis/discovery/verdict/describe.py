@@ -19,22 +19,41 @@ LINE = 60.0
 
 # A power of less than this is none.
 _LEVEL = 0.15
+# Sizes that lie further from a law than this, a fifth, do not follow it. Chosen.
+_SCATTER = 0.2
 
 
 def describe(
-    data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray], floor: float
+    data: Dataset,
+    views: Sequence[Target],
+    errors: Sequence[FloatArray],
+    floor: float,
+    held_out: tuple[float, float],
 ) -> str:
-    """Return sentences on size, place, law and time scale of what is left."""
+    """Return sentences on size, place, law and time scale of what is left.
+
+    Parameters
+    ----------
+    data, views, errors : Dataset, sequence of Target, sequence of ndarray
+        The records, the views in which something is left, and what is left there [m].
+    floor : float
+        Noise rms [m].
+    held_out : tuple of float
+        What is left on held-out records [m], and the same in noise rms: the one size that is told.
+    """
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
-    total = float(np.sqrt(np.mean(np.concatenate([e**2 for e in errors]))))
+    size, floors = held_out
     sentences = [
-        f'What is left is {total * 1e6:.3g} µm rms, {total / floor:.2g} times the noise floor.'
+        f'On held-out records {size * 1e6:.3g} µm rms are left, {floors:.3g} noise floors.'
     ]
     worst = int(np.argmax(sizes))
-    sentences.append(
-        f'It is largest in {views[worst].name} ({sizes[worst] * 1e6:.3g} µm) and smallest in '
-        f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} µm).'
-    )
+    which = 'held-out' if any(views[0] is view for view in data.held_out) else 'fitted'
+    if len(sizes) > 1:
+        sentences.append(
+            f'Of the {which} records it is largest in {views[worst].name} '
+            f'({sizes[worst] * 1e6:.3g} µm) and smallest in '
+            f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} µm).'
+        )
     sentences += _harmonics(data, views, errors, floor)
     sentences += _lines(data, views, errors)
     sentences += _law(views, sizes, floor)
@@ -113,13 +132,27 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
     solved = solve_least_squares(np.column_stack(columns), np.log(table[:, 2]))
     if not solved.sound:
         return []
+    logs = np.log(table[:, 2])
+    scatter = float(np.std(logs - np.column_stack(columns) @ solved.values))
     for name, power in zip(names, solved.values[1:], strict=True):
-        sentences.append(growth(name, float(power)))
+        sentences.append(growth(name, float(power), scatter))
     return sentences
 
 
-def growth(name: str, power: float) -> str:
-    """Return how what is left changes with the frequency or the amplitude."""
+def growth(name: str, power: float, scatter: float = 0.0) -> str:
+    """Return how what is left changes with the frequency or the amplitude.
+
+    Parameters
+    ----------
+    name : str
+        Of what changes.
+    power : float
+        With which it grows.
+    scatter : float
+        Standard deviation of the logarithm of its sizes beside that law.
+    """
+    if scatter > _SCATTER:
+        return f'With the {name} it changes by no simple law.'
     if abs(power) < _LEVEL:
         return f'It hardly changes with the {name}.'
     if power > 0:

@@ -217,18 +217,35 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
 def summary_of(verdict: Verdict) -> str:
     """Return the verdict in one sentence, and in another what there was no time for."""
     summary = _summary(verdict)
+    if verdict.identified_from and not _only_own(verdict):
+        summary += (
+            f' Records left out: {len(verdict.identified_from)}, which show nothing new, because '
+            'the model was identified from them or judged on them.'
+        )
     if not verdict.not_tried:
         return summary
     return f'{summary} The time limit came first; not tried: {", ".join(verdict.not_tried)}.'
 
 
+def _only_own(verdict: Verdict) -> bool:
+    judged = {name for names in verdict.records.values() for name in names}
+    return judged <= set(verdict.identified_from)
+
+
 def _summary(verdict: Verdict) -> str:
     held = verdict.held_out
+    if _only_own(verdict):
+        return (
+            f'These are the records that the model {verdict.baseline} was identified from or '
+            f'judged on: the {held.before_in_floors:.3g} noise floors that it misses of them are '
+            'part of it, and nothing new can show.'
+        )
     gap = f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g} noise floors'
     if verdict.verdict == 'none':
+        what = 'new' if verdict.held_baseline else 'that these records show'
         return (
-            f'The model {verdict.baseline} misses nothing that these records show: the held-out '
-            f'gap is {held.before_in_floors:.3g} noise floors. {verdict.unexplained.description}'
+            f'The model {verdict.baseline} misses nothing {what}: the gap on held-out records is '
+            f'{held.before_in_floors:.3g} noise floors. {verdict.unexplained.description}'
         ).rstrip()
     if verdict.verdict == 'unknown':
         left = f'{held.after_in_floors:.3g} noise floors stay on held-out records.'

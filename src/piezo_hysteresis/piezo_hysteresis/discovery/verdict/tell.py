@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import Baselines
+from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.outcome import Outcome
-from piezo_hysteresis.discovery.verdict.advise import advise
+from piezo_hysteresis.discovery.verdict.advise import advise, instead
 from piezo_hysteresis.discovery.verdict.describe import describe
 from piezo_hysteresis.discovery.verdict.locate import places
 from piezo_hysteresis.discovery.verdict.naming import named_effects, summary_of, suspects
@@ -21,7 +23,13 @@ _MOST_PLACES = 20
 
 
 def tell(
-    coverage: Check, base: Baselines, outcome: Outcome, proof: Proof, name: str, seed: int
+    coverage: Check,
+    base: Baselines,
+    outcome: Outcome,
+    proof: Proof,
+    name: str,
+    seed: int,
+    own: Sequence[str] = (),
 ) -> Verdict:
     """Return the verdict on a search.
 
@@ -39,12 +47,17 @@ def tell(
         What the baseline is called.
     seed : int
         Of the search.
+    own : sequence of str
+        Records that were given and that the file of the baseline was made from.
     """
     found, left = outcome.found, outcome.remainder
     final = found.final
     data, floor = found.evaluator.data, found.evaluator.floor
     seen = left.fit.errors
-    description = describe(data, left.views, seen, floor) if left.significant else left.note
+    on_held_out = (proof.after, proof.after_in_floors)
+    description = (
+        describe(data, left.views, seen, floor, on_held_out) if left.significant else left.note
+    )
     kind = rules.verdict_word(len(found.steps), left.significant)
     if kind == 'none':
         short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
@@ -92,7 +105,14 @@ def tell(
         sampling_offset_s=final.sampling_offset,
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
         not_tried=tuple(found.evaluator.deadline.untried),
+        identified_from=tuple(own),
+        held_baseline=isinstance(found.evaluator, HeldEvaluator),
     )
+    if {view.name for view in (*data.training, *data.held_out)} <= set(own):
+        verdict = replace(verdict, next_experiments=instead(base.joint.model))
+    elif verdict.held_baseline and kind == 'none' and not outcome.ends_in_noise:
+        lacks = instead(base.joint.model)[:-1]
+        verdict = replace(verdict, next_experiments=(*lacks, *verdict.next_experiments))
     return replace(verdict, summary=summary_of(verdict))
 
 

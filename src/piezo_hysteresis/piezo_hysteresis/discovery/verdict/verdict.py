@@ -105,6 +105,8 @@ class Verdict:
     sampling_offset_s: float = 0.0
     starts: dict[str, dict[str, Any]] = field(default_factory=dict)
     not_tried: tuple[str, ...] = ()
+    identified_from: tuple[str, ...] = ()
+    held_baseline: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, ready for JSON; numbers that are not finite become None."""

@@ -1,0 +1,164 @@
+"""Parts of a chain that the records do not show are left out or held, and said.
+
+A mode above everything that a record holds does nothing to a fit, wherever it lies: its values
+mean nothing, and every later run of the model pays for it. Where it does something, but any of
+many values does it, one of them is held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.blocks.base import Block, Part, Slot
+from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.result import FitResult
+from piezo_hysteresis.identification.uncertainty import digits, help_for, inflation
+from piezo_hysteresis.models import Model, name_of
+from piezo_hysteresis.records import Record
+
+# A value whose deviation is a larger part of it than this, and a frequency with fewer samples per
+# period, put a block to the test. Chosen, and they only open the test.
+_DOUBTFUL, _SAMPLES_PER_PERIOD = 0.25, 10.0
+
+_NONE: Mapping[str, float] = {}
+
+
+def without_unseen(
+    found: FitResult, records: Sequence[Record], options: Mapping[str, Any]
+) -> tuple[FitResult, tuple[str, ...]]:
+    """Return a fit without what explains nothing in the records, and what was left out or held.
+
+    The hysteresis and the zero stay: without them there is no model.
+
+    Parameters
+    ----------
+    found : FitResult
+        Of the whole chain.
+    records : sequence of Record
+        That were fitted.
+    options : mapping
+        Further arguments of `output_error`.
+
+    Returns
+    -------
+    FitResult
+        Of the smaller chain, which is `found` itself where everything is seen.
+    tuple of str
+        A sentence for each block that was left out and each value that is held.
+    """
+    remarks: list[str] = []
+    more = {k: v for k, v in options.items() if k not in ('start', 'count', 'free', 'guesses')}
+    clock = more.get('sampling_offset', True)
+    for block in found.model.blocks:
+        doubtful = _doubtful(block, found)
+        if block.slot is Slot.HYSTERESIS or block.part is Part.ZERO or not doubtful:
+            continue
+        less = _refitted(found.model.without(block), found, clock)
+        if not _explains(found, less):
+            remarks.append(_words(block, found))
+            start = {**less.values, SAMPLING_OFFSET: less.sampling_offset}
+            plain = replace(less.model, name=name_of(less.model) or less.model.name)
+            found = output_error(plain, records, start=start, count=1, **more)
+            continue
+        held = _with_one_held(block, found, doubtful, clock)
+        if held is not None:
+            (name,) = set(held.model.held) - set(found.model.held)
+            remarks.append(
+                f'the records do not tell {" and ".join(doubtful)} apart: {name} is held at '
+                f'{held.values[name]:.4g} {_unit(name, found)}, and what is known beside it holds '
+                f'for that alone; {help_for(doubtful)}.'.replace(' ,', ',')
+            )
+            found = held
+    return found, tuple(remarks)
+
+
+def _doubtful(block: Block, found: FitResult) -> list[str]:
+    """Return which fitted values of a block the records hardly show, the least known first."""
+    unsure: dict[str, float] = {}
+    for name in found.model.names_of(block).values():
+        size = abs(found.values[name])
+        if name in found.std and (
+            _too_fast(name, found) or not found.std[name] <= _DOUBTFUL * size
+        ):
+            unsure[name] = found.std[name] / size if size > 0.0 else float('inf')
+    return sorted(unsure, key=lambda name: -unsure[name])
+
+
+def _too_fast(name: str, found: FitResult) -> bool:
+    rate = 1.0 / min(target.dt for target in found.targets)
+    return _unit(name, found) == 'Hz' and found.values[name] > rate / _SAMPLES_PER_PERIOD
+
+
+def _with_one_held(
+    block: Block, found: FitResult, doubtful: Sequence[str], clock: bool | float
+) -> FitResult | None:
+    """Return the fit with one of some values held, where that takes nothing from it."""
+    if len(doubtful) < 2:  # one value alone is as uncertain as the fit says
+        return None
+    half = 0.5 / min(target.dt for target in found.targets)
+    for name in doubtful:
+        most = half if _unit(name, found) == 'Hz' else float('inf')
+        for value in (found.model.defaults()[name], found.values[name]):
+            held = min(value, most)
+            # what one value does is often done by its ratio to the others
+            ratio = held / found.values[name] if found.values[name] else 1.0
+            fits = [
+                _refitted(
+                    found.model.hold(**{name: held}),
+                    found,
+                    clock,
+                    {other: factor * found.values[other] for other in doubtful if other != name},
+                )
+                for factor in {1.0, ratio}
+            ]
+            less = min(fits, key=lambda each: each.cost)
+            fast = any(_too_fast(each, less) for each in _doubtful(block, less))
+            if not fast and not _explains(found, less):
+                return less
+    return None
+
+
+def _refitted(
+    smaller: Model, found: FitResult, clock: bool | float, begin: Mapping[str, float] = _NONE
+) -> FitResult:
+    """Return a fit of less of a chain to what the whole was fitted to."""
+    values = {name: found.values[name] for name in smaller.parameter_names}
+    start = values | dict(begin) | dict(smaller.held)
+    start[SAMPLING_OFFSET] = found.sampling_offset
+    return fit(smaller, (), start, targets=found.targets, sampling_offset=clock)
+
+
+def _explains(whole: FitResult, less: FitResult) -> bool:
+    """Return whether what a chain has more is worth its parameters (Schwarz 1978).
+
+    What a model leaves repeats itself, so that it holds fewer independent numbers than samples.
+    """
+    if not (np.isfinite(less.cost) and less.cost > 0.0 and whole.cost > 0.0):
+        return bool(less.cost > whole.cost)
+    errors = list(less.residuals.values())
+    parameters = len(whole.free) - len(less.free)
+    independent = max(sum(e.size for e in errors) / inflation(errors), 2.0)
+    return bool(independent * np.log(less.cost / whole.cost) > parameters * np.log(independent))
+
+
+def _words(block: Block, found: FitResult) -> str:
+    names = [name for name in found.model.names_of(block).values() if name in found.std]
+    values = ', '.join(
+        f'{name} {digits(found.values[name], found.std[name])} {_unit(name, found)}'.rstrip()
+        for name in names
+    )
+    return (
+        f'the records do not show the block {block.name}, which is left out ({values}): '
+        f'{help_for(names)}.'
+    )
+
+
+def _unit(name: str, found: FitResult) -> str:
+    unit = next(q.unit for q in found.model.parameters if q.name == name)
+    return '' if unit == '1' else unit
