@@ -132,7 +132,7 @@ class Follower:
             if block.ctrl_c:
                 self.ctrl_c()
             for command in block.given:
-                self._run(['bash', '-euo', 'pipefail', '-c', command], block.line, (0,))
+                self._run(['bash', '-eo', 'pipefail', '-c', command], block.line, (0,))
             if block.file is not None:
                 path = self._folder / block.file
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -157,7 +157,7 @@ class Follower:
         words = (
             [sys.executable, '-c', block.text]
             if block.language == 'python'
-            else ['bash', '-euo', 'pipefail', '-c', block.text]
+            else ['bash', '-eo', 'pipefail', '-c', block.text]
         )
         code, output = self._run(words, block.line, (2,) if refused else (0,))
         for each in block.expected:

@@ -44,7 +44,7 @@ def domain() -> Iterator[dict[str, str]]:
     with (Path(tempfile.gettempdir()) / 'piezo_pages.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with processes.NodeProcesses() as group:
-            yield group.environment
+            yield {k: v for k, v in group.environment.items() if os.environ.get(k) != v}
 
 
 @pytest.mark.parametrize('page', list(followed()))
@@ -92,7 +92,7 @@ def test_the_command_that_identify_recommends_finds_what_is_missing(tmp_path: Pa
 
 def bash(folder: Path, command: str) -> None:
     done = subprocess.run(
-        ['bash', '-euo', 'pipefail', '-c', command], cwd=folder, env=prepare(folder),
+        ['bash', '-eo', 'pipefail', '-c', command], cwd=folder, env=prepare(folder),
         capture_output=True, text=True, timeout=1800, check=False,
     )  # fmt: skip
     assert done.returncode == 0, f'{command}: {done.stdout[-1000:]}{done.stderr[-2000:]}'

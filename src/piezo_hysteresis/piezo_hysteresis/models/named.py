@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from piezo_common.wording import near
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
@@ -194,6 +195,8 @@ def named(name: str) -> Model:
         If there is no such model.
     """
     if name not in RECIPES:
-        raise ModelError(f'there is no model {name}; choose one of {", ".join(NAMES)}')
+        raise ModelError(
+            f'there is no model {name}{near(name, NAMES)}; choose one of {", ".join(NAMES)}'
+        )
     recipe = RECIPES[name]
     return Model(name, tuple(named_block(each) for each in recipe.blocks), recipe.held)
