@@ -4,7 +4,7 @@ One expectation is one line::
 
     file PATH                   the file is there and not empty
     FILE FIELD < NUMBER         a figure of a JSON or YAML file; also > and =, with all of `[*]`
-    FILE FIELD contains WORD    one of the words there is WORD; `lacks` for none of them
+    FILE FIELD contains WORD    a word there is WORD; `lacks`: none is, `only`: all are
     output matches REGEX        what the block printed, to either stream
     refused REGEX               exit code 2 and an error of one line that matches
     live QUANTITY < NUMBER      one of `QUANTITIES`, heard while it runs; also > and =
@@ -93,7 +93,9 @@ class Outcome:
     def _check_field(self, found: list[Any]) -> None:
         shown = f'{self.path} {self.field} is {found}'
         if self.kind == 'words':
-            assert (self.value in map(str, found)) == (self.comparison == 'contains'), shown
+            same = [str(each) == self.value for each in found]
+            holds = {'contains': any(same), 'lacks': not any(same), 'only': found and all(same)}
+            assert holds[self.comparison], shown
             return
         assert found, shown
         holds = COMPARISONS[self.comparison]
@@ -112,7 +114,7 @@ FORMS: tuple[tuple[str, Callable[..., Expectation]], ...] = (
     (r'refused (.+)', lambda regex: Outcome('refused', value=regex)),
     (rf'(\S+\.(?:json|ya?ml)) (\S+) ([<>=]) ({NUMBER})', lambda *words: Outcome('figure', *words)),
     (
-        r'(\S+\.(?:json|ya?ml)) (\S+) (contains|lacks) (\S+)',
+        r'(\S+\.(?:json|ya?ml)) (\S+) (contains|lacks|only) (\S+)',
         lambda *words: Outcome('words', *words),
     ),
 )

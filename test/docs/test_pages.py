@@ -132,6 +132,7 @@ def test_an_expectation_can_fail(tmp_path: Path) -> None:
         'a.json runs[2].rms > 0': False,
         'a.json runs[0].name contains x': True,
         'a.json runs[0].name lacks x': False,
+        'a.json runs[*].rms only 2.0': False,
         'output matches l+o$': True,
         'output matches bye': False,
     }.items():
