@@ -52,9 +52,7 @@ def test_every_import_is_a_named_dependency(package):
 
 # What pip does not bring: ROS, and what comes with a requirement or where a user wants it.
 ROS = re.compile(r'rclpy|piezo_ros_common|ament_index_python|\w+_(msgs|srvs|interfaces)')
-    r'rclpy|piezo_interfaces|piezo_ros_common|ament_index_python|\w+_(msgs|interfaces)'
-)
-WITH_OTHERS = {'apsw', 'lz4', 'backports', 'distributed', 'rosgraph_msgs'}
+WITH_OTHERS = {'apsw', 'lz4', 'backports', 'distributed'}
 BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2'}
 
 
