@@ -51,7 +51,7 @@ def test_every_import_is_a_named_dependency(package):
 
 
 # What pip does not bring: ROS, and what comes with a requirement or where a user wants it.
-ROS = re.compile(r'rclpy|piezo_ros_common|ament_index_python|\w+_(msgs|srvs|interfaces)')
+ROS = re.compile(r'rclpy|launch|piezo_ros_common|ament_\w+|\w+_(ros|msgs|srvs|interfaces)')
 WITH_OTHERS = {'apsw', 'lz4', 'backports', 'distributed'}
 BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2'}
 
