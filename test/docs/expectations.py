@@ -94,8 +94,8 @@ class Outcome:
         shown = f'{self.path} {self.field} is {found}'
         if self.kind == 'words':
             same = [str(each) == self.value for each in found]
-            holds = {'contains': any(same), 'lacks': not any(same), 'only': found and all(same)}
-            assert holds[self.comparison], shown
+            told = {'contains': any(same), 'lacks': not any(same), 'only': found and all(same)}
+            assert told[self.comparison], shown
             return
         assert found, shown
         holds = COMPARISONS[self.comparison]

@@ -41,7 +41,8 @@ def parsed(given: list[str]) -> argparse.Namespace:
     """Return the wish of -q and -v alone."""
     parser = OneLineParser(prog='piezo_hysteresis')
     add_words(parser)
-    return parser.parse_args(given)
+    found: argparse.Namespace = parser.parse_args(given)
+    return found
 
 
 def choose(arguments: argparse.Namespace) -> None:

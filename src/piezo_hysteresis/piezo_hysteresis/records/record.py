@@ -167,12 +167,15 @@ def listed(records: Record | Iterable[Record]) -> list[Record]:
     RecordError
         If something else is given.
     """
-    several = isinstance(records, Iterable) and not isinstance(records, str)
-    found = [*records] if several else [records]
-    for each in found:
+    given: Iterable[object] = [records]
+    if isinstance(records, Iterable) and not isinstance(records, str):
+        given = records
+    found = []
+    for each in given:
         if not isinstance(each, Record):
             raise RecordError(
                 f'a Record or several are needed, not of type {type(each).__name__}; '
                 '`piezo_hysteresis.load` reads them from files'
             )
+        found.append(each)
     return found
