@@ -14,6 +14,7 @@ source "$_root/install/setup.bash"
 _profiles="$_root/src/piezo_ros_common/piezo_ros_common/fastdds.xml"
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_profiles}"
 unset _profiles
+# One short word for the verbs, `piezo`; `source <(piezo completion bash)` completes them.
+case ":$PATH:" in *":$_root/bin:"*) ;; *) export PATH="$_root/bin:$PATH" ;; esac
+export PIEZO_SOURCED="$_root"
 unset _root
-# One short word for the verbs; `source <(piezo completion bash)` completes them.
-piezo() { python -m piezo_hysteresis "$@"; }

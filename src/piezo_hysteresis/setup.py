@@ -1,3 +1,4 @@
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -5,7 +6,9 @@ from setuptools import find_packages, setup
 package = 'piezo_hysteresis'
 config = Path('../../config')
 
-# Every node and every verb of the command line is an executable of its own for `ros2 run`.
+# Every node and every verb of the command line is an executable of its own for `ros2 run`, in a
+# folder of this package. pip puts them where those of all programs are: there it is `piezo` alone.
+by_pip = not {'bdist_wheel', 'dist_info', 'editable_wheel'}.isdisjoint(sys.argv)
 nodes = [
     'attenuation',
     'control_loop',
@@ -36,6 +39,13 @@ verbs = [
     'validate',
 ]
 
+
+def beside(name):
+    """Return the requirement of a package of this workspace: its folder, where that is there."""
+    folder = Path(__file__).resolve().parents[1] / name
+    return f'{name} @ {folder.as_uri()}' if (folder / 'setup.py').is_file() else name
+
+
 setup(
     name=package,
     version='0.1.0',
@@ -54,7 +64,23 @@ setup(
         ),
         (f'share/{package}/launch', [str(file) for file in sorted(Path('launch').glob('*.py'))]),
     ],
-    install_requires=['setuptools'],
+    install_requires=[
+        *(beside(name) for name in ('piezo_common', 'piezo_kernels')),
+        'bokeh>=3.3,<4',
+        'Jinja2>=3,<4',
+        'llvmlite>=0.42',
+        'matplotlib>=3.8,<4',
+        'numba>=0.59,<1',
+        'numpy>=1.26,<3',
+        'pyarrow>=14',
+        'PyYAML>=6,<7',
+        'rich>=13,<16',
+        'rosbags>=0.10,<0.12',
+        'scipy>=1.11,<2',
+        'shtab>=1.6,<2',
+        'tornado>=6.3,<7',
+    ],
+    python_requires='>=3.11',
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',
     maintainer_email='maintainers@example.org',
@@ -63,8 +89,9 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            *(f'{node} = {package}.nodes.executables:{node}' for node in nodes),
-            *(f'{verb} = {package}.cli.executables:{verb}_' for verb in verbs),
+            f'piezo = {package}.__main__:run',
+            *(f'{node} = {package}.nodes.executables:{node}' for node in nodes if not by_pip),
+            *(f'{verb} = {package}.cli.executables:{verb}_' for verb in verbs if not by_pip),
         ]
     },
 )

@@ -1,6 +1,15 @@
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package = 'piezo_ros_common'
+
+
+def beside(name):
+    """Return the requirement of a package of this workspace: its folder, where that is there."""
+    folder = Path(__file__).resolve().parents[1] / name
+    return f'{name} @ {folder.as_uri()}' if (folder / 'setup.py').is_file() else name
+
 
 setup(
     name=package,
@@ -11,7 +20,8 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
     ],
-    install_requires=['setuptools'],
+    install_requires=[beside('piezo_common'), beside('piezo_kernels')],  # rclpy comes with ROS
+    python_requires='>=3.11',
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',
     maintainer_email='maintainers@example.org',

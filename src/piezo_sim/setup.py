@@ -6,6 +6,13 @@ package = 'piezo_sim'
 config = Path('../../config')
 nodes = ['simulator']
 
+
+def beside(name):
+    """Return the requirement of a package of this workspace: its folder, where that is there."""
+    folder = Path(__file__).resolve().parents[1] / name
+    return f'{name} @ {folder.as_uri()}' if (folder / 'setup.py').is_file() else name
+
+
 setup(
     name=package,
     version='0.1.0',
@@ -19,7 +26,12 @@ setup(
             [str(f) for f in sorted(config.glob('presets/*.yaml'))],
         ),
     ],
-    install_requires=['setuptools'],
+    install_requires=[
+        *(beside(name) for name in ('piezo_common', 'piezo_kernels', 'piezo_hysteresis')),
+        'numpy>=1.26,<3',
+        'PyYAML>=6,<7',
+    ],
+    python_requires='>=3.11',
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',
     maintainer_email='maintainers@example.org',

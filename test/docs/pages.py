@@ -1,30 +1,58 @@
-"""Takes code blocks out of pages and runs them as a reader would."""
+"""Reads the command blocks of a page and the outcome that its source states beside each.
+
+A block is fenced or indented. One that is fenced as ``bash`` or ``python``, or that names no
+language, is typed by the reader and needs an expectation: an HTML comment behind it, one
+expectation per line, see `expectations.py`. One whose first line is a comment with a file's name
+is saved under it. Two more comments are read::
+
+    <!-- given: COMMAND -->     makes what a reader has at hand; runs before the next block
+    <!-- Ctrl-C -->             ends what runs in terminals so far; the end of a page does so, too
+"""
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import signal
-import subprocess
-import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from expectations import Expectation, Live, NotRun, parse
+
 ROOT = Path(__file__).parents[2]
-FENCE = re.compile(r'^```(\w+)([^\n]*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
-FILE = re.compile(r'# ([\w./-]+\.(?:py|yaml))\n')
+FILE = re.compile(r'# ([\w./-]+\.(?:py|yaml))(?::[^\n]*)?\n')
+COMMENT = re.compile(r'<!--(.*?)-->', re.DOTALL)
+
+# Pages written from docstrings, tables and --help; their generators are tested by themselves.
+GENERATED = ('docs/reference', 'docs/effects')
 
 
-@dataclass(frozen=True)
+@dataclass
 class Block:
-    """A fenced block: its language, what stands behind that, its text and its line."""
+    """A block of a page.
+
+    Attributes
+    ----------
+    language : str
+        Behind the fence; empty where nothing is, and for an indented block.
+    text : str
+        Its lines, without the indentation.
+    line : int
+        Its first line in the page.
+    given : list of str
+        Commands that make what a reader has at hand.
+    expected : list of Expectation
+        What its outcome is compared with.
+    ctrl_c : bool
+        Whether the terminals before it have been ended.
+    """
 
     language: str
-    note: str
     text: str
     line: int
+    given: list[str] = field(default_factory=list)
+    expected: list[Expectation] = field(default_factory=list)
+    ctrl_c: bool = False
 
     @property
     def file(self) -> str | None:
@@ -32,82 +60,78 @@ class Block:
         found = FILE.match(self.text)
         return found.group(1) if found else None
 
+    @property
+    def is_command(self) -> bool:
+        """Whether a reader types it."""
+        return self.language in ('', 'bash', 'python') and self.file is None
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it runs until Ctrl-C, each line in a terminal of its own."""
+        return any(isinstance(each, Live) for each in self.expected)
+
+    @property
+    def not_run(self) -> str | None:
+        """Why no test runs it; None where one does."""
+        return next((each.reason for each in self.expected if isinstance(each, NotRun)), None)
+
+
+def pages() -> list[Path]:
+    """Return every page that is written by hand."""
+    found = [*ROOT.glob('*.md'), *ROOT.glob('docs/**/*.md')]
+    return sorted(p for p in found if not p.relative_to(ROOT).as_posix().startswith(GENERATED))
+
 
 def blocks_of(page: Path) -> list[Block]:
-    """Return the fenced blocks of a page in order."""
-    text = page.read_text(encoding='utf-8')
-    return [
-        Block(m.group(1), m.group(2).strip(), m.group(3), text.count('\n', 0, m.start()) + 1)
-        for m in FENCE.finditer(text)
-    ]
-
-
-def environment(folder: Path, **more: str) -> dict[str, str]:
-    """Return an environment in which `ros2 run` works, also where only the wheels are there."""
-    env = {**os.environ, **more}
-    if shutil.which('ros2') is None:
-        shim = folder / 'bin' / 'ros2'
-        shim.parent.mkdir(exist_ok=True)
-        shim.write_text(
-            '#!/bin/bash\n[ "$1" = run ] || exit 9\n'
-            f'exec {sys.executable} "{ROOT}/install/$2/lib/$2/$3" "${{@:4}}"\n'
-        )
-        shim.chmod(0o755)
-        env['PATH'] = f'{shim.parent}:{env["PATH"]}'
-    return env
-
-
-def run(block: Block, folder: Path, env: Mapping[str, str]) -> str:
-    """Save or run a block in a folder; return what it printed.
+    """Return the blocks of a page in order.
 
     Raises
     ------
-    AssertionError
-        If it fails; the message shows what it printed.
+    ValueError
+        If a comment for a block stands where no block is, or an expectation cannot be read.
     """
-    if block.file is not None:
-        (folder / block.file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / block.file).write_text(block.text, encoding='utf-8')
-        return ''
-    words = {
-        'bash': ['bash', '-euo', 'pipefail', '-c', block.text],
-        'python': [sys.executable, '-c', block.text],
-    }[block.language]
-    done = subprocess.run(
-        words, cwd=folder, env=dict(env), capture_output=True, text=True, timeout=3000, check=False
-    )
-    assert done.returncode == 0, f'line {block.line}: {done.stdout[-2000:]}{done.stderr[-2000:]}'
-    return done.stdout
+    blocks: list[Block] = []
+    given: list[str] = []
+    ctrl_c = False
+    for line, language, text in _pieces(page.read_text(encoding='utf-8')):
+        where = f'{page.relative_to(ROOT)}:{line}'
+        word, _, rest = text.partition(':') if language is None else ('', '', '')
+        if language is not None:
+            blocks.append(Block(language, text, line, given, [], ctrl_c))
+            given, ctrl_c = [], False
+        elif word.strip() == 'expect':
+            if not blocks or given or ctrl_c:
+                raise ValueError(f'{where}: no block stands before this expectation')
+            for each in filter(None, map(str.strip, rest.splitlines())):
+                blocks[-1].expected.append(parse(each, where))
+        elif word.strip() == 'given':
+            given.extend(filter(None, map(str.strip, rest.splitlines())))
+        elif text.strip() == 'Ctrl-C':
+            ctrl_c = True
+    if given:
+        raise ValueError(f'{page.relative_to(ROOT)}: no block stands behind {given[-1]}')
+    return blocks
 
 
-class Terminal:
-    """A block that runs until Ctrl-C."""
-
-    def __init__(self, block: Block, folder: Path, env: Mapping[str, str]) -> None:
-        self._said = (folder / f'terminal{block.line}.txt').open('w+')
-        self._process = subprocess.Popen(
-            ['bash', '-c', f'exec {block.text}'], cwd=folder, env=dict(env), stdout=self._said,
-            stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-
-    def ctrl_c(self) -> str:
-        """Press Ctrl-C and wait; return what it had printed.
-
-        Raises
-        ------
-        AssertionError
-            If it ended in any other way.
-        """
-        ended = self._process.poll()
-        if ended is None:
-            os.killpg(self._process.pid, signal.SIGINT)
-            try:
-                ended = self._process.wait(60)
-            except subprocess.TimeoutExpired:
-                os.killpg(self._process.pid, signal.SIGKILL)
-        self._said.seek(0)
-        text = self._said.read()
-        self._said.close()
-        assert ended in (0, 130, -signal.SIGINT), text[-2000:]
-        assert 'Traceback' not in text, text[-2000:]
-        return text
+def _pieces(text: str) -> Iterator[tuple[int, str | None, str]]:
+    """Yield line, language and text of blocks and comments; the language of a comment is None."""
+    lines = text.split('\n')
+    at = 0
+    while at < len(lines):
+        line, begin = lines[at], at
+        if fence := re.fullmatch(r'```(\w*)', line):
+            while lines[at := at + 1] != '```':
+                pass
+            yield begin + 1, fence.group(1), '\n'.join(lines[begin + 1 : at]) + '\n'
+        elif line.startswith('    ') and not lines[at - 1].strip():
+            while at < len(lines) and (lines[at].startswith('    ') or not lines[at].strip()):
+                at += 1
+            block = textwrap.dedent('\n'.join(lines[begin:at])).strip('\n')
+            at -= 1
+            yield begin + 1, '', block + '\n'
+        elif line.startswith('<!--'):
+            while '-->' not in lines[at]:
+                at += 1
+            for found in COMMENT.finditer('\n'.join(lines[begin : at + 1])):
+                yield begin + 1, None, found.group(1).strip()
+        at += 1

@@ -143,6 +143,7 @@ def test_only_nodes_know_ros():
 
 # Imports by a name that is made up at run time, which no arrow shows: each stays in its own room.
 BY_NAME = {
+    '__init__.py': 'names of the whole, loaded when they are used',
     'blocks/__init__.py': 'every file of the room holds blocks',
     'cli/main.py': 'only the verb that is asked for is loaded',
     'discovery/__init__.py': 'names of the room, loaded when they are used',

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -46,3 +48,55 @@ def test_every_import_is_a_named_dependency(package):
     known = {name: KEYS.get(name, name) for name in foreign}
     missing = [n for n, key in known.items() if key not in named and f'python3-{n}' not in named]
     assert sorted(missing) == []
+
+
+# What pip does not bring: ROS, and what comes with a requirement or where a user wants it.
+ROS = re.compile(r'rclpy|launch|piezo_ros_common|ament_\w+|\w+_(ros|msgs|srvs|interfaces)')
+WITH_OTHERS = {'apsw', 'lz4', 'backports', 'distributed'}
+BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2'}
+
+
+def metadata(package, monkeypatch, words=('setup.py',)):
+    """Return what setup.py says of a package."""
+    said = {}
+    monkeypatch.chdir(SOURCES / package)
+    monkeypatch.setattr('setuptools.setup', lambda **known: said.update(known))
+    monkeypatch.setattr(sys, 'argv', list(words))
+    runpy.run_path(str(SOURCES / package / 'setup.py'))
+    return said
+
+
+@pytest.mark.parametrize('package', sorted(PACKAGES))
+def test_pip_brings_what_a_package_imports(package, monkeypatch):
+    required = metadata(package, monkeypatch)['install_requires']
+    names = {re.match(r'[\w-]+', each)[0] for each in required}
+    foreign = {
+        BY_PIP.get(name, name)
+        for name in imported(SOURCES / package)
+        if name not in sys.stdlib_module_names
+        and name not in {package, *WITH_OTHERS}
+        and not ROS.fullmatch(name)
+    }
+    assert sorted(foreign - names) == []
+    assert all('<' in each or '>' in each or ' @ file:' in each for each in required)
+
+
+def test_pip_brings_one_program_and_ros_an_executable_of_each(monkeypatch):
+    by_ros = metadata('piezo_hysteresis', monkeypatch)['entry_points']['console_scripts']
+    by_pip = metadata('piezo_hysteresis', monkeypatch, ('setup.py', 'bdist_wheel'))
+    assert by_pip['entry_points']['console_scripts'] == ['piezo = piezo_hysteresis.__main__:run']
+    assert {'piezo', 'identify', 'attenuation'} <= {each.split(' =')[0] for each in by_ros}
+
+
+@pytest.mark.parametrize('shell', ['sh', 'bash'])
+def test_piezo_is_a_program_that_needs_nothing_sourced(shell, tmp_path):
+    root = SOURCES.parent
+    if not (root / 'install' / 'setup.bash').is_file():
+        pytest.skip('the workspace is not built: run "make setup"')
+    (tmp_path / 'piezo').symlink_to(root / 'bin' / 'piezo')
+    done = subprocess.run(
+        [shell, '-c', './piezo --version'],
+        cwd=tmp_path, env={'PATH': '/usr/bin:/bin', 'HOME': str(tmp_path)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, '0.1.0\n'), done.stderr

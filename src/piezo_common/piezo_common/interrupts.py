@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import sys
 
@@ -19,6 +20,9 @@ def run_command_line(module: str, **known: object) -> int:
     try:
         _on_interrupt(signal.default_int_handler)
         return int(main(**known))
+    except BrokenPipeError:  # the reader (head, less) has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         print('interrupted', file=sys.stderr)
         return 130

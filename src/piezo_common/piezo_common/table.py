@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from piezo_common.wording import near
+
 Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str]
 Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
 
@@ -201,7 +203,9 @@ class ParameterTable:
     def check_file(self, values: Mapping[str, object]) -> list[str]:
         """Return every reason why `values` (of a parameter file) would be refused or ignored."""
         reasons = [
-            f'{name} is no parameter of this node' for name in values if self.spec(name) is None
+            f'{name} is no parameter of this node{near(name, self.defaults())}'
+            for name in values
+            if self.spec(name) is None
         ]
         known = {
             name: spec.coerce(value)

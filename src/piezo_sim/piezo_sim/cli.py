@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from typing import Any
 import yaml
 
 from piezo_common import plain_yaml
+from piezo_common.wording import OneLineParser, counted
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
 from piezo_sim.errors import SimulationError, SweepError
@@ -31,14 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (SimulationError, PiezoError) as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
-    except BrokenPipeError:  # the reader (head, less) has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
 
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog='piezo_sim',
         description='Sweeps faster than real time; presets and their numbers.',
     )
@@ -71,6 +68,7 @@ def _configure_sweep(parser: argparse.ArgumentParser) -> None:
     add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
         help='parameter, or effects.NAME=true|false')  # fmt: skip
     add('--actuator', help='name of the actuator in the records (default: the preset)')
+    add('-q', '--quiet', action='store_true', help='no progress')
     add('--reveal', type=Path, help='write what was simulated to this .json or .yaml')
     parser.set_defaults(run=_sweep)
 
@@ -92,7 +90,8 @@ def _sweep(options: argparse.Namespace) -> int:
     started = time.perf_counter()
     records = simulate(
         options.preset, specs, overrides, options.seed, options.rate,
-        actuator=options.actuator, progress=_progress if sys.stderr.isatty() else None,
+        actuator=options.actuator,
+        progress=_progress if sys.stderr.isatty() and not options.quiet else None,
     )  # fmt: skip
     simulated = time.perf_counter()
     write_records(options.out, records)
@@ -100,7 +99,7 @@ def _sweep(options: argparse.Namespace) -> int:
         write_labels(options.reveal, labels(plant, options.preset, overrides, options.seed))
     samples = sum(len(record) for record in records)
     print(
-        f'{options.out}: {len(records)} records, {samples} samples, '
+        f'{options.out}: {counted(len(records), "record")}, {samples} samples, '
         f'{samples / plant.rate:g} s at {plant.rate:g} Hz; '
         f'simulated in {simulated - started:.2f} s, '
         f'written in {time.perf_counter() - simulated:.2f} s'

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from piezo_common.wording import near
 from piezo_sim import derive
 from piezo_sim.errors import PlantError
 from piezo_sim.layout import EFFECTS, PARAMETERS, STATE_TYPE
@@ -277,7 +278,8 @@ class Plant:
             elif name in _ROWS:
                 values[name] = _checked(_ROWS[name], value)
             else:
-                raise PlantError(f'the plant has no parameter {name!r}')
+                guess = near(name, [*_ROWS, *_SWITCHES])
+                raise PlantError(f'the plant has no parameter {name!r}{guess}')
         derive.check(derive.effective(values, switches), switches)
         return values, switches
 

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from piezo_common import plain_yaml
+from piezo_common.wording import near
 from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS
@@ -107,7 +108,8 @@ def load_preset(name: str) -> Preset:
         if file.is_file() and file.parent == folder:
             return read_preset(file)
     known = ', '.join(preset_names()) or 'none: the folder config/presets was not found'
-    raise PresetError(f'there is no preset {name!r}; there are {known}')
+    guess = near(name, preset_names())
+    raise PresetError(f'there is no preset {name!r}{guess}; there are {known}')
 
 
 def read_preset(file: Path) -> Preset:
@@ -199,4 +201,5 @@ def _number(file: Path, key: str, value: object) -> float:
 def _check_names(file: Path, kind: str, names: list[Any], known: set[str]) -> None:
     for name in names:
         if name not in known:
-            raise PresetError(f'preset {file.name}: there is no {kind} {name!r}')
+            guess = near(str(name), known)
+            raise PresetError(f'preset {file.name}: there is no {kind} {name!r}{guess}')

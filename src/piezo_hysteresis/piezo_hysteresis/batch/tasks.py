@@ -18,7 +18,6 @@ from piezo_hysteresis.errors import IdentificationError
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery import Discovery
     from piezo_hysteresis.identification import Identification
-    from piezo_hysteresis.models import Model
 
 # What a task needs is imported when it works: whoever only sends tasks starts faster.
 
@@ -117,21 +116,20 @@ class Identify:
         PiezoError
             If data, settings or folder cannot be used.
         """
-        from piezo_hysteresis.identification import METHODS, identify
+        from piezo_hysteresis.identification import identify
         from piezo_hysteresis.identification.history import preceded
         from piezo_hysteresis.identification.identify import judged_on
+        from piezo_hysteresis.identification.methods import base_of
         from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
+        from piezo_hysteresis.models.choice import chain_of
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.folder import check_folder
         from piezo_hysteresis.reporting.identification_folder import write_identification
 
         check_folder(out, self.verb)
         _require_apart(data, self.held_out)
-        if self.method not in METHODS:
-            raise IdentificationError(
-                f'method {self.method!r} is unknown; choose one of {", ".join(METHODS)}'
-            )
-        model, start = _model(self.model)
+        base_of(self.method)
+        model, start = chain_of(self.model)
         model = held_at(model, self.hold, self.start)
         start = {n: v for n, v in start.items() if n not in self.hold} | dict(self.start)
         records = load(data, actuator=self.actuator)
@@ -218,7 +216,7 @@ class Discover:
         from piezo_hysteresis.discovery.selection.reference import as_on
         from piezo_hysteresis.identification.circumstances import Choices
         from piezo_hysteresis.identification.settings import require_settings, warmed
-        from piezo_hysteresis.models import ModelFile, named
+        from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.discovery_folder import write_discovery
         from piezo_hysteresis.reporting.folder import check_folder
@@ -227,7 +225,7 @@ class Discover:
         require_settings(seed=self.seed, workers=self.workers)
         POLICY.but(**self.policy)
         name = self.baseline
-        baseline = ModelFile.load(name) if _is_file(name) else named(name)
+        baseline = chosen(name)
         records = load(data, actuator=self.actuator, salvage=self.salvage)
         choices = Choices(self.begins, self.zero)
         if self.reference:
@@ -298,16 +296,6 @@ def _require_apart(
 
 def _is_file(text: str) -> bool:
     return text.endswith(('.yaml', '.yml'))
-
-
-def _model(given: str) -> tuple[Model, dict[str, float]]:
-    """Return model and start values that `given` names."""
-    from piezo_hysteresis.models import ModelFile, named
-
-    if _is_file(given):
-        saved = ModelFile.load(given)
-        return saved.model, {n: saved.values[n] for n in saved.model.free_names}
-    return named(given), {}
 
 
 def _finite(value: float) -> float | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
+from piezo_common.wording import near
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.parallel import SEPARATOR, side_by_side
@@ -47,5 +48,7 @@ def named_block(name: str) -> Block:
     if SEPARATOR in name:
         return side_by_side(*(named_block(each) for each in name.split(SEPARATOR)))
     if name not in BLOCKS:
-        raise ModelError(f'there is no block {name}; choose one of {", ".join(BLOCKS)}')
+        raise ModelError(
+            f'there is no block {name}{near(name, BLOCKS)}; choose one of {", ".join(BLOCKS)}'
+        )
     return BLOCKS[name]

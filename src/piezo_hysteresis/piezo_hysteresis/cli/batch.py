@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from piezo_common.wording import counted
 from piezo_hysteresis.cli import discover, identify, talk
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import PiezoError
@@ -61,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         talk.warn(str(note))
     counts = ', '.join(f'{count} {state}' for state, count in settled(done.rows).items() if count)
     before = f' ({done.resumed} of them before)' if done.resumed else ''
-    print(f'{len(done.rows)} data sets: {counts}{before}')
+    print(f'{counted(len(done.rows), "data set")}: {counts}{before}')
     print(f'written to {arguments.out}; open {arguments.out}/index.html')
     return 0 if any(row['state'] == 'done' for row in done.rows) else 2
 

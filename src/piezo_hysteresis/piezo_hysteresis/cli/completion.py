@@ -6,7 +6,7 @@ import argparse
 
 HELP = 'completion of verbs and options for bash, zsh or tcsh'
 
-# What setup.bash calls `python -m piezo_hysteresis`.
+# What bin/ and pip call `python -m piezo_hysteresis`.
 COMMAND = 'piezo'
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from piezo_common.wording import counted
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.records import Record, Survey
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
@@ -84,4 +85,6 @@ def print_survey_notes(found: Survey) -> None:
         talk.warn(str(damage), 'salvaged')
     if found.damage:
         lost = sum(damage.lost for damage in found.damage)
-        talk.warn(f'{len(found.damage)} findings, {lost} samples lost', 'salvaged')
+        talk.warn(
+            f'{counted(len(found.damage), "finding")}, {counted(lost, "sample")} lost', 'salvaged'
+        )

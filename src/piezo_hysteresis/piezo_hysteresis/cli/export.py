@@ -13,9 +13,10 @@ from pathlib import Path
 import yaml
 
 from piezo_common.files import write_atomically
+from piezo_common.wording import counted
 from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.records import Record, survey, write_csv
 from piezo_hysteresis.records.columns import LENGTHS
 from piezo_hysteresis.records.csv_files import INFO_FILE
@@ -32,6 +33,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV; or MODEL.yaml'
     )
     parser.add_argument('--out', required=True, metavar='DIR', help='folder to create')
+    _configure_records(parser)
+    export_library.configure(parser)
+
+
+def _configure_records(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--unit', choices=('m', 'mm', 'um', 'nm'), default='um',
         help='unit of the displacement (m keeps every digit)',
@@ -40,12 +46,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--salvage', action='store_true', help='keep what is readable of damaged data'
     )
-    export_library.configure(parser)
+
+
+def _refuse_stray(arguments: argparse.Namespace, of_model: bool) -> None:
+    """Refuse what belongs to the other kind of export."""
+    parsers = argparse.ArgumentParser(), argparse.ArgumentParser()
+    _configure_records(parsers[0])
+    export_library.configure(parsers[1])
+    for action in parsers[not of_model]._actions:
+        if getattr(arguments, action.dest, action.default) != action.default:
+            raise PiezoError(
+                f'{action.option_strings[0]} belongs to the export of '
+                f'{"records" if of_model else "a MODEL.yaml"}; leave it out'
+            )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the files, all or none."""
-    if any(Path(each).suffix in MODELS for each in arguments.data):
+    of_model = any(Path(each).suffix in MODELS for each in arguments.data)
+    _refuse_stray(arguments, of_model)
+    if of_model:
         return export_library.run(arguments)
     found = survey(arguments.data, salvage=arguments.salvage, actuator=arguments.actuator)
     folder = Path(arguments.out)
@@ -58,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
     print_survey_notes(found)
-    print(f'{len(found.records)} files in {folder}')
+    print(f'{counted(len(found.records), "file")} in {folder}')
     return 0
 
 

@@ -12,6 +12,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from piezo_common.wording import counted
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_bag(arguments.out, records, storage=arguments.storage)
     print_survey_notes(found)
     print(records_table(records))
-    print(f'{len(records)} record{"s" * (len(records) != 1)} in {arguments.out}')
+    print(f'{counted(len(records), "record")} in {arguments.out}')
     return 0
 
 

@@ -9,6 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from piezo_common.wording import counted
 from piezo_hysteresis.cli.data_report import bag_lines, records_table, topics_table
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Survey, survey
@@ -35,7 +36,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise
         findings += _print_survey(found)
     if findings:
-        print(f'error: {findings} findings; other verbs need --salvage', file=sys.stderr)
+        print(
+            f'error: {counted(findings, "finding")}; other verbs need --salvage', file=sys.stderr
+        )
     return 2 if findings else 0
 
 

@@ -7,9 +7,10 @@ by --transfer-function, the feedback node as plant.numerator and plant.denominat
 from __future__ import annotations
 
 import argparse
-import sys
 
 import numpy as np
+
+from piezo_hysteresis.cli import talk
 
 _POOR = 10.0  # percent of what moves that a linear model may miss
 
@@ -50,10 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'pole {pole.real:.5g}{pole.imag:+.5g}j rad/s ({abs(pole) / (2 * np.pi):.4g} Hz)')
     print(f'written to {arguments.out}')
     if found.gain <= 0.0 or found.nrmse_percent > _POOR:
-        print(
-            'warning: this is no model of an actuator; record faster and smaller moves (steps, a '
-            'chirp above 1 Hz), and leave what settles at the start out with --warm-up',
-            file=sys.stderr,
+        talk.warn(
+            'this is no model of an actuator; record faster and smaller moves (steps, a chirp '
+            'above 1 Hz), and leave what settles at the start out with --warm-up'
         )
     return 0
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import TextIO
 
+from piezo_common.wording import OneLineParser, near
 from piezo_hysteresis import __version__
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.errors import DataNote, PiezoError
@@ -90,23 +91,41 @@ def _say(
 
 
 def _run(given: list[str]) -> int:
-    verb = given[0] if given and given[0] in VERBS else None
-    if verb is None:
+    early, given = talk.early_words(given)
+    verb = given[0] if given else ''
+    if verb not in VERBS:
+        if verb and not verb.startswith('-'):
+            raise PiezoError(f'there is no verb {verb}{near(verb, VERBS)}; see --help')
         return _overview(given)
     module = load_verb(verb)
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog=f'piezo_hysteresis {verb}', description=module.__doc__ or module.HELP
     )
     module.configure(parser)
     if verb not in PLAIN:
         talk.add_words(parser)
-    arguments = parser.parse_args(given[1:])
-    talk.choose(arguments)
-    return int(module.run(arguments))
+    plain = verb in PLAIN
+    arguments = parser.parse_args(given[1:] if plain else [*early, *given[1:]])
+    talk.choose(talk.parsed(early) if plain else arguments)
+    replaces = _earlier(arguments, verb)
+    code = int(module.run(arguments))
+    if replaces and code == 0:
+        talk.warn(f'{arguments.out}: the results of an earlier {verb} are replaced', 'note')
+    return code
+
+
+def _earlier(arguments: argparse.Namespace, verb: str) -> bool:
+    """Whether the folder that is named holds results of this verb."""
+    out = getattr(arguments, 'out', None)
+    if out is None or verb == 'batch':
+        return False
+    from piezo_hysteresis.reporting.folder import earlier
+
+    return earlier(out, verb)
 
 
 def _overview(given: list[str]) -> int:
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog='piezo_hysteresis',
         description='Model, identify and compensate piezo hysteresis; find what the model misses.',
     )

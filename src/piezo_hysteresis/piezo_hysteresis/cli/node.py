@@ -11,6 +11,7 @@ import os
 import sys
 from pathlib import Path
 
+from piezo_common.wording import near
 from piezo_hysteresis.cli.need_ros import installed, ros_needed
 from piezo_hysteresis.errors import PiezoError
 
@@ -31,7 +32,7 @@ PACKAGES = {
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
-    parser.add_argument('node', metavar='NAME', choices=tuple(PACKAGES), help=', '.join(PACKAGES))
+    parser.add_argument('node', metavar='NAME', help=', '.join(PACKAGES))
     parser.add_argument(
         'words', nargs=argparse.REMAINDER, metavar='...', help='-p NAME:=VALUE and so on'
     )
@@ -55,8 +56,11 @@ def executable(node: str) -> Path:
     Raises
     ------
     PiezoError
-        If the workspace is not sourced or its package is not built.
+        If there is none, the workspace is not sourced or its package is not built.
     """
+    if node not in PACKAGES:
+        known = ', '.join(PACKAGES)
+        raise PiezoError(f'there is no node {node}{near(node, PACKAGES)}; choose one of {known}')
     package = PACKAGES[node]
     path = installed(package) / 'lib' / package / node
     if not path.is_file():

@@ -6,6 +6,8 @@ import argparse
 import sys
 from enum import IntEnum
 
+from piezo_common.wording import OneLineParser
+
 
 class Verbosity(IntEnum):
     """What is said on stderr."""
@@ -26,6 +28,21 @@ def add_words(parser: argparse.ArgumentParser) -> None:
         '-v', '--verbose', action='store_true',
         help='progress as lines, and where in the code an error arose',
     )  # fmt: skip
+
+
+def early_words(given: list[str]) -> tuple[list[str], list[str]]:
+    """Part -q and -v before the verb from the rest."""
+    known = ('-q', '--quiet', '-v', '--verbose')
+    count = next((k for k, each in enumerate(given) if each not in known), len(given))
+    return given[:count], given[count:]
+
+
+def parsed(given: list[str]) -> argparse.Namespace:
+    """Return the wish of -q and -v alone."""
+    parser = OneLineParser(prog='piezo_hysteresis')
+    add_words(parser)
+    found: argparse.Namespace = parser.parse_args(given)
+    return found
 
 
 def choose(arguments: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from pathlib import Path
 
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, check
@@ -21,11 +22,12 @@ from piezo_hysteresis.discovery.verdict.tell import tell
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.models import Model, ModelFile
-from piezo_hysteresis.records import Record
+from piezo_hysteresis.models.choice import chosen
+from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import recognised
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Discovery:
     """Everything that was found out.
 
@@ -64,10 +66,17 @@ class Discovery:
     given: ModelFile | None = None
     last: SelectionRound | None = None
 
+    def __repr__(self) -> str:
+        lines = [f'Discovery: {self.verdict.summary}']
+        lines += [
+            f'  {each.name}, probability {each.probability:.3g}' for each in self.verdict.effects
+        ]
+        return '\n'.join(lines)
+
 
 def discover(
-    records: Sequence[Record],
-    baseline: Model | ModelFile,
+    records: Record | Sequence[Record],
+    baseline: Model | ModelFile | str | Path,
     *,
     name: str = '',
     seed: int = 0,
@@ -81,12 +90,12 @@ def discover(
 
     Parameters
     ----------
-    records : sequence of Record
+    records : Record or sequence of Record
         Of one actuator at one rate.
-    baseline : Model or ModelFile
-        The model that lacks something. The values of a file are held: records that it was
-        identified from can show nothing new and are left out; where there are no others, the
-        verdict is ``none`` and says so.
+    baseline : Model, ModelFile, str or Path
+        The model that lacks something, or its name or path. The values of a file are held: records
+        that it was identified from can show nothing new and are left out; where there are no
+        others, the verdict is ``none`` and says so.
     name : str
         What to call the baseline.
     seed : int
@@ -107,7 +116,13 @@ def discover(
     ------
     IdentificationError
         If nothing can be said from the records; the message says what to record.
+    ModelError
+        If there is no such model.
     """
+    records = listed(records)
+    if isinstance(baseline, str | Path):
+        name = name or str(baseline)
+    baseline = chosen(baseline)
     began = time.monotonic()
     end = Deadline(time_limit)
     how = Searching(choices or Choices(), seed, workers, dict(policy or {}), end)

@@ -10,6 +10,7 @@ from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.simulate import simulate
 from piezo_hysteresis.identification.targets import Target, targets_of
 
 __all__ = [
@@ -28,5 +29,6 @@ __all__ = [
     'identify',
     'online',
     'output_error',
+    'simulate',
     'targets_of',
 ]

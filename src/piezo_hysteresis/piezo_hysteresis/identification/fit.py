@@ -7,6 +7,7 @@ from math import inf
 
 import numpy as np
 
+from piezo_common.wording import near
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
@@ -140,7 +141,8 @@ def _unknowns(
     unknown = sorted({*chosen, *values} - {*model.parameter_names, SAMPLING_OFFSET})
     if unknown:
         raise IdentificationError(
-            f'model {model.name} has no parameter {", ".join(unknown)}; it has '
+            f'model {model.name} has no parameter {", ".join(unknown)}'
+            f'{near(unknown[0], model.parameter_names)}; it has '
             f'{", ".join(model.parameter_names)}'
         )
     if sampling_offset is True:

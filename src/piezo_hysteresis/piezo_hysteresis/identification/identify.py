@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_common.wording import counted
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.circumstances import Choices
@@ -29,14 +31,15 @@ from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.unseen import without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
+from piezo_hysteresis.models.choice import chain_of
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
-from piezo_hysteresis.records import Record
+from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
 _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss on average.'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification:
     """What a method found, and what it is worth.
 
@@ -107,6 +110,21 @@ class Identification:
     sampling_offset_std: float = inf
     seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
     left_out: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        came = 'converged' if self.converged else 'did not converge'
+        lines = [f'Identification of {self.model.name} by {self.method}, {came}']
+        for q in self.model.parameters:
+            std = self.std.get(q.name)
+            spread = '' if std is None else f' ± {std:.1g}'
+            lines.append(f'  {q.name} = {self.values[q.name]:.4g}{spread} {q.unit}')
+        worst = max(self.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
+        lines.append(
+            f'  free run within {1e6 * worst.free_run_rms:.3g} µm rms '
+            f'({worst.nrmse_percent:.3g} %) on {counted(len(self.records), "record")}, '
+            f'{counted(len(self.warnings), "warning")}'
+        )
+        return '\n'.join(lines)
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
@@ -197,8 +215,8 @@ def _finite(value: float) -> float | None:
 
 
 def identify(
-    records: Sequence[Record],
-    model: Model,
+    records: Record | Sequence[Record],
+    model: Model | ModelFile | str | Path,
     *,
     method: str = 'output_error',
     seed: int = 0,
@@ -210,10 +228,11 @@ def identify(
 
     Parameters
     ----------
-    records : sequence of Record
+    records : Record or sequence of Record
         Fitted jointly (run through one after another by recursive methods).
-    model : Model
-        Any chain for `output_error` and the searches; see `run_online` for the others.
+    model : Model, ModelFile, str or Path
+        Any chain for `output_error` and the searches; see `run_online` for the others. A chain or
+        its name, ``NAME[+BLOCK...]``; or a file (or its path) whose values the fit starts from.
     method : str
         One of `METHODS`.
     seed : int
@@ -235,8 +254,12 @@ def identify(
     IdentificationError
         If the records cannot identify anything, or a setting is impossible; the sentence says
         what to record or to set instead.
+    ModelError
+        If there is no such model.
     """
+    records = listed(records)
     base = base_of(method)
+    model, known = chain_of(model)
     options = {**settled_by(method), **options}
     begun = time.perf_counter()
     require_settings(
@@ -245,6 +268,10 @@ def identify(
         max_evaluations=options.get('max_evaluations'),
         forgetting=options.get('forgetting'),
     )
+    if known and base not in (*ONLINE_METHODS, 'output_error'):
+        raise IdentificationError(f'{method} starts from no file; give the name of its model')
+    if known:
+        options['start'] = {**known, **(options.get('start') or {})}
     given = dict(options.get('start') or {})
     given.pop(SAMPLING_OFFSET, None)
     held_at(model, {}, given)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from piezo_common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.online import ONLINE_METHODS
 from piezo_hysteresis.identification.search import METHODS as SEARCHES
@@ -73,7 +74,8 @@ def base_of(method: str) -> str:
     """
     if method not in METHODS:
         raise IdentificationError(
-            f'method {method!r} is unknown; choose one of {", ".join(METHODS)}'
+            f'method {method!r} is unknown{near(method, METHODS)}; '
+            f'choose one of {", ".join(METHODS)}'
         )
     return PAPERS[method].base if method in PAPERS else method
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 
+from piezo_common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
@@ -60,7 +61,8 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
         for name, value in given.items():
             if name not in known:
                 raise IdentificationError(
-                    f'model {model.name} has no parameter {name} to {verb}; it has '
+                    f'model {model.name} has no parameter {name} to {verb}{near(name, known)}; '
+                    'it has '
                     f'{", ".join(known)}'
                 )
             q = known[name]

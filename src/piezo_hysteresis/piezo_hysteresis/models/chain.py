@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from piezo_common.wording import near
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
@@ -115,7 +116,8 @@ class Model:
         stray = sorted(set(values) - set(self.parameter_names))
         if stray:
             raise ModelError(
-                f'model {self.name} has no parameter {", ".join(stray)}; it has '
+                f'model {self.name} has no parameter {", ".join(stray)}'
+                f'{near(stray[0], self.parameter_names)}; it has '
                 f'{", ".join(self.parameter_names)}'
             )
         every = {**self.defaults(), **values}

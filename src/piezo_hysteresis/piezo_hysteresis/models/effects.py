@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from piezo_common.wording import near
 from piezo_hysteresis.blocks import EFFECTS, Effect, Slot
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
@@ -93,7 +94,10 @@ def described(name: str) -> tuple[Effect, ...]:
     """
     found = tuple(effect for effect in (*EFFECTS, PARAMETER_SHIFT) if effect.name == name)
     if not found:
-        raise ModelError(f'there is no effect {name}; choose one of {", ".join(EFFECT_NAMES)}')
+        raise ModelError(
+            f'there is no effect {name}{near(name, EFFECT_NAMES)}; choose one of '
+            f'{", ".join(EFFECT_NAMES)}'
+        )
     return found
 
 

@@ -10,6 +10,7 @@ import yaml
 
 from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
+from piezo_common.wording import near
 from piezo_hysteresis.errors import ModelError
 
 
@@ -61,7 +62,11 @@ def read_yaml(path: str | Path) -> object:
     """
     try:
         return plain_yaml.load_file(path)
-    except (OSError, yaml.YAMLError) as error:
+    except FileNotFoundError:
+        near_by = [each.name for each in Path(path).parent.glob('*.y*ml')]
+        guess = near(Path(path).name, near_by)
+        raise ModelError(f'there is no model file {path}{guess}; give the path of one') from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = str(getattr(error, 'strerror', None) or error).replace('\n', ' ')
         raise ModelError(f'cannot read the model file {path}: {reason}') from error
 

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from piezo_common import plain_yaml
+from piezo_common.wording import counted, near
 from piezo_hysteresis.errors import PiezoError
 from piezo_ros_common.middleware import prepare
 
@@ -60,8 +61,7 @@ class Asks:
         """
         if not node:
             return self._nodes()
-        client = self._client(node)
-        names = sorted(self._answer(client.list_parameters(), node).result.names)
+        client, names = self._client(node), self._names(node)
         values = self._answer(client.get_parameters(names), node).values
         return [
             f'{name}: {_shown(parameter_value_to_python(value))}'
@@ -78,7 +78,10 @@ class Asks:
         """
         values = self._answer(self._client(node).get_parameters([name]), node).values
         if not values or parameter_value_to_python(values[0]) is None:
-            raise PiezoError(f'{node} has no parameter {name}; `param list {node}` tells them')
+            raise PiezoError(
+                f'{node} has no parameter {name}{near(name, self._names(node))}; '
+                f'`param list {node}` tells them'
+            )
         return [_shown(parameter_value_to_python(values[0]))]
 
     def change(self, node: str, name: str, text: str) -> list[str]:
@@ -113,7 +116,7 @@ class Asks:
         if not found:
             raise PiezoError(f'{file} holds no parameters of {node}')
         self._set(node, found)
-        return [f'{node}: {len(found)} parameters set']
+        return [f'{node}: {counted(len(found), "parameter")} set']
 
     def _set(self, node: str, values: dict[str, Any]) -> None:
         parameters = [_parameter(name, value) for name, value in values.items()]
@@ -121,6 +124,9 @@ class Asks:
         for name, result in zip(values, results, strict=True):
             if not result.successful:
                 raise PiezoError(f'{node} refuses {name}: {result.reason or "no reason given"}')
+
+    def _names(self, node: str) -> list[str]:
+        return sorted(self._answer(self._client(node).list_parameters(), node).result.names)
 
     def _nodes(self) -> list[str]:
         names: list[str] = []
@@ -139,8 +145,10 @@ class Asks:
         while not client.services_are_ready():
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() > end:
-                known = ', '.join(self._nodes())
-                raise PiezoError(f'there is no node {node}; running: {known}')
+                known = self._nodes()
+                raise PiezoError(
+                    f'there is no node {node}{near(node, known)}; running: {", ".join(known)}'
+                )
         return client
 
     def _answer(self, future: Any, node: str) -> Any:

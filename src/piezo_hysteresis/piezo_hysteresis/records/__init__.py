@@ -5,7 +5,7 @@ from piezo_hysteresis.records.bags import read_bag
 from piezo_hysteresis.records.csv_files import read_csv, write_csv
 from piezo_hysteresis.records.damage import Damage, DamageWarning, LeftOutWarning
 from piezo_hysteresis.records.load import Survey, load, survey
-from piezo_hysteresis.records.record import Record, RecordInfo
+from piezo_hysteresis.records.record import Record, RecordInfo, listed
 
 __all__ = [
     'Damage',
@@ -14,6 +14,7 @@ __all__ = [
     'Record',
     'RecordInfo',
     'Survey',
+    'listed',
     'load',
     'read_bag',
     'read_csv',

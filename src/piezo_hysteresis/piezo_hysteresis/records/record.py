@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -156,3 +157,25 @@ class Record:
             if self.before is None
             else np.concatenate([self.before, self.voltage[:first]]),
         )
+
+
+def listed(records: Record | Iterable[Record]) -> list[Record]:
+    """Return one record or several as a list.
+
+    Raises
+    ------
+    RecordError
+        If something else is given.
+    """
+    given: Iterable[object] = [records]
+    if isinstance(records, Iterable) and not isinstance(records, str):
+        given = records
+    found = []
+    for each in given:
+        if not isinstance(each, Record):
+            raise RecordError(
+                f'a Record or several are needed, not of type {type(each).__name__}; '
+                '`piezo_hysteresis.load` reads them from files'
+            )
+        found.append(each)
+    return found

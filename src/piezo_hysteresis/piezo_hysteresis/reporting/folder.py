@@ -180,6 +180,15 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
         raise _unwritable(target, error) from error
 
 
+def earlier(folder: str | Path, verb: str) -> bool:
+    """Whether a folder holds results of `verb`, which another run of it replaces."""
+    try:
+        found = marker_of(folder)
+    except OSError:  # a path that cannot be; the verb says so
+        return False
+    return found is not None and found.verb == verb
+
+
 def _stale(folder: Path, names: Iterable[str]) -> set[str]:
     """Return the files of the results in a folder that are not among `names`."""
     found = marker_of(folder)

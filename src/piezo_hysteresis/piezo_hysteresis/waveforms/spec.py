@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from piezo_common.wording import near
 from piezo_hysteresis.waveforms import corners
 from piezo_hysteresis.waveforms.base import Waveform, WaveformError
 from piezo_hysteresis.waveforms.chirp import LAWS, Chirp
@@ -246,7 +247,9 @@ def from_spec(spec: Mapping[str, Any]) -> Waveform:
         raise WaveformError(f'a waveform is a mapping with a kind, got {spec!r}')
     name = of_today(str(spec.get('kind')))
     if name not in KINDS:
-        raise WaveformError(f'there is no waveform {name}; there are {", ".join(KINDS)}')
+        raise WaveformError(
+            f'there is no waveform {name}{near(name, KINDS)}; there are {", ".join(KINDS)}'
+        )
     kind = KINDS[name]
     known = {setting.name: setting for setting in kind.settings}
     stray = sorted(str(key) for key in spec if key != 'kind' and key not in known)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from piezo_common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.clock import JITTER
 
@@ -336,7 +337,8 @@ class SelectionPolicy:
         unknown = sorted(set(changed) - set(known))
         if unknown:
             raise IdentificationError(
-                f'the policy has no number {unknown[0]}: choose one of {", ".join(known)}'
+                f'the policy has no number {unknown[0]}{near(unknown[0], known)}: '
+                f'choose one of {", ".join(known)}'
             )
         whole = {
             name: int(value) if isinstance(known[name].default, int) else float(value)

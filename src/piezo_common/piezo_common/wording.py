@@ -1,0 +1,68 @@
+"""Words that every command line shares: near names, plurals, errors of one line."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import re
+import sys
+from collections.abc import Iterable
+from typing import Any, NoReturn
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Return ``' (did you mean X?)'`` where `name` is nearly one of `known`, '' elsewhere."""
+    lower = {each.lower(): each for each in known}
+    found = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
+    begun = [each for each in lower if len(name) > 1 and each.startswith(name.lower())]
+    if not found and len(begun) == 1:
+        found = begun
+    return f' (did you mean {lower[found[0]]}?)' if found else ''
+
+
+def counted(number: int, noun: str) -> str:
+    """Return ``1 record`` or ``2 records``."""
+    return f'{number} {noun}' if number == 1 else f'{number} {noun}s'
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Says what is wrong with a command line in one sentence; the usage is for ``--help``."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; a mistyped option is named before what seems to be missing for it."""
+        given = list(sys.argv[1:] if args is None else args)
+        foreign = (argparse.REMAINDER, argparse.PARSER)  # words of somebody else stand behind
+        if not any(action.nargs in foreign for action in self._actions):
+            for word in given:
+                name = word.partition('=')[0]
+                known = [each for each in self._option_string_actions if each.startswith(name)]
+                if re.match('--[a-z]', name) and not known:
+                    self.error(f'unrecognized arguments: {name}')
+        return super().parse_args(given, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        self.exit(2, f'error: {self._sentence(message)}; see {self.prog} --help\n')
+
+    def _sentence(self, message: str) -> str:
+        if found := re.fullmatch('the following arguments are required: (.*)', message):
+            names = [name for name in found.group(1).split(', ') if name != '...']
+            verb = 'is' if len(names) == 1 else 'are'
+            return f'{" and ".join(map(self._written, names))} {verb} missing'
+        if found := re.fullmatch('unrecognized arguments: (.*)', message):
+            word = found.group(1).split()[0].partition('=')[0]
+            return f'{word} is not understood{near(word, self._option_string_actions)}'
+        form = r"argument (.*): invalid choice: '(.*?)' \(choose from (.*)\)"
+        if found := re.fullmatch(form, message):
+            what, word, known = found.groups()
+            choices = known.replace("'", '').split(', ')
+            return f'{what} {word} is unknown{near(word, choices)}: choose {", ".join(choices)}'
+        return message
+
+    def _written(self, name: str) -> str:
+        """Return an argument as it is written, with what stands behind it."""
+        for action in self._actions:
+            if name in (*action.option_strings, action.metavar, action.dest):
+                value = f' {action.metavar}' if action.option_strings and action.metavar else ''
+                return f'{name}{value}'
+        return name

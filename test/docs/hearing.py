@@ -1,0 +1,168 @@
+"""What a listener of its own hears of nodes that a page has started."""
+
+from __future__ import annotations
+
+import math
+import time
+import urllib.request
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from expectations import COMPARISONS, QUANTITIES, Live
+from rcl_interfaces.srv import ListParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
+from piezo_ros_common.middleware import joined
+from piezo_ros_common.qos import LOOP
+
+PATIENCE = 180.0  # s until what is expected has to be heard, on a busy machine
+STRETCH, STRETCHES = 2000, 3  # ticks that a tracking error is the rms of; the worst one counts
+
+
+class Ear:
+    """A node that listens in a domain."""
+
+    def __init__(self, domain: int, check: Callable[[], None]) -> None:
+        self._context = joined(domain)
+        self.node = Node('reader', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._check = check
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def until(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> bool:
+        """Serve until `condition` holds or the time is over; say whether it does."""
+        end = time.monotonic() + seconds
+        while not condition():
+            self._check()
+            if time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.05)
+        return True
+
+
+def tracking_rms(ear: Ear) -> Iterator[float]:
+    """Yield the rms of displacement minus reference, the worst of three stretches [m]."""
+    wanted: dict[int, float] = {}
+    squares: list[float] = []
+    last: deque[float] = deque(maxlen=STRETCHES)
+
+    def note(state: ActuatorState) -> None:
+        desired = wanted.pop(state.sample, None)
+        if desired is not None:
+            squares.append((state.displacement - desired) ** 2)
+
+    def desire(reference: Reference) -> None:
+        wanted[reference.sample] = reference.displacement
+        if len(wanted) > 10 * STRETCH:
+            del wanted[next(iter(wanted))]
+
+    ear.node.create_subscription(Reference, 'reference', desire, LOOP)
+    ear.node.create_subscription(ActuatorState, 'actuator/state', note, LOOP)
+    while ear.until(lambda: len(squares) >= STRETCH):
+        last.append(math.sqrt(sum(squares[:STRETCH]) / STRETCH))
+        del squares[:STRETCH]
+        if len(last) == STRETCHES:
+            yield max(last)
+
+
+def states(ear: Ear) -> Iterator[float]:
+    """Yield how many ticks of the actuator were heard [1]."""
+    heard: list[ActuatorState] = []
+    ear.node.create_subscription(ActuatorState, 'actuator/state', heard.append, LOOP)
+    while True:
+        ear.until(lambda: False, 0.5)
+        yield float(len(heard))
+
+
+def not_numbers(ear: Ear) -> Iterator[float]:
+    """Yield how many voltages are no number while the commands are none [1]."""
+    publisher = ear.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
+    heard: list[bool] = []
+    commanded = [0]
+
+    def answer(state: ActuatorState) -> None:
+        heard.append(not math.isfinite(state.voltage))
+        publisher.publish(VoltageCommand(sample=state.sample + 1, voltage=math.nan))
+        commanded[0] += publisher.get_subscription_count()
+
+    ear.node.create_subscription(ActuatorState, 'actuator/state', answer, LOOP)
+    if ear.until(lambda: commanded[0] > 500 and len(heard) > 500):
+        yield float(sum(heard))
+
+
+MEASURES: dict[str, Callable[[Ear], Iterator[float]]] = {
+    'tracking_rms': tracking_rms,
+    'states': states,
+    'not_numbers': not_numbers,
+}
+assert MEASURES.keys() == QUANTITIES.keys()
+
+
+def hear(expected: Live, domain: int, check: Callable[[], None]) -> None:
+    """Wait until what is expected is heard.
+
+    Raises
+    ------
+    AssertionError
+        If it is not, with what was heard in place of it.
+    """
+    if expected.quantity == 'serves':
+        _served(expected.value, check)
+        return
+    with _ear(domain, check) as ear:
+        if expected.quantity == 'answers':
+            _answered(ear, expected.value)
+            return
+        holds, bound = COMPARISONS[expected.comparison], float(expected.value)
+        end = time.monotonic() + PATIENCE
+        heard: list[float] = []
+        for each in MEASURES[expected.quantity](ear):
+            heard.append(each)
+            if holds(each, bound):
+                return
+            if time.monotonic() > end:
+                break
+    shown = ', '.join(f'{each:.4g}' for each in heard[-5:]) or 'nothing'
+    raise AssertionError(f'{expected.quantity} was {shown}, not {expected.comparison} {bound:g}')
+
+
+@contextmanager
+def _ear(domain: int, check: Callable[[], None]) -> Iterator[Ear]:
+    ear = Ear(domain, check)
+    try:
+        yield ear
+    finally:
+        ear.close()
+
+
+def _answered(ear: Ear, name: str) -> None:
+    client: Any = ear.node.create_client(ListParameters, f'{name}/list_parameters')
+    assert ear.until(client.service_is_ready), f'{name} is not there'
+    future = client.call_async(ListParameters.Request())
+    assert ear.until(future.done), f'{name} does not answer'
+    assert future.result().result.names, f'{name} has no parameters'
+
+
+def _served(url: str, check: Callable[[], None]) -> None:
+    end = time.monotonic() + PATIENCE
+    while True:
+        check()
+        try:
+            with urllib.request.urlopen(url, timeout=10) as answer:
+                assert answer.status == 200, f'{url} answers {answer.status}'
+                return
+        except OSError as error:
+            if time.monotonic() > end:
+                raise AssertionError(f'{url}: {error}') from None
+            time.sleep(0.5)

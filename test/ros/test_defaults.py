@@ -1,0 +1,49 @@
+"""Every node starts with nothing but what it needs, answers, and ends with Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from listening import Listener
+from rcl_interfaces.srv import ListParameters
+
+from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.records import Record, write_bag
+from piezo_ros_common.processes import NodeProcesses
+
+pytestmark = pytest.mark.ros
+
+# What a node cannot do without; the page takes any port that is free.
+NEEDED = {
+    'recorder': lambda folder: {'out': str(folder / 'recorded')},
+    'player': lambda folder: {'bag': str(folder / 'bag')},
+    'dashboard': lambda folder: {'port': 0},
+}
+INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
+
+
+@pytest.mark.parametrize('name', sorted(PACKAGES))
+def test_a_node_starts_answers_and_ends(
+    processes: NodeProcesses, listener: Listener, tmp_path: Path, name: str
+) -> None:
+    voltage = np.sin(2 * np.pi * 5.0 * np.arange(20000) * 1e-3)
+    write_bag(tmp_path / 'bag', [Record('a', 1e-3, voltage, 1e-4 * voltage)])
+    node = processes.start(PACKAGES[name], name, NEEDED.get(name, lambda _: {})(tmp_path))
+    for each in INSIDE.get(name, (name,)):
+        answer = listener.call(ListParameters, f'{each}/list_parameters', ListParameters.Request())
+        assert answer.result.names
+    node.signal(signal.SIGINT)
+    assert node.wait(30) == 0, node.tail(10)
+    assert 'Traceback' not in node.log.read_text()
+
+
+@pytest.mark.parametrize('name', ['recorder', 'player'])
+def test_a_node_without_what_it_needs_says_so(processes: NodeProcesses, name: str) -> None:
+    node = processes.start(PACKAGES[name], name)
+    assert node.wait(60) == 2
+    text = node.log.read_text()
+    assert 'Traceback' not in text
+    assert ('out' if name == 'recorder' else 'bag') in text
