@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
 
 import numpy as np
@@ -37,6 +37,7 @@ def fit(
     tolerance: float = 1e-9,
     enough: float = inf,
     derivatives: bool = True,
+    stopped: Callable[[], bool] = lambda: False,
     workers: int = 1,
     targets: Sequence[Target] | None = None,
     progress: Progress | None = None,
@@ -67,7 +68,7 @@ def fit(
         Compare every `stride`-th sample of whole records.
     sampling_offset : bool or float
         True to fit when the displacement was sampled, within two samples; or that time [s].
-    max_evaluations, tolerance, enough, derivatives
+    max_evaluations, tolerance, enough, derivatives, stopped
         See `solver.solve`.
     workers : int
         Threads; the result is the same for any number.
@@ -109,6 +110,7 @@ def fit(
         tolerance=tolerance,
         enough=enough,
         derivatives=derivatives,
+        stopped=stopped,
         progress=progress,
     )
     return result_of(objective, solution)
