@@ -85,6 +85,14 @@ def test_the_solver_gives_up_what_cannot_be_of_use() -> None:
     assert left.evaluations == 1
 
 
+def test_the_solver_ends_between_steps_where_the_time_is_over() -> None:
+    far, answers = np.full(2, 10.0), iter([False, False, True])
+    found = solve(Rosenbrock(), np.array([-1.2, 1.0]), -far, far, stopped=lambda: next(answers))
+    assert not found.converged
+    assert 'time is over' in found.message
+    assert len(found.history) <= 3
+
+
 def test_the_unit_of_an_unknown_does_not_matter() -> None:
     """Beside volts a curve in 1/m^2 acts by columns a million million times as small."""
     random = np.random.default_rng(3)

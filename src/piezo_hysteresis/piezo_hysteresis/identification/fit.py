@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
 
 import numpy as np
@@ -38,6 +38,7 @@ def fit(
     tolerance: float = 1e-9,
     enough: float = inf,
     derivatives: bool = True,
+    stopped: Callable[[], bool] = lambda: False,
     workers: int = 1,
     targets: Sequence[Target] | None = None,
     progress: Progress | None = None,
@@ -68,7 +69,7 @@ def fit(
         Compare every `stride`-th sample of whole records.
     sampling_offset : bool or float
         True to fit when the displacement was sampled, within two samples; or that time [s].
-    max_evaluations, tolerance, enough, derivatives
+    max_evaluations, tolerance, enough, derivatives, stopped
         See `solver.solve`.
     workers : int
         Threads; the result is the same for any number.
@@ -110,6 +111,7 @@ def fit(
         tolerance=tolerance,
         enough=enough,
         derivatives=derivatives,
+        stopped=stopped,
         progress=progress,
     )
     return result_of(objective, solution)

@@ -130,6 +130,7 @@ def solve(
     tolerance: float = 1e-9,
     enough: float = inf,
     derivatives: bool = True,
+    stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> Solution:
     """Minimise `problem` from `start` inside the box.
@@ -150,6 +151,8 @@ def solve(
         below that even if it gains twice what it promises.
     derivatives : bool
         Whether those at the end are of use; where not, the last of all evaluations is spared them.
+    stopped : callable
+        Asked before each step whether there is no time for it.
     progress : callable, optional
         Told ``(fraction of the evaluations used, cost in words)``.
 
@@ -170,6 +173,9 @@ def solve(
     grains, jumped = problem.grains, False
     message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
     while used < max_evaluations:
+        if stopped():
+            message = 'stopped: the time is over'
+            break
         if _stationary(x, factor, rhs, cost, low, high):
             message, converged = 'the gradient vanishes', True
             break

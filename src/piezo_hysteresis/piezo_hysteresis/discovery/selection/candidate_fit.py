@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -191,6 +191,7 @@ def fitted_to(
     clock: tuple[float, float] | None = None,
     enough: float = inf,
     derivatives: bool = True,
+    stopped: Callable[[], bool] = lambda: False,
     workers: int = 1,
 ) -> CandidateFit | None:
     """Fit a model from its own values; return None where it cannot be fitted at all.
@@ -213,6 +214,8 @@ def fitted_to(
         Sum of squares, as of `CandidateFit`, from which on a fit is of use, see `solver.solve`.
     derivatives : bool
         Whether those at the end are of use, see `solver.solve`.
+    stopped : callable
+        Asked before each step of the fit whether there is no time for it.
     workers : int
         Threads over the views; the result does not depend on it.
     """
@@ -236,6 +239,7 @@ def fitted_to(
             tolerance=tolerance,
             enough=0.5 * enough,
             derivatives=derivatives,
+            stopped=stopped,
             workers=workers,
         )
     except PiezoError:

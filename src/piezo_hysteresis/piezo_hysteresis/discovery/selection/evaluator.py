@@ -224,6 +224,7 @@ class Evaluator(ABC):
             free=self.free_of(spec),
             clock=clock,
             enough=enough,
+            stopped=lambda: self.deadline.passed,
             workers=self.workers,
         )
 
@@ -240,6 +241,7 @@ class Evaluator(ABC):
             derivatives=False,
             free=self.free_of(spec),
             clock=self.clock,
+            stopped=lambda: self.deadline.passed,
             workers=workers,
         )
 
