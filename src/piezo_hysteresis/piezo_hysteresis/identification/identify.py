@@ -137,7 +137,7 @@ class Identification:
         known = set(self.model.parameter_names)
         finite = {k: v for k, v in self.std.items() if np.isfinite(v) and k in known}
         worst = max((r.free_run_rms for r in self.records), default=float('nan'))
-        notes: dict[str, float | bool] = {
+        notes: dict[str, float | bool | str] = {
             OFFSET_NOTE: float(self.sampling_offset),
             'converged': self.converged,
         }

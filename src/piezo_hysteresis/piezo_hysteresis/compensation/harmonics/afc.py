@@ -318,7 +318,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
     count = int(memory[_COUNT])
     with_mean = p[WITH_MEAN] > 0.0
     errors, changes = scratch((count + 1, 2)), scratch(count + 1)
-    total = 0.0
+    total = moves = 0.0
     # the mean is the last one
     for i in range(count + (1 if with_mean else 0)):
         at = _LINES + LINE_SIZE * i if i < count else _MEAN
@@ -332,15 +332,18 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
         )
         changes[i] = moved if memory[at + SEEN] > 0.0 else 0.0
         total += changes[i]
+        moves += math.hypot(memory[at + MOVED], memory[at + MOVED + 1])
     # The hysteresis couples the orders: what one line does may come from the others' moves.
     for i in range(count + (1 if with_mean else 0)):
         at = _LINES + LINE_SIZE * i if i < count else _MEAN
         foreign = math.hypot(deviation, _COUPLING * (total - changes[i]))
+        own = math.hypot(memory[at + MOVED], memory[at + MOVED + 1])
         happened = move(
             memory[at : at + LINE_SIZE],
             complex(errors[i, 0], errors[i, 1]),
             deviation,
             foreign,
+            moves - own,
             memory[_SHARE],
             p,
         )

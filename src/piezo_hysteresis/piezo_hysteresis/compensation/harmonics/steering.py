@@ -22,6 +22,9 @@ _GAIN_RANGE = 1e4
 # replaces it: the mean of two gains of opposite sign is near 0, and a step is divided by it.
 _CONTRADICTION = 0.5
 _CLEAR = 0.9
+# Share of the voltage by which all other orders move that may act on one order: the shape of the
+# hysteresis loop, and with it every harmonic, depends on all of the drive.
+_CROSS = 0.02
 # Share of a change that dies out only after its window, of which the next change consists in part.
 _UNSETTLED = 0.1
 # So many windows of growth in a row, up to what the correction itself does, are divergence.
@@ -92,11 +95,13 @@ def doubt(line: FloatArray) -> None:
 
 @jit
 def move(
-    line: FloatArray, error: complex, deviation: float, foreign: float, share: float, p: FloatArray
-) -> int:
+    line: FloatArray, error: complex, deviation: float, foreign: float, others: float,
+    share: float, p: FloatArray,
+) -> int:  # fmt: skip
     """Refine the gain from what the last step did, then take the next step.
 
-    A line whose gain has not been confirmed takes only `share` of that step.
+    A line whose gain has not been confirmed takes only `share` of that step. `foreign` is what may
+    have changed its error [m] besides, `others` by how much all other orders have moved [V].
 
     Returns
     -------
@@ -111,7 +116,8 @@ def move(
         change = error - before_error
         expected = max(abs(change), abs(believed(line) * moved))
         unclear = math.hypot(foreign, _UNSETTLED * line[CHANGED])
-        observe(line, change, clearness_of(expected, unclear))
+        clearness = clearness_of(expected, unclear) * clearness_of(abs(moved), _CROSS * others)
+        observe(line, change, clearness)
         line[CHANGED] = abs(change)
     grown = seen and abs(error) > 1.1 * abs(before_error) + 3.0 * deviation
     line[RISES] = line[RISES] + 1.0 if grown else 0.0

@@ -25,7 +25,7 @@ _COOL = 2.0
 # Mean square error, as a multiple of that without a correction, that is suspicious in so many
 # windows in a row; that is suspicious at once; and that is so after the frequency has changed, for
 # which there is no measurement without a correction yet.
-_LARGER, _WINDOWS, _FAR, _STALE = 1.21, 6.0, 25.0, 4.0
+_LARGER, _WINDOWS, _FAR, _STALE = 1.21, 10.0, 25.0, 4.0
 # The correction has done harm where it multiplied the mean square error by this.
 _HARM = 1.1
 # Below this share of the error without it a correction is a success: failures are forgotten.
