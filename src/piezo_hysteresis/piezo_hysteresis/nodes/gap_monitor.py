@@ -131,10 +131,12 @@ class GapMonitorNode(Node):
             return judge(findings, 'no model is loaded: call ~/load_model', counts)
         if report is None:
             return judge(findings, 'waits for the first window', counts)
-        said = report.words
+        summary = report.words
         if report.beyond_floor and report.share >= self._params.number('advise_from'):
-            findings.append((Level.WARN, f'{said}; {report.advice}'))
-        return judge(findings, said, {'gap_rms_m': report.rms, 'floors': report.floors, **counts})
+            findings.append((Level.WARN, f'{summary}; {report.advice}'))
+        return judge(
+            findings, summary, {'gap_rms_m': report.rms, 'floors': report.floors, **counts}
+        )
 
     def _on_load_model(
         self, request: LoadModel.Request, response: LoadModel.Response

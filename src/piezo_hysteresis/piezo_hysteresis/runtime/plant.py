@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-from piezo_hysteresis.compensation.inverses.choice import model_gain
-from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
+from piezo_hysteresis.compensation.inverses.choice import mode_of, model_gain
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
 from piezo_hysteresis.models import ModelFile
 
@@ -45,15 +43,4 @@ def known_mode(values: Mapping[str, Any], dt: float, model: ModelFile | None) ->
     if gain is None or isinstance(gain, ModeGain):
         return gain
     assert model is not None
-    return mode_of(model, abs(gain(0.0)), dt)
-
-
-def mode_of(model: ModelFile, gain: float, dt: float) -> ModeGain:
-    """Return a model as a mode and a delay with a quasi-static `gain` [m/V]."""
-    values = model.model.unpack(model.packed)
-    delay = values.get('delay', 0.0)
-    k1, k2 = structure_coefficients(values)
-    if k2 == 0.0:
-        return ModeGain(gain, 0.0, 1.0, dt, delay)
-    frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
-    return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), dt, delay)
+    return mode_of(model.model.unpack(model.packed), abs(gain(0.0)), dt)

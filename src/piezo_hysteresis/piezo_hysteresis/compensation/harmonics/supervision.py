@@ -145,6 +145,14 @@ def supervise(
 
 
 @jit
+def doubled(time: float, times: float) -> float:
+    """Return a time [s] that was doubled so often, at most the longest."""
+    for _ in range(int(times)):
+        time = min(2.0 * time, _LONGEST)
+    return time
+
+
+@jit
 def judge(power: float, frequency: float, size: float, memory: FloatArray) -> int:
     """Take the mean square error [m^2] of a window and decide."""
     if memory[STATE] != RUNNING or memory[BASE] == 0.0:
@@ -156,12 +164,12 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
         return NOTHING
     if memory[STATE] == MEASURING:
         if memory[BEFORE] > _HARM * power:
-            memory[LEFT] = min(_WAIT * 2.0 ** memory[FAILURES], _LONGEST)
+            memory[LEFT] = doubled(_WAIT, memory[FAILURES])
             memory[FAILURES] += 1.0
             memory[BACKED_OFF] += 1.0
             memory[STATE] = WAITING
             return RETREAT
-        memory[LEFT] = min(_COOL * 2.0 ** memory[CHECKS], _LONGEST)
+        memory[LEFT] = doubled(_COOL, memory[CHECKS])
         memory[CHECKS] += 1.0
     memory[STATE] = RUNNING
     return NOTHING

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple, TypedDict
 
@@ -16,9 +17,18 @@ from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
 from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
-from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
+from piezo_hysteresis.compensation.inverses.physical import (
+    Law,
+    PhysicalInverse,
+    structure_coefficients,
+)
 from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
-from piezo_hysteresis.compensation.linear_gain import LinearGain, gain_at, packed_pulse
+from piezo_hysteresis.compensation.linear_gain import (
+    LinearGain,
+    ModeGain,
+    gain_at,
+    packed_pulse,
+)
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
@@ -272,3 +282,23 @@ def model_gain(
 ) -> LinearGain:
     """Return the plant gain that a model predicts; see `ModelGain`."""
     return ModelGain(model, values, dt, amplitude=amplitude)
+
+
+def mode_of(values: Mapping[str, float], gain: float, dt: float) -> ModeGain:
+    """Return a model as nodes have it without its file: a gain, a mode and a delay.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters of the model, SI units.
+    gain : float
+        Its quasi-static gain [m/V].
+    dt : float
+        Sampling interval [s].
+    """
+    delay = values.get('delay', 0.0)
+    k1, k2 = structure_coefficients(values)
+    if k2 == 0.0:
+        return ModeGain(gain, 0.0, 1.0, dt, delay)
+    frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
+    return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), dt, delay)
