@@ -33,7 +33,7 @@ NOT_RUN = {
     'docs/discovery_foreign.md': 1,
     'docs/discovery_hidden.md': 3,
     'docs/discovery_lottery.md': 1,
-    'docs/hardware.md': 1,
+    'docs/hardware.md': 2,
     'docs/launch.md': 5,
     'docs/records.md': 2,
     'docs/ros2_control.md': 1,

@@ -25,6 +25,11 @@ def counted(number: int, noun: str) -> str:
     return f'{number} {noun}' if number == 1 else f'{number} {noun}s'
 
 
+def short(number: float) -> str:
+    """Return three digits of a positive number, without an exponent from 0.001 to 1e9."""
+    return f'{number:.0f}' if 100.0 <= number < 1e9 else f'{number:.3g}'
+
+
 class OneLineParser(argparse.ArgumentParser):
     """Says what is wrong with a command line in one sentence; the usage is for ``--help``."""
 

@@ -375,7 +375,7 @@ def judged_on(found: Identification, records: Sequence[Record]) -> Identificatio
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     """Say what records lost, and so where the model leaves much more than their noise."""
     remarks = [
-        f'record {row.record}: {row.lost} samples are spikes or drop-outs and do not count.'
+        f'record {row.record}: {counted(row.lost, "sample")} left out as spikes or drop-outs.'
         for row in rows
         if row.lost
     ]

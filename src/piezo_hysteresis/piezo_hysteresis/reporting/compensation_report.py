@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from piezo_common.wording import short
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
@@ -74,7 +75,7 @@ def _verdict(runs: Sequence[StudiedRun], reference: str) -> str:
     return (
         f'The rms tracking error of `{reference}` is {micrometres(first.metrics.rms)} µm with '
         f'{first.name} and {micrometres(best.metrics.rms)} µm at best, {best.name} '
-        f'({ratio:.3g} times lower).'
+        f'({short(ratio)} times lower).'
     )
 
 

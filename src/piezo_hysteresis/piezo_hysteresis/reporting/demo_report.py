@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+from piezo_common.wording import short
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.loop import TrackingMetrics
 from piezo_hysteresis.discovery.choice.choose import TriedModel
@@ -124,7 +125,7 @@ def _verdict(runs: Sequence[TrackingRun], plan: TrackingPlan) -> str:
     parts = []
     for run in others:
         ratio = first.metrics.rms / run.metrics.rms
-        change = f'{ratio:.3g} times lower' if ratio > 1 else f'{1 / ratio:.3g} times higher'
+        change = f'{short(ratio)} times lower' if ratio > 1 else f'{short(1 / ratio)} times higher'
         parts.append(f'{micrometres(run.metrics.rms)} µm with {run.name} ({change})')
     return (
         f'The rms tracking error at {plan.tracked:g} Hz is {micrometres(first.metrics.rms)} µm '
