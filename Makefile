@@ -1,8 +1,8 @@
 # make demo   sets up and runs the main job: record, identify, compensate, report
-# make test   sets up, checks the style and runs every test
+# make test   sets up, checks the style and runs the tests;  make studies  runs the long ones
 # make setup  only sets up;  make dev  with what tests need;  make clean  removes what was made
 
-.PHONY: demo test lint setup build dev clean
+.PHONY: demo test studies lint setup build dev clean
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -27,8 +27,11 @@ lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
 
 test: lint
-	@$(run) python -m pytest -n 2 --dist worksteal $(wildcard test/blind) test/docs test/property test/unit
-	@$(run) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --reruns 1 test/ros
+	@$(run) python -m pytest -n 2 --dist worksteal --durations=20 -m 'not slow' test/docs test/property test/unit
+	@$(run) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --reruns 1 --durations=20 -m 'not slow' test/ros
+
+studies: dev
+	@$(run) python -m pytest -n 2 --dist worksteal --durations=20 -m slow test
 
 clean:
 	rm -rf build install log .venv out

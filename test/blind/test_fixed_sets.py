@@ -16,6 +16,8 @@ import pytest
 from piezo_hysteresis.records import write_bag
 from piezo_sim.sweep import simulate
 
+pytestmark = pytest.mark.slow
+
 ANSWERS = json.loads((Path(__file__).parent / 'answers.json').read_text())
 
 

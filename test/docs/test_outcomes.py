@@ -78,7 +78,7 @@ def test_the_command_that_identify_recommends_finds_what_is_missing(tmp_path: Pa
     bash(tmp_path, '\n'.join(five_minutes.splitlines()[:4]))
     report = html.unescape((tmp_path / 'out' / 'model' / 'report.html').read_text('utf-8'))
     commands = re.findall(
-        r'<code>((?:piezo|python -m piezo_hysteresis) discover .*?)</code>', report
+        r'<code>((?:piezo|python -m piezo_hysteresis) discover out/sweep .*?)</code>', report
     )
     assert len(commands) == 1
     bash(tmp_path, commands[0])
@@ -87,7 +87,7 @@ def test_the_command_that_identify_recommends_finds_what_is_missing(tmp_path: Pa
     names = {effect['name'] for effect in verdict['effects']}
     assert names == {'sensor_nonlinearity', 'nonlocal_memory'}, verdict['summary']
     held_out = verdict['held_out']
-    assert held_out['after_in_floors'] < 0.1 * held_out['before_in_floors']
+    assert held_out['after_in_floors'] < 0.2 * held_out['before_in_floors']
 
 
 def bash(folder: Path, command: str) -> None:
