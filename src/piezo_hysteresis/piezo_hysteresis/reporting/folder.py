@@ -162,11 +162,10 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
         target.mkdir(parents=True, exist_ok=True)
         try:
             for name, content in files.items():
-                handle, temporary = tempfile.mkstemp(dir=target, prefix=f'.{name}.')
-                waiting.append((Path(temporary), target / name))
-                with os.fdopen(handle, 'wb') as file:
-                    file.write(content.encode() if isinstance(content, str) else content)
-                Path(temporary).chmod(0o644)
+                # opened as any file is, so that the umask decides who may read it
+                temporary = target / f'.{name}.{os.getpid()}.tmp'
+                waiting.append((temporary, target / name))
+                temporary.write_bytes(content.encode() if isinstance(content, str) else content)
             while waiting:
                 temporary_path, final = waiting[0]
                 temporary_path.replace(final)
