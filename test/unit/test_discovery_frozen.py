@@ -1,0 +1,112 @@
+"""Rounds of real searches, judged again on the values that were fitted then."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from frozen_rounds import FREE, FROZEN, HELD, free, held, unpacked
+
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of
+
+CONTENT: dict[str, Any] = json.loads((FROZEN / 'rounds.json').read_text('utf-8'))
+NAMES = {f'held {kind}': names for kind, names in HELD.items()}
+NAMES |= {f'free {kind}': names for kind, names in FREE.items()}
+HIDDEN = [world for world, names in NAMES.items() if names]
+
+
+def setting(world: str) -> tuple[Evaluator, CandidateFit]:
+    view, kind = world.split()
+    if view == 'held':
+        return held(kind)
+    return free(kind, CONTENT[world]['base'])
+
+
+class Round:
+    """One round as it was compared."""
+
+    def __init__(self, world: str, place: int) -> None:
+        self.evaluator, self.start = setting(world)
+        content = CONTENT[world]['rounds'][place]
+        self.tried = content['tried']
+        self.before = unpacked(self.evaluator, self.start, content['before'])
+        fits = [unpacked(self.evaluator, self.start, each) for each in content['finalists']]
+        self.finalists = ranked(self.evaluator, fits)
+
+    def judged(self) -> SelectionRound:
+        return round_of(self.evaluator, self.before, self.finalists, self.tried, self.start)
+
+
+@pytest.fixture(scope='module')
+def first() -> dict[str, Round]:
+    """Return the first round of every actuator with an effect."""
+    return {world: Round(world, 0) for world in HIDDEN}
+
+
+def test_the_file_has_every_actuator() -> None:
+    assert {world: tuple(each['names']) for world, each in CONTENT.items()} == NAMES
+
+
+@pytest.mark.parametrize('world', [world for world, names in NAMES.items() if not names])
+def test_an_actuator_that_misses_nothing_opens_no_search(world: str) -> None:
+    evaluator, base = setting(world)
+    assert not evaluator.lacks_something(base, base)
+    assert not evaluator.remainder(base, base).significant
+
+
+@pytest.mark.parametrize('world', HIDDEN)
+def test_the_hidden_effect_wins_its_round(world: str, first: dict[str, Round]) -> None:
+    made = first[world]
+    assert made.evaluator.lacks_something(made.before, made.start)
+    won = made.judged()
+    assert won.accepted
+    assert won.best.effect == NAMES[world][0]
+    assert won.gain.p_value < 1e-3
+    assert max(won.probabilities(), key=won.probabilities().__getitem__) == won.best.effect
+    assert sum(won.shares) == pytest.approx(1.0, abs=1e-6)
+    assert not made.evaluator.is_as_good(made.before, won.best)
+
+
+@pytest.mark.parametrize('world', HIDDEN)
+def test_with_the_effect_in_the_model_nothing_is_left(world: str, first: dict[str, Round]) -> None:
+    made = first[world]
+    best = made.judged().best
+    assert made.evaluator.excess(best) < 0.1 * made.evaluator.excess(made.before)
+    if world.startswith('held'):
+        assert not made.evaluator.lacks_something(best, made.start)
+
+
+@pytest.mark.parametrize('world', HIDDEN)
+def test_an_effect_at_its_neutral_values_is_none(world: str, first: dict[str, Round]) -> None:
+    made = first[world]
+    nothing = replace(made.judged().best, errors=made.before.errors)
+    lost = round_of(made.evaluator, made.before, [nothing], made.tried, made.start)
+    assert not lost.accepted
+
+
+@pytest.mark.parametrize('world', ['held delay', 'held lag'])
+def test_an_effect_that_spoils_held_out_records_is_vetoed(
+    world: str, first: dict[str, Round]
+) -> None:
+    made = first[world]
+    best = made.judged().best
+    (name, *_) = best.added[-1].names.values()
+    spoiled = replace(best, values={**best.values, name: 5.0 * best.values[name]})
+    assert made.evaluator.is_worthy(made.before, best, made.start)
+    # the training errors are those of the good fit, so that the veto alone can refuse it
+    assert not made.evaluator.is_worthy(made.before, spoiled, made.start)
+
+
+def test_more_candidates_ask_for_more_evidence(first: dict[str, Round]) -> None:
+    made = first['held delay']
+    gain = made.evaluator.score(made.before) - made.evaluator.score(made.judged().best)
+    enough = int(np.exp(min(gain - HELD_POLICY.sure, 30.0)))
+    best = made.judged().best
+    assert made.evaluator.is_sure(made.before, best, max(enough // 2, 1))
+    assert not made.evaluator.is_sure(made.before, made.before, 1)

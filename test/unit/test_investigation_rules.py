@@ -1,0 +1,122 @@
+"""When an investigation goes on and when it stops, on beliefs that are given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frozen_rounds import FROZEN
+
+from piezo_hysteresis.investigation.belief import Belief
+from piezo_hysteresis.investigation.choose import ExperimentChoice
+from piezo_hysteresis.investigation.limits import ExperimentLimits
+from piezo_hysteresis.investigation.session import Investigation, Rules, Stop
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record
+
+RATE = 500.0
+GIVEN = ModelFile.load(FROZEN / 'plays.yaml')
+
+
+@pytest.fixture(scope='module')
+def prepared() -> Investigation:
+    """Return an investigation whose experiments have been predicted."""
+    return Investigation(GIVEN, ExperimentLimits(-1.0, 1.0, slew=700.0), RATE)
+
+
+@pytest.fixture
+def course(prepared: Investigation) -> Investigation:
+    """Return it before the first experiment."""
+    prepared.rules, prepared.answers, prepared.records = Rules(), [], []
+    prepared.belief = replace(believed('none'), chances=prepared.hidden.chances(()))
+    return prepared
+
+
+def believed(verdict: str, chance: float = 0.5, *names: str, left: bool = False) -> Belief:
+    """Return what is believed: `names`, the least sure of them with this probability."""
+    first = names[0] if names else 'none'
+    return Belief(verdict, names, {first: chance}, (first, chance), (), left, 1.0)
+
+
+def run(course: Investigation, after: Belief) -> ExperimentChoice:
+    """Run the next experiment, after which `after` is believed."""
+    choice = course.next()
+    assert isinstance(choice, ExperimentChoice)
+    voltage = choice.experiment.voltage(RATE)
+    course.keep(choice.experiment, Record('r', 1.0 / RATE, voltage, 1e-5 * voltage), after)
+    return choice
+
+
+def stopped(course: Investigation, after: Belief, most: int = 60) -> tuple[int, Stop]:
+    """Run experiments that change no belief until it stops."""
+    for number in range(most):
+        if isinstance(course.next(), Stop):
+            stop = course.next()
+            assert isinstance(stop, Stop)
+            return number, stop
+        run(course, after)
+    pytest.fail(f'no stop after {most} experiments')
+
+
+def test_a_sure_name_is_confirmed_by_one_more_experiment(course: Investigation) -> None:
+    number, stop = stopped(course, believed('named', 0.95, 'creep'))
+    assert (number, stop.reason) == (2, 'sure')
+    assert stop.words == 'creep: sure, and confirmed by another experiment'
+
+
+def test_a_name_below_the_limit_is_not_sure(course: Investigation) -> None:
+    _, stop = stopped(course, believed('named', 0.89, 'creep'))
+    assert stop.reason != 'sure'
+
+
+def test_a_name_that_changes_is_confirmed_anew(course: Investigation) -> None:
+    run(course, believed('named', 0.95, 'creep'))
+    run(course, believed('named', 0.95, 'drift'))
+    assert isinstance(course.next(), ExperimentChoice)
+    run(course, believed('named', 0.95, 'drift'))
+    stop = course.next()
+    assert isinstance(stop, Stop)
+    assert stop.words.startswith('drift: sure')
+
+
+def test_more_confirmations_may_be_asked_for(course: Investigation) -> None:
+    course.rules = Rules(confirmed=3)
+    number, stop = stopped(course, believed('named', 0.95, 'creep'))
+    assert (number, stop.reason) == (4, 'sure')
+
+
+def test_where_nothing_shows_every_effect_was_looked_for(course: Investigation) -> None:
+    number, stop = stopped(course, believed('none'))
+    assert stop.reason == 'nothing'
+    assert 1 < number < 30
+    assert course.spent < course.rules.budget
+    # an experiment that might show something new is never left out
+    assert all(each.news < course.rules.quiet for each in course.ranked())
+
+
+def test_what_has_no_name_is_given_up_after_some_experiments(course: Investigation) -> None:
+    number, stop = stopped(course, believed('unknown', 0.3, left=True))
+    assert stop.reason == 'exhausted'
+    assert number >= course.rules.nameless
+
+
+def test_a_budget_ends_it_before_it_is_exceeded(course: Investigation) -> None:
+    course.rules = Rules(budget=2.0)
+    _, stop = stopped(course, believed('named', 0.5, 'creep'))
+    assert stop.reason == 'budget'
+    assert 0.0 < course.spent <= 2.0
+
+
+def test_an_experiment_is_run_twice_at_the_most(course: Investigation) -> None:
+    stopped(course, believed('named', 0.5, 'creep'))
+    runs = [course.done.count(name) for name in set(course.done)]
+    assert max(runs) <= 2
+
+
+def test_experiments_keep_the_limits(course: Investigation) -> None:
+    stopped(course, believed('unknown', 0.3, left=True))
+    for answer in course.answers:
+        voltage = answer.experiment.voltage(RATE)
+        assert np.all(np.abs(voltage) <= 1.0)
+        assert np.all(np.abs(np.diff(voltage)) * RATE <= 700.0 * (1.0 + 1e-9))
