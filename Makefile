@@ -26,12 +26,18 @@ demo: setup
 lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
 
+# Durations and results by test stay in out/tests. Files of live tests stay whole, since processes
+# are shared within them.
+pytest := python -m pytest -n 2 --durations=30
+fast := --dist worksteal test/docs test/property test/unit
+live := --dist loadfile --no-loadscope-reorder --reruns 1 test/ros
+
 test: lint
-	@$(run) python -m pytest -n 2 --dist worksteal --durations=20 -m 'not slow' test/docs test/property test/unit
-	@$(run) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --reruns 1 --durations=20 -m 'not slow' test/ros
+	@$(run) $(pytest) -m 'not slow' --junitxml=out/tests/fast.xml $(fast)
+	@$(run) $(pytest) -m 'not slow' --junitxml=out/tests/live.xml $(live)
 
 studies: dev
-	@$(run) python -m pytest -n 2 --dist worksteal --durations=20 -m slow test
+	@$(run) $(pytest) -m slow --junitxml=out/tests/studies.xml --dist worksteal test
 
 clean:
 	rm -rf build install log .venv out
