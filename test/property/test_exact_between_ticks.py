@@ -190,6 +190,7 @@ CHAINS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('names', CHAINS, ids='-'.join)
 def test_a_longer_chain_is_exact_between_the_ticks(names):
     model = Model('chain', tuple(BLOCKS[name] for name in names))

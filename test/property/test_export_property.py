@@ -48,6 +48,8 @@ from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.waveforms import Sine
 from piezo_hysteresis.waveforms.base import Samples
 
+pytestmark = pytest.mark.slow
+
 DT, MARK = 1e-3, 7.0
 LIMITS = Limits(-1.2, 1.2, 2000.0)
 GAIN = ModeGain(115e-6, 68.0, 0.015, DT)

@@ -1,6 +1,7 @@
 """No experiment ever exceeds what its user allows, whatever that is."""
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +12,7 @@ from piezo_hysteresis.runtime.sweep_plan import Sweep
 RANGES = st.sampled_from([(-1.0, 1.0), (0.0, 150.0), (-30.0, 150.0), (-0.2, 7.5), (-10.0, 0.0)])
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     ends=RANGES,

@@ -132,6 +132,7 @@ def test_flipped_bytes_where_the_structure_is(originals, storage, flips, edge):
     damaged(originals[storage], change)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @given(part=st.floats(0, 1, exclude_max=True), tail=st.binary(max_size=64))
 @settings(max_examples=60, deadline=None)
@@ -295,6 +296,7 @@ def test_a_chunk_that_grows_costs_no_memory(tmp_path, monkeypatch, size):
     assert 'chunk at byte' in str(caught.value)
 
 
+@pytest.mark.slow
 def test_many_chunks_that_grow_are_not_all_read(tmp_path, monkeypatch):
     monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.SMALL', 1 << 20)
     read = []

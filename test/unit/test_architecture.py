@@ -126,6 +126,7 @@ def test_verbs_import_nodes_only_where_a_missing_ros_is_told():
     assert 'piezo_hysteresis.nodes.live' in used
 
 
+@pytest.mark.component
 def test_only_nodes_know_ros():
     wrong = []
     for path in files_of(CORE):
@@ -151,6 +152,7 @@ BY_NAME = {
 }
 
 
+@pytest.mark.component
 def test_nothing_is_imported_by_name_round_the_arrows():
     users = [
         str(path.relative_to(CORE))
@@ -182,6 +184,7 @@ def test_what_the_core_shares_with_the_nodes_knows_no_ros():
     assert wrong == []
 
 
+@pytest.mark.component
 def test_the_core_never_imports_the_simulator():
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
@@ -224,6 +227,7 @@ SAFE = ('norm', 'LinAlgError')
 UNDER_FAILING_AS = ('hinf.py', 'hinf_synthesis.py')
 
 
+@pytest.mark.component
 def test_linear_algebra_that_can_fail_is_called_in_one_place():
     wrong = []
     for path in files_of(CORE):

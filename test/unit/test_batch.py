@@ -86,6 +86,7 @@ def same(one, other):
     return True
 
 
+@pytest.mark.component
 def test_one_row_each_and_a_bad_file_stops_nothing(data, tmp_path, capsys):
     out = tmp_path / 'out'
     assert main(['batch', 'identify', str(data), '--model', 'classical', '--no-sampling-offset',
@@ -128,6 +129,7 @@ def test_without_pyarrow_there_is_csv_and_a_word(data, tmp_path, monkeypatch):
     assert 'parquet' not in (tmp_path / 'out' / 'index.html').read_text()
 
 
+@pytest.mark.slow
 def test_any_executor_gives_the_rows_of_the_serial_loop(data, tmp_path):
     given = [data / 'day1', data / 'bad.csv', data / 'three']
     serial = run_batch(TASK, given, tmp_path / 'serial')
@@ -197,6 +199,7 @@ class Deadly(Gain):
         return super().__call__(data, out)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path):
     for name in ('a', 'b', 'deadly', 'd', 'faulty', 'f'):
         write_csv(tmp_path / f'{name}.csv', record(len(name)))
@@ -274,6 +277,7 @@ def test_an_executor_that_breaks_is_said_and_what_was_done_stays(data, tmp_path)
     assert run_batch(Gain(), [data], tmp_path / 'out').resumed == 1
 
 
+@pytest.mark.slow
 def test_a_killed_batch_goes_on_where_it_was(tmp_path):
     folder, out = tmp_path / 'data', tmp_path / 'out'
     folder.mkdir()

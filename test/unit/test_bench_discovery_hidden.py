@@ -96,6 +96,7 @@ def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
     assert text.count('**wrong**') == 2
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('name', list(foreign.WORLDS))
 def test_foreign_worlds_answer_metres_from_rest_and_lag_behind(name: str) -> None:
     (record,) = foreign.recorded(foreign.WORLDS[name], [(1.0, 5.0)], 1.0, np.random.default_rng(1))

@@ -10,6 +10,8 @@ import pytest
 from bench import export, export_beside
 from piezo_hysteresis.models import ModelFile, named
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_library_tracks_like_compensate_on_the_same_actuator(tmp_path) -> None:
     model = named('bouc_wen_mode')

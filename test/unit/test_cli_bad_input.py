@@ -131,11 +131,13 @@ def test_a_path_that_is_too_long_is_told_once(place, files, tmp_path, capsys):
     assert 'File name too long' in printed
 
 
+@pytest.mark.component
 def test_the_frequency_that_the_data_lack_can_be_given(files, tmp_path, capsys):
     main([*WORDS['rls'](files), '--frequency', '5', '--out', str(tmp_path / 'out')])
     assert 'does not say the frequency' not in capsys.readouterr().err
 
 
+@pytest.mark.component
 def test_a_value_of_the_file_gives_way_to_one_that_is_held(files, tmp_path):
     words = ['identify', str(files / 'base.csv'), '--model', str(files / 'model.yaml')]
     out = tmp_path / 'out'
@@ -201,6 +203,7 @@ def test_usual_actuators_are_not_doubted():
         assert unit_findings(usual) == []
 
 
+@pytest.mark.component
 def test_a_doubt_is_told_by_every_verb_that_reads_records(files, tmp_path, capsys):
     time, voltage, moved = made()
     data = write(tmp_path / 'slow.csv', 1e3 * time, voltage, 1e6 * moved)

@@ -47,6 +47,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / 'out'
 
 
+@pytest.mark.component
 def test_the_hidden_effect_is_named_and_the_gap_closes(found: Path) -> None:
     verdict = json.loads((found / 'verdict.json').read_text())
     assert set(verdict) >= FIELDS

@@ -95,6 +95,7 @@ def test_quiet_stands_before_the_verb_or_behind_it(words, folder, capsys):
     assert talk.level() == talk.Verbosity.VERBOSE
 
 
+@pytest.mark.slow
 def test_a_verb_says_that_it_replaces_its_own_results(folder, capsys):
     words = ['validate', 'one', '--model', 'model.yaml', '--out', 'checked']
     assert main(words) == 0
@@ -127,6 +128,7 @@ def test_values_and_words_of_others_are_no_slips():
     assert parser.parse_args(['--lo=-1']).low == -1.0
 
 
+@pytest.mark.component
 def test_a_reader_that_has_seen_enough_is_no_error(folder):
     command = (
         f'{sys.executable} -m piezo_hysteresis identify --help | true; echo ${{PIPESTATUS[0]}}'

@@ -31,6 +31,7 @@ def files(tmp_path):
     return ['--model', str(model), '--plant', str(plant)]
 
 
+@pytest.mark.component
 def test_study_reports_each_run_and_what_every_link_gains(files, tmp_path, capsys):
     out = tmp_path / 'out'
     words = ['compensate', *files, '--reference', REFERENCE, '--out', str(out)]
@@ -103,6 +104,7 @@ def study(files, tmp_path, *words, reference=SHORT):
     return {run['run']: run['rms_m'] for run in content['runs']}, content
 
 
+@pytest.mark.component
 def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
     none = ('--attenuation', 'none', '--feedback')
     gains = ('--pid', '0', '5e4', '0')
@@ -117,6 +119,7 @@ def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
     assert summary['notes'][0] in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
     rows = {level: [3] * 7 for level in ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')}
     table = tmp_path / 'mine.yaml'
@@ -136,6 +139,7 @@ def test_no_two_runs_of_a_report_have_one_colour(files, tmp_path):
     assert len({ROLES[role] for role in ('fed_back', 'everything', 'attenuated')}) == 3
 
 
+@pytest.mark.slow
 def test_repetitive_control_is_an_attenuation_too(files, tmp_path):
     rms, _ = study(files, tmp_path, '--attenuation', 'repetitive', reference=REFERENCE)
     # the mean stays, and the even orders
@@ -144,6 +148,7 @@ def test_repetitive_control_is_an_attenuation_too(files, tmp_path):
     assert study(files, tmp_path, *slower)[0] != study(files, tmp_path, *slower[:2])[0]
 
 
+@pytest.mark.component
 def test_attenuation_and_feedback_may_act_together(files, tmp_path):
     rms, _ = study(
         files, tmp_path, '--orders', '0', '1', '3', '--pid', '0', '2e3', '0', '--together'
@@ -152,6 +157,7 @@ def test_attenuation_and_feedback_may_act_together(files, tmp_path):
     assert rms['with both'] < rms['feedforward']
 
 
+@pytest.mark.slow
 def test_sign_rules_are_settings_of_the_attenuation(files, tmp_path):
     """Fujii's printed rule has the wrong sign below the mode, the computed one has not."""
     words = ('--attenuation', 'rls', '--orders', '3', '--attenuation-set', 'switch_frequency=66')
@@ -162,6 +168,7 @@ def test_sign_rules_are_settings_of_the_attenuation(files, tmp_path):
     assert printed['with attenuation'] > computed['with attenuation']
 
 
+@pytest.mark.slow
 def test_the_laws_of_the_papers_are_chosen_by_name(files, tmp_path):
     words = ('--attenuation', 'none', '--law')
     exact, _ = study([*files[:3], files[1]], tmp_path, *words, 'exact')
@@ -189,6 +196,7 @@ def test_the_selector_is_a_model_like_any_other(tmp_path):
 # --- a simulated plant ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_preset_of_the_simulator_is_a_plant(files, tmp_path):
     plain = [*files[:2], '--plant', 'preset:generic_bouc_wen']
     words = ('--attenuation', 'none')
@@ -201,6 +209,7 @@ def test_a_preset_of_the_simulator_is_a_plant(files, tmp_path):
     assert crept != rms
 
 
+@pytest.mark.component
 def test_the_plant_of_another_process_is_the_plant_to_the_bit():
     voltage = np.sin(2 * np.pi * 5 * np.arange(500) * 1e-3)
     there = simulated('generic_bouc_wen', 1000.0, seed=3)

@@ -277,6 +277,7 @@ def test_synthesis_reaches_the_known_optimum_of_a_scalar_problem():
     assert gamma == pytest.approx(high, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_synthesis_agrees_with_slycot():
     control = pytest.importorskip('control')
     pytest.importorskip('slycot')

@@ -34,6 +34,7 @@ def write_record(path: Path, n: int = 3000, spoil=None) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
     data = write_record(tmp_path / 'mine.csv')
     out = tmp_path / 'out'

@@ -37,6 +37,7 @@ def record(effect: str | None, noise: float = 2e-8) -> Record:
     return Record('a', DT, voltage, clean + scatter)
 
 
+@pytest.mark.slow
 def test_creep_is_found_where_it_is():
     choice = choose_model([record('creep')])
     by_name = {step.name: step for step in choice.steps if step.memory == 'modified'}
@@ -48,6 +49,7 @@ def test_creep_is_found_where_it_is():
     assert choice.start['creep_time'] == pytest.approx(0.4, rel=0.05)
 
 
+@pytest.mark.component
 def test_nothing_is_added_where_nothing_is_missing():
     tried: list[str] = []
     choice = choose_model([record(None)], lambda fraction, words: tried.append(words))
@@ -76,6 +78,7 @@ def one_tone(amplitudes: tuple[float, ...]) -> list[Record]:
     return records
 
 
+@pytest.mark.slow
 def test_one_amplitude_shows_no_inner_loop_and_one_curve():
     choice = choose_model(one_tone((1.0,)))
     assert 'prandtl_ishlinskii_fine' in choice.model.block_names
@@ -83,6 +86,7 @@ def test_one_amplitude_shows_no_inner_loop_and_one_curve():
     assert 'bouc_wen_exact' in several.model.block_names
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_records_do_not_tell_is_left_out():
     choice = choose_model(one_tone((1.0, 0.4)))
     kept = {step.name for step in choice.steps if step.kept and step.memory == 'modified'}

@@ -9,6 +9,8 @@ from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import simulate
 
+pytestmark = pytest.mark.slow
+
 ELEMENTS = {
     'creep.gain_1': 0.045,
     'creep.time_1': 0.4,

@@ -48,6 +48,7 @@ def test_no_time_at_all_is_refused(seconds: float) -> None:
         Deadline(seconds)
 
 
+@pytest.mark.component
 def test_a_search_without_time_says_what_it_did_not_try() -> None:
     verdict = discover(records(), named('classical'), time_limit=1e-6).verdict
     assert verdict.verdict == 'unknown'
@@ -57,6 +58,7 @@ def test_a_search_without_time_says_what_it_did_not_try() -> None:
     assert verdict.to_dict()['not_tried'] == list(verdict.not_tried)
 
 
+@pytest.mark.slow
 def test_a_search_with_time_enough_is_the_same_as_one_without_a_limit() -> None:
     with_limit = discover(records(), named('classical'), time_limit=1e6).verdict
     assert [effect.name for effect in with_limit.effects] == ['transport_delay']

@@ -72,6 +72,7 @@ def scene() -> tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit]:
     return evaluator, start, delay, both
 
 
+@pytest.mark.component
 def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(scene) -> None:
     evaluator, start, delay, both = scene
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)

@@ -83,15 +83,16 @@ def known() -> ModelFile:
     return identify(FITTED, named('classical')).model_file()
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     ('kind', 'name'),
     [
         ('', None),
-        ('delay', 'transport_delay'),
+        pytest.param('delay', 'transport_delay', marks=pytest.mark.slow),
         ('delay of one tick', 'transport_delay'),
-        ('lag', 'amplifier_lag'),
-        ('tone', 'mains_hum'),
-        ('drift', 'drift'),
+        pytest.param('lag', 'amplifier_lag', marks=pytest.mark.slow),
+        pytest.param('tone', 'mains_hum', marks=pytest.mark.slow),
+        pytest.param('drift', 'drift', marks=pytest.mark.slow),
     ],
 )
 def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
@@ -121,6 +122,7 @@ def test_the_records_of_a_model_show_nothing_new_and_say_so(known: ModelFile) ->
     assert verdict.held_out.before_in_floors == verdict.held_out.after_in_floors > 4.0
 
 
+@pytest.mark.component
 def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> None:
     new = hidden(replace(actuator(5, 1.0, 11), name='new'), 'tone')
     found = discover([*FITTED, new], known)
@@ -132,6 +134,7 @@ def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> 
     assert made_from == [*(r.name for r in FITTED), 'new']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('factor', [1.1, 0.8])
 def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: float) -> None:
     records = [actuator(f, 1.0, 50 + f) for f in (1, 5)]
@@ -210,6 +213,7 @@ def test_what_a_model_always_missed_is_no_evidence() -> None:
     assert known.cost(2.0 * known.expected) > known.cost(known.expected)
 
 
+@pytest.mark.component
 def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) -> None:
     found = discover([hidden(actuator(5, 1.0, 3), 'drift')], known)
     saved = ModelFile.parse(model_file(found).text())
@@ -220,6 +224,7 @@ def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) ->
     assert 'beta' in saved.correlation.names
 
 
+@pytest.mark.slow
 def test_a_reference_tells_what_is_no_news(known: ModelFile) -> None:
     before = [actuator(f, 1.0, 20 + k) for k, f in enumerate((1, 5))]
     silent = as_on(before, replace(known, discrepancy=None))

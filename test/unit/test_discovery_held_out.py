@@ -1,6 +1,7 @@
 """What only held-out records show can neither be named nor passed over."""
 
 import numpy as np
+import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.workflow import discover
@@ -33,6 +34,7 @@ def record(frequency, seed, seconds=2.0, late=0.0):
     return Record(f'{kind}_{frequency}Hz', 1.0 / RATE, u, y, info=info)
 
 
+@pytest.mark.slow
 def test_a_gap_that_only_held_out_records_show_is_unknown():
     fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
     late = record(3, 9, late=5e-7)
@@ -45,6 +47,7 @@ def test_a_gap_that_only_held_out_records_show_is_unknown():
     assert sound.verdict.verdict == 'none'
 
 
+@pytest.mark.slow
 def test_values_that_training_tells_badly_are_no_missing_effect():
     fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
     t = np.arange(2000) / RATE

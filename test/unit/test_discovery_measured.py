@@ -14,6 +14,8 @@ from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import load
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[3] / 'shared' / 'data'
 MEASURED = DATA / 'piezo_150v_1hz' / 'piezo_150V_1Hz.csv'
 BENCHMARK = DATA / 'boucwen_benchmark' / 'train_multisine.csv'

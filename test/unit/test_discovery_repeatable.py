@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
+
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
@@ -26,6 +28,7 @@ def verdict(data: list[Record], workers: int, seed: int = 11) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.component
 def test_workers_do_not_change_the_verdict() -> None:
     data = records()
     one, two = verdict(data, 1), verdict(data, 2)

@@ -38,6 +38,7 @@ def shifted(records: list[Record]) -> list[Record]:
     ]
 
 
+@pytest.mark.slow
 def test_zeros_that_lie_apart_pass_for_no_effect(records: list[Record]) -> None:
     data = split(annotated(shifted(records)))
     assert zeros_apart(Choices(), data).zero == 'record'

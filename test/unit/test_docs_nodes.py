@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'nodes.md'
 
 
+@pytest.mark.component
 def test_the_page_is_up_to_date():
     done = subprocess.run(
         [sys.executable, 'tools/write_docs.py', '--check'],

@@ -27,6 +27,7 @@ def harmonic(changes, name, order):
     return np.array([draw_effects.amplitude(change, order * f) for f, change in sizes])
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('name', models.EFFECT_NAMES)
 def test_every_page_shows_a_picture_of_a_change(changes, name):
     page = (ROOT / 'docs/effects' / f'{name}.md').read_text()

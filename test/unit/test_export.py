@@ -16,6 +16,8 @@ from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.models.modelfile import Provenance
 
+pytestmark = pytest.mark.slow
+
 RATE = 20000.0
 LIMITS = Limits(-1.2, 1.2, 2000.0)
 GAINS = (100.0, 3e4, 1.0)

@@ -55,6 +55,7 @@ def formulas(folder: Path) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('room', ['blocks', 'models', 'discovery', 'compensation'])
 def test_no_formula_with_a_number_of_its_own_is_in_both(room):
     world, ours = formulas(WORLD), formulas(OURS / room)

@@ -27,6 +27,7 @@ def record(noise: float = 0.0, seed: int = 0) -> Record:
     return Record('steps', DT, u, y + rng.normal(0, noise, u.size) if noise else y)
 
 
+@pytest.mark.component
 def test_recovers_poles_and_zeros_exactly_without_noise():
     found = fit_transfer_function([record()])
     np.testing.assert_allclose(found.numerator, TOP, rtol=1e-6)

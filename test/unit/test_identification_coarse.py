@@ -19,6 +19,7 @@ def sensed(step: float, noise: float, seed: int) -> np.ndarray:
     return np.round(y / step) * step
 
 
+@pytest.mark.component
 @settings(max_examples=40, deadline=None)
 @given(st.floats(1e-8, 2e-6), st.floats(0.0, 3.0), st.integers(0, 99))
 def test_steps_are_no_outliers(step: float, noise_in_steps: float, seed: int) -> None:

@@ -159,6 +159,7 @@ def folder(tmp_path_factory):
     return where
 
 
+@pytest.mark.component
 def test_identify_judges_on_what_is_held_out(folder, tmp_path, capsys):
     words = ['identify', str(folder / 'one.csv'), '--model', 'classical']
     held = ['--held-out', str(folder / 'more.csv')]
@@ -173,6 +174,7 @@ def test_identify_judges_on_what_is_held_out(folder, tmp_path, capsys):
     assert 'one.csv is fitted and held out' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_validate_says_whether_more_is_missed_than_known(folder, tmp_path, capsys):
     words = ['validate', '--model', str(folder / 'model' / 'model.yaml')]
     assert main([*words, str(folder / 'more.csv'), '--out', str(tmp_path / 'more')]) == 0
@@ -193,6 +195,7 @@ def test_validate_says_whether_more_is_missed_than_known(folder, tmp_path, capsy
     assert judged.rms > 3 * row['expected_rms_m']
 
 
+@pytest.mark.slow
 def test_validate_of_a_model_that_says_nothing(folder, tmp_path, capsys):
     saved = ModelFile.load(folder / 'model' / 'model.yaml')
     replace(saved, discrepancy=None).save(tmp_path / 'old.yaml')

@@ -132,6 +132,7 @@ def test_exact_step_sensitivities_through_zero_and_at_rest() -> None:
         np.testing.assert_allclose(rows[j], expected, atol=1e-8 * np.max(np.abs(expected)))
 
 
+@pytest.mark.component
 def test_recovers_the_family_to_two_parts_in_ten_thousand() -> None:
     result = output_error(BIMORPH, [simulated(f) for f in (1, 7, 14, 23, 35, 50)])
     assert result.converged
@@ -142,6 +143,7 @@ def test_recovers_the_family_to_two_parts_in_ten_thousand() -> None:
     assert result.noise == pytest.approx(20e-9, rel=0.03)
 
 
+@pytest.mark.component
 def test_deviations_are_as_large_as_the_scatter_of_repeated_fits() -> None:
     estimates = []
     for seed in range(24):
@@ -208,6 +210,7 @@ def test_a_drifting_record_is_not_folded() -> None:
     assert fold(Record('drift', DT, u, y)) == []
 
 
+@pytest.mark.slow
 def test_sampling_offset_is_found_and_left_out_where_it_is_none() -> None:
     on_time = [simulated(f) for f in (7, 14, 23, 35)]
     late = [
@@ -321,6 +324,7 @@ def test_a_long_warm_up_is_no_reason_to_scan_nothing() -> None:
     assert seen.pick(seen.voltage).size == seen.measured.size
 
 
+@pytest.mark.component
 def test_a_delay_of_what_is_held_is_found_from_ticks_away() -> None:
     model = chain('transport_delay', 'prandtl_ishlinskii', 'offset')
     u = np.concatenate([sine(f, 4.0) for f in (1.0, 7.0, 19.0)])
@@ -333,6 +337,7 @@ def test_a_delay_of_what_is_held_is_found_from_ticks_away() -> None:
         assert result.rms == pytest.approx(20e-9, rel=0.05)
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     'names',
     [

@@ -48,6 +48,7 @@ def test_measured_actuator_is_predicted_beyond_what_was_fitted() -> None:
     assert result.values['natural_frequency'] == pytest.approx(956, abs=10)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not BENCHMARK.exists(), reason=f'{BENCHMARK.name} is not there')
 def test_benchmark_parameters_from_the_training_record() -> None:
     """Truth: m 2, c 10, k = alpha = 5e4, 800, -1100; the tests of the benchmark stay unseen."""
@@ -69,6 +70,7 @@ def test_benchmark_parameters_from_the_training_record() -> None:
     assert target.repeats == 5
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not MEASURED.exists(), reason=f'{MEASURED.name} is not beside the repository')
 def test_a_single_record_is_said_to_leave_the_shape_open() -> None:
     (record,) = load([MEASURED])

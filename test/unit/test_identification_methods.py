@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,16 +53,22 @@ RECORDS = [record(f) for f in (2, 7, 23)]
 STIFF = [record(f, name='classical') for f in (2, 7, 23)]
 
 
+def slow(*values: object) -> Any:
+    """Return a case that takes seconds."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+@pytest.mark.component
 @pytest.mark.parametrize(
     ('method', 'model', 'options', 'limit'),
     [
         ('output_error', 'bouc_wen_mode', {}, 0.05e-6),
         ('rls_ud', 'bouc_wen_mode', {'start': MODE}, 0.05e-6),
         ('rls', 'extended', {}, 80e-6),
-        ('cma', 'bouc_wen_mode', {'max_evaluations': 3000}, 3e-6),
+        slow('cma', 'bouc_wen_mode', {'max_evaluations': 3000}, 3e-6),
         ('rls_ud', 'classical', {}, 0.5e-6),
-        ('de', 'classical', {'max_evaluations': 3000}, 2e-6),
-        ('pso', 'classical', {'max_evaluations': 4000}, 2e-6),
+        slow('de', 'classical', {'max_evaluations': 3000}, 2e-6),
+        slow('pso', 'classical', {'max_evaluations': 4000}, 2e-6),
         ('pso', 'bouc_wen_mode', {'max_evaluations': 1500}, 60e-6),
         ('pso_modified', 'classical', {'max_evaluations': 4000}, 2e-6),
     ],
@@ -224,6 +231,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return paths
 
 
+@pytest.mark.component
 def test_identify_and_validate_leave_their_files(
     data: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -276,6 +284,7 @@ def test_wrong_words_are_one_line_and_leave_nothing(
     assert not out.exists()
 
 
+@pytest.mark.component
 def test_a_folder_that_cannot_be_written_is_named(
     data: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,6 +52,7 @@ def worst(found: Identification) -> float:
     return max(row.nrmse_percent for row in found.records)
 
 
+@pytest.mark.component
 def test_the_enhanced_model_is_found_by_default_and_beats_the_extended_one() -> None:
     data = [record('enhanced3', HARMONIC, 21.0, 4.0)]
     enhanced = identify(data, named('enhanced3'))
@@ -62,6 +63,7 @@ def test_the_enhanced_model_is_found_by_default_and_beats_the_extended_one() -> 
         assert enhanced.values[name] == pytest.approx(HARMONIC[name], rel=0.02)
 
 
+@pytest.mark.component
 def test_the_enhanced_model_is_never_worse_than_the_extended_one() -> None:
     values = {k: v for k, v in HARMONIC.items() if k in named('extended').parameter_names}
     data = [record('extended', values, 21.0, 4.0)]
@@ -145,6 +147,7 @@ def test_markers_move_the_harmonic_of_the_online_recursion() -> None:
     assert course.unseen == 1
 
 
+@pytest.mark.component
 def test_the_two_steps_of_002_recover_its_table() -> None:
     data = [
         record('second_order', FLAP, f, s, 60.0, 1e-7, 5e-4) for f, s in ((1.0, 4.0), (30.0, 1.0))
@@ -161,6 +164,7 @@ def test_the_two_steps_of_002_recover_its_table() -> None:
         identify(data[:1], chain, method='zhou2021')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', ['xiao2014', 'fang2019'])
 def test_the_swarms_of_003_and_004_recover_a_model(method: str) -> None:
     data = [record('classical', STACK, f, 2.0, 50.0, 1e-9) for f in (2.0, 5.0)]
@@ -170,6 +174,7 @@ def test_the_swarms_of_003_and_004_recover_a_model(method: str) -> None:
         assert found.values[name] == pytest.approx(STACK[name], rel=share)
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('method', ['xiao2014', 'output_error'])
 def test_the_inverse_of_003_is_recovered(method: str) -> None:
     data = [record('inverse', INVERSE, f, 2.0, 50.0, 1e-9) for f in (2.0, 5.0)]
@@ -179,6 +184,7 @@ def test_the_inverse_of_003_is_recovered(method: str) -> None:
         assert found.values[name] == pytest.approx(value, rel=0.02)
 
 
+@pytest.mark.slow
 def test_rows_of_the_selector_are_recovered() -> None:
     other = {**INVERSE, 'inverse_gain': 3e6, 'inverse_beta': 2e5}
     data = [
@@ -198,6 +204,7 @@ def test_rows_of_the_selector_are_recovered() -> None:
         identify(data[:1], named('inverse_selector'), method='xiao2014')
 
 
+@pytest.mark.slow
 def test_the_selector_is_never_worse_than_one_row() -> None:
     other = {**INVERSE, 'inverse_gain': 3.6e6}
     data = [
@@ -208,6 +215,7 @@ def test_the_selector_is_never_worse_than_one_row() -> None:
     assert worst(ten) < 0.5 * worst(one)
 
 
+@pytest.mark.component
 def test_the_exponent_is_recovered_by_name() -> None:
     truth = {**STACK, 'exponent': 1.7}
     data = [
@@ -218,6 +226,7 @@ def test_the_exponent_is_recovered_by_name() -> None:
         assert found.values[name] == pytest.approx(truth[name], rel=0.01)
 
 
+@pytest.mark.component
 def test_constants_of_a_swarm_are_options() -> None:
     assert FANG.constriction == pytest.approx(0.6417, abs=1e-4)
     data = [record('classical', STACK, f, 1.0, 50.0, 1e-9) for f in (2.0, 5.0)]

@@ -131,9 +131,17 @@ def distance(found: FitResult, truth: dict[str, float], sure: list[str]) -> floa
     return float(away @ np.linalg.pinv(together, rcond=1e-10, hermitian=True) @ away)
 
 
+#: What takes longer than a second even from rest.
+LONG = ('enhanced3', 'enhanced5_sine', 'inverse_selector', 'bouc_wen_oscillator', 'modified_euler')
+
+
+def is_short(name: str, begin: str, noises: str) -> bool:
+    return (begin, noises) == ('rest', 'equal') and name not in LONG
+
+
 #: Twelve records in motion and forty unknowns take twenty seconds: once is enough.
 CASES = [
-    each
+    pytest.param(*each, marks=[] if is_short(*each) else pytest.mark.slow)
     for each in product(NAMES, BEGINS, NOISES)
     if each != ('inverse_selector', 'mid_period', 'equal')
 ]

@@ -22,6 +22,7 @@ def sines(preset: str, *frequencies: float, cut: int = 0) -> list[Record]:
     return [first.section(cut, len(first)) if cut else first, *others]
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     ('preset', 'model', 'frequencies', 'cut'),
     [

@@ -39,6 +39,7 @@ def actuator(**effects):
     return run
 
 
+@pytest.mark.component
 def test_creep_is_named_and_confirmed_in_a_tenth_of_the_budget(model):
     investigation = Investigation(model, LIMITS, RATE)
     stop = investigate(investigation, actuator(**{'effects.creep': True}))
@@ -49,6 +50,7 @@ def test_creep_is_named_and_confirmed_in_a_tenth_of_the_budget(model):
     assert names[-2:] == [('creep',), ('creep',)]
 
 
+@pytest.mark.slow
 def test_where_nothing_is_missing_it_stops_early(model):
     investigation = Investigation(model, LIMITS, RATE)
     stop = investigate(investigation, actuator())
@@ -57,6 +59,7 @@ def test_where_nothing_is_missing_it_stops_early(model):
     assert investigation.spent < 0.1 * investigation.rules.budget
 
 
+@pytest.mark.slow
 def test_the_same_records_lead_to_the_same_choices_and_beliefs(model):
     first = Investigation(model, LIMITS, RATE)
     investigate(first, actuator(**{'effects.saturation': True, 'amplifier.clip_high': 0.8}))
@@ -69,6 +72,7 @@ def test_the_same_records_lead_to_the_same_choices_and_beliefs(model):
     assert again.next() == first.next()
 
 
+@pytest.mark.slow
 def test_a_budget_is_not_exceeded(model):
     investigation = Investigation(model, LIMITS, RATE, Rules(budget=2.0))
     stop = investigate(investigation, actuator())
@@ -76,6 +80,7 @@ def test_a_budget_is_not_exceeded(model):
     assert 0.0 < investigation.spent <= 2.0
 
 
+@pytest.mark.component
 def test_experiments_keep_the_stroke_that_the_model_predicts(model):
     every = Investigation(model, LIMITS, RATE).outlooks
     most = 0.6 * max(each.stroke for each in every)

@@ -51,6 +51,7 @@ def setup():
     return Setup(model, ExperimentLimits(-1.0, 1.0, slew=700.0), Rules(budget=60.0), RATE)
 
 
+@pytest.mark.slow
 def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(setup, tmp_path):
     folder = tmp_path / 'out'
     with pytest.raises(PiezoError, match='gone'):
@@ -96,6 +97,7 @@ def test_a_damaged_journal_is_told(setup, tmp_path):
         Journal.read(tmp_path / 'new')
 
 
+@pytest.mark.slow
 def test_a_budget_is_spent_and_a_larger_one_goes_on(setup, tmp_path):
     folder, told = tmp_path / 'out', []
     actuator = Actuator(**{'effects.creep': True})

@@ -57,10 +57,12 @@ CALL = """
 """
 
 
+@pytest.mark.component
 def test_set_up_runs_every_kernel():
     assert python(FRESH)[0] == ['[]'], 'add what runs these kernels to a rehearsal module'
 
 
+@pytest.mark.component
 def test_a_kernel_is_compiled_once(module, tmp_path):
     folder = tmp_path / 'kept'
     first = python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0]
@@ -69,6 +71,7 @@ def test_a_kernel_is_compiled_once(module, tmp_path):
     assert len(kept(folder)) == 1
 
 
+@pytest.mark.component
 def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(module, tmp_path):
     # Python takes an edit of equal length within one second for no edit: no .pyc, for both runs.
     environment = {
@@ -80,6 +83,7 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(module, tm
     assert python(CALL, tmp_path, '1.0', **environment)[0] == ['6.0 1']
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_compiled_over(module, tmp_path):
     folder = tmp_path / 'kept'
     python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
@@ -89,6 +93,7 @@ def test_a_damaged_file_is_compiled_over(module, tmp_path):
     assert python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0] == ['3.0 0']
 
 
+@pytest.mark.slow
 def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(module, tmp_path):
     folder = tmp_path / 'kept'
     environment = {**os.environ, 'NUMBA_CACHE_DIR': str(folder)}
@@ -106,6 +111,7 @@ def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(mo
     assert len(kept(folder)) == 3
 
 
+@pytest.mark.component
 def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(module, tmp_path):
     code = """
     import piezo_kernels.cache as cache
@@ -119,6 +125,7 @@ def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(module
     assert note.startswith('note: compiled kernels cannot be kept in /dev/null/a nor /dev/null/b')
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_is_read(module, tmp_path):
     folder = tmp_path / 'kept'
     python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
@@ -185,6 +192,7 @@ TWINS = """
 """
 
 
+@pytest.mark.slow
 def test_kernels_of_one_text_that_other_processes_kept_stay_two(tmp_path):
     (tmp_path / 'piezo_twins.py').write_text(textwrap.dedent(TWINS))
     call = """

@@ -41,6 +41,7 @@ def run(folder: Path, *words: str, **more: str) -> tuple[int, str]:
     return done.returncode, done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('words', [('-n', '2'), ('-p', 'no:xdist')])
 def test_a_skip_fails_the_run_where_it_is_forbidden(tmp_path: Path, words: tuple[str]) -> None:
     code, printed = run(tmp_path, '--reruns', '1', *words)
@@ -57,6 +58,7 @@ def test_a_skip_fails_the_run_where_it_is_forbidden(tmp_path: Path, words: tuple
     assert printed.splitlines()[-1].strip('= ').startswith('2 passed, 3 skipped')
 
 
+@pytest.mark.slow
 def test_tests_that_were_run_again_are_counted_and_named(tmp_path: Path) -> None:
     code, printed = run(tmp_path, '--reruns', '1')
     assert code == 0, printed

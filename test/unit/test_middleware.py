@@ -8,6 +8,8 @@ import sys
 from collections import Counter
 from xml.etree import ElementTree
 
+import pytest
+
 from piezo_ros_common.middleware import PROFILES, prepare, profiles
 
 SPACE = 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'
@@ -45,6 +47,7 @@ def _says(file: str) -> str:
     return done.stdout + done.stderr
 
 
+@pytest.mark.component
 def test_the_middleware_understands_every_word_of_it(tmp_path) -> None:
     assert 'XML' not in _says(profiles())
     assert 'XML' not in _says(profiles('fastdds_udp.xml'))

@@ -4,6 +4,8 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2] / 'src'
 
 
@@ -17,6 +19,7 @@ def classes():
     return found
 
 
+@pytest.mark.component
 def test_no_class_is_called_like_another():
     assert {name: places for name, places in classes().items() if len(places) > 1} == {}
 
@@ -34,6 +37,7 @@ def variables(tree):
                     yield node.id
 
 
+@pytest.mark.component
 def test_no_variable_of_the_source_has_a_name_that_says_nothing():
     found = {}
     for path in sorted(ROOT.rglob('*.py')):

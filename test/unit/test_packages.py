@@ -88,6 +88,7 @@ def test_pip_brings_one_program_and_ros_an_executable_of_each(monkeypatch):
     assert {'piezo', 'identify', 'attenuation'} <= {each.split(' =')[0] for each in by_ros}
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('shell', ['sh', 'bash'])
 def test_piezo_is_a_program_that_needs_nothing_sourced(shell, tmp_path):
     root = SOURCES.parent

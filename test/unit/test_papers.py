@@ -22,6 +22,8 @@ from bench import (  # noqa: E402
 from bench.papers_bimorph import QUICK, Length  # noqa: E402
 from bench.papers_page import PAPERS, Entry, page, save  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 SHORT = Length(20.0, 8.0, 5.0, (1.0, 10.0, 14.0, 22.0, 23.0))
 
 

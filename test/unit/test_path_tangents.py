@@ -87,7 +87,8 @@ def central(model: Model, p: np.ndarray, place: int, u: np.ndarray, share: float
     return (answers[0] - answers[1]) / (above[place] - below[place])
 
 
-@pytest.mark.parametrize('seed', [1, 2])
+@pytest.mark.component
+@pytest.mark.parametrize('seed', [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('names', CHAINS, ids=' '.join)
 def test_derivatives_along_a_path_equal_central_differences(names, seed):
     model, p = drawn(names, seed)

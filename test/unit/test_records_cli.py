@@ -114,6 +114,7 @@ WITHOUT_ROS = (
 )
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     'words',
     [

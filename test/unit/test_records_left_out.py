@@ -145,6 +145,7 @@ def test_an_end_of_older_bags_that_has_an_excitation_ends_only(tmp_path: Path) -
     assert [(r.name, len(r)) for r in found.records] == [('one', 80)]
 
 
+@pytest.mark.component
 def test_every_verb_leaves_it_out_with_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

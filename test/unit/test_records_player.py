@@ -41,6 +41,7 @@ def bag(tmp_path_factory):
     return path
 
 
+@pytest.mark.component
 def test_order_and_content_are_those_of_rosbags(bag):
     with Reader(bag) as reader:
         theirs = sorted((time, c.topic, data) for c, time, data in reader.messages())
@@ -118,6 +119,7 @@ def test_refusals(bag, tmp_path):
         Player(tmp_path / 'nowhere')
 
 
+@pytest.mark.component
 def test_damaged_bags_are_played_only_when_salvaging(bag, tmp_path):
     data = (bag / 'bag_0.mcap').read_bytes()
     file = tmp_path / 'cut.mcap'

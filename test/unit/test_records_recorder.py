@@ -96,6 +96,7 @@ def test_memory_does_not_grow_with_what_was_written(tmp_path):
         assert len(list(reader.messages())) == 3600
 
 
+@pytest.mark.slow
 def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
     """Copy the bag in front of every single write that the recorder makes."""
     import shutil
@@ -172,6 +173,7 @@ SCRIPT = textwrap.dedent("""
 """)
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])
 def test_a_killed_recording_is_readable(tmp_path, how):
     script = tmp_path / 'script.py'

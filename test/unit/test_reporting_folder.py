@@ -172,6 +172,7 @@ def test_no_verb_writes_over_another(
     assert content(out) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('verb', ['identify', 'validate', 'compensate'])
 def test_a_verb_takes_its_own_folder_again(
     verb: str, files: tuple[Path, Path], tmp_path: Path

@@ -73,6 +73,7 @@ def test_what_comes_next_depends_on_what_was_found(found):
     assert 'validate' in next_section(quiet).text.splitlines()[0]
 
 
+@pytest.mark.component
 def test_the_page_answers_in_order_and_tells_where_the_error_sits(records, found):
     page = identification_page(records, found, data=['sweep'])
     titles = re.findall(r'<h2>(.*?)</h2>', page)
@@ -108,6 +109,7 @@ def test_harmonics_of_known_size():
     assert harmonics(error[:100], 5.0, DT) == {}
 
 
+@pytest.mark.component
 def test_the_verb_leaves_the_report_beside_the_model(tmp_path, records, capsys):
     write_csv(tmp_path / 'mine.csv', records[0])
     out = tmp_path / 'out'

@@ -83,6 +83,7 @@ def test_a_page_fetches_nothing_and_is_well_formed():
     assert 'http' not in policy.group(1)
 
 
+@pytest.mark.component
 def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place():
     sections = [PageSection('First part', '', every_figure()), PageSection('Second part', 'End.')]
     text = render('Title', 'The verdict.', sections)

@@ -55,6 +55,7 @@ def _false(value: ast.expr) -> bool:
     return isinstance(value, ast.Constant) and value.value is False
 
 
+@pytest.mark.component
 def test_nothing_trusts_data_with_code() -> None:
     found = {
         str(file.relative_to(ROOT)): found
@@ -100,6 +101,7 @@ def allowed(profile: Xml.Element, kind: str, rule: str) -> set[str]:
     return {str(each.text) for group in groups for each in group}
 
 
+@pytest.mark.component
 def test_the_policy_is_up_to_date() -> None:
     done = subprocess.run(
         [sys.executable, 'tools/write_policy.py', '--check'], cwd=ROOT, check=False
@@ -130,6 +132,7 @@ def test_people_publish_nothing_of_the_loop_and_observers_call_nothing() -> None
     assert 'run_sweep' in allowed(found['operator'], 'action', 'call')
 
 
+@pytest.mark.component
 def test_the_policy_of_another_namespace_is_written(tmp_path: Path) -> None:
     out = tmp_path / 'policy.xml'
     words = ['tools/write_policy.py', '--namespace', '/stage_x/', '--out', str(out)]

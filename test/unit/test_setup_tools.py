@@ -37,6 +37,7 @@ def test_pip_is_left_to_what_only_pip_was_told(line: str) -> None:
     assert install_wheels.told(line) is None
 
 
+@pytest.mark.component
 def test_pip_takes_over_where_uv_fails(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -54,6 +55,7 @@ def test_pip_takes_over_where_uv_fails(
     assert 'pip takes longer' in capsys.readouterr().err
 
 
+@pytest.mark.component
 def test_pip_takes_nothing_for_installed_that_is_not_all_there(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 TOLD = 'import os; import {module}; print(os.environ["OPENBLAS_NUM_THREADS"])'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'module', ['piezo_hysteresis.cli.main', 'piezo_hysteresis.nodes.links.feedforward']
 )

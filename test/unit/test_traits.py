@@ -5,6 +5,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from piezo_hysteresis.blocks import BLOCKS, EFFECTS
 
@@ -59,6 +60,7 @@ def named_outside():
     return found
 
 
+@pytest.mark.component
 def test_no_other_room_names_a_block_or_an_effect():
     assert dict(named_outside()) == {}
 
