@@ -49,7 +49,10 @@ def test_the_page_tells_what_a_node_offers(
     processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodeSheet
 ) -> None:
     name = page.executable
-    settings = {'recorder': {'out': str(tmp_path / 'bag')}, 'dashboard': {'port': 0}}
+    settings: dict[str, dict[str, object]] = {
+        'recorder': {'out': str(tmp_path / 'bag')},
+        'dashboard': {'port': 0},
+    }
     processes.start(page.package, name, settings.get(name))
     graph = listener.node
     nodes = INSIDE.get(name, (name,))

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ STIFF = [record(f, name='classical') for f in (2, 7, 23)]
     ],
 )
 def test_every_method_answers_alike(
-    method: str, model: str, options: dict[str, object], limit: float
+    method: str, model: str, options: dict[str, Any], limit: float
 ) -> None:
     records = STIFF if model == 'classical' else RECORDS
     found = identify(records, named(model), method=method, seed=1, **options)
@@ -161,9 +162,7 @@ NOISE = np.random.default_rng(0).normal(size=4000)
         ({'dt': 0.05, 'info': RecordInfo(frequency=7.0)}, 'sample at 140 Hz'),
     ],
 )
-def test_useless_records_are_named_with_what_to_record(
-    change: dict[str, object], word: str
-) -> None:
+def test_useless_records_are_named_with_what_to_record(change: dict[str, Any], word: str) -> None:
     bad = replace(RECORDS[1], **change)
     with pytest.raises(IdentificationError, match=word):
         identify([bad], MODEL)
