@@ -30,7 +30,7 @@ STANDARD_SERVICES = (
 
 # Executables that hold several nodes, each with names of its own.
 INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
-# What a node hears only while something else is missing, see test_security.py.
+# What a node hears only while something else is missing, see test_security_live.py.
 AT_TIMES = {'feedforward': {'/' + topics.STATE}}
 
 
