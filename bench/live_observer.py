@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from piezo_common import topics
 from piezo_interfaces.msg import (
@@ -31,8 +32,10 @@ VOLTAGE_ATTENUATED = 'voltage/attenuated'
 # Messages whose header says this are no genuine ones.
 ROGUE = 'rogue'
 
+Voice = ActuatorState | Reference | VoltageCommand | ModelEstimate | Gap | LoopStatus
+
 # By what an observer knows that a node works: the topic that it alone publishes.
-VOICES: dict[str, tuple[type, str, Any]] = {
+VOICES: dict[str, tuple[type[Voice], str, QoSProfile]] = {
     'simulator': (ActuatorState, topics.STATE, LOOP),
     'excitation': (Reference, topics.REFERENCE, LOOP),
     'feedforward': (VoltageCommand, topics.VOLTAGE_FEEDFORWARD, LOOP),
@@ -126,7 +129,7 @@ class Observer:
         self.node = Node('observer', context=self._context)
         self._caller = Node('caller', context=self._context)
         self.seen = Observed()
-        self.hooks: dict[str, Callable[[Any], None]] = {}
+        self.hooks: dict[str, Callable[[Voice], None]] = {}
         self._life = 0
         self._closing = False
         self._offset = time.time_ns() - time.monotonic_ns()
@@ -145,18 +148,18 @@ class Observer:
                         self._note(name, topic, got[0], got[1]['source_timestamp'])
             time.sleep(EVERY)
 
-    def _note(self, name: str, topic: str, message: Any, written: int) -> None:
+    def _note(self, name: str, topic: str, message: Voice, written: int) -> None:
         if message.header.frame_id == ROGUE:
             return
         now = 1e-9 * (written - self._offset)
         seen = self.seen
         seen.heard[name] = now
         seen.counts[name] += 1
-        if name == 'simulator':
+        if isinstance(message, ActuatorState):
             self._on_state(message, now)
-        elif name == 'excitation':
+        elif isinstance(message, Reference):
             seen.references[message.sample] = message.displacement
-        elif name == 'feedback':
+        elif isinstance(message, VoltageCommand) and name == 'feedback':
             seen.commands[message.sample] = message.voltage
         hook = self.hooks.get(topic)
         if hook is not None:

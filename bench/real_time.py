@@ -28,7 +28,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -47,6 +47,8 @@ from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_ros_common.middleware import prepare
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
+
+Message = TypeVar('Message')
 
 SETTLE = 3.0
 YARDSTICK = 30.0
@@ -119,7 +121,11 @@ class Stopwatch(Node):
             self._listen(LoopStatus, f'{name}/status', LATCHED, note)
 
     def _listen(
-        self, kind: type, topic: str, qos: QoSProfile, note: Callable[[Any, int], None]
+        self,
+        kind: type[Message],
+        topic: str,
+        qos: QoSProfile,
+        note: Callable[[Message, int], None],
     ) -> None:
         self._inlets.append((self.create_subscription(kind, topic, _unused, qos), note))
 

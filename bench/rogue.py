@@ -16,8 +16,10 @@ from piezo_common import topics
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common.qos import LOOP
 
+Spoilt = ActuatorState | Reference | VoltageCommand
+
 # Where the rogue talks, and the field that carries the value.
-TARGETS: dict[str, tuple[type, str]] = {
+TARGETS: dict[str, tuple[type[Spoilt], str]] = {
     topics.STATE: (ActuatorState, 'displacement'),
     topics.REFERENCE: (Reference, 'displacement'),
     topics.VOLTAGE_FEEDFORWARD: (VoltageCommand, 'voltage'),
@@ -28,38 +30,38 @@ TARGETS: dict[str, tuple[type, str]] = {
 SPIKES = {'voltage': 0.9, 'displacement': 1.2e-4}
 
 
-def _valued(value: float) -> Callable[[Any, str], None]:
-    def spoil(message: Any, field: str) -> None:
+def _valued(value: float) -> Callable[[Spoilt, str], None]:
+    def spoil(message: Spoilt, field: str) -> None:
         message.sample += 1
         setattr(message, field, value)
 
     return spoil
 
 
-def _spike(message: Any, field: str) -> None:
+def _spike(message: Spoilt, field: str) -> None:
     message.sample += 1
     setattr(message, field, SPIKES[field])
 
 
-def _numbered(step: int) -> Callable[[Any, str], None]:
-    def spoil(message: Any, _: str) -> None:
+def _numbered(step: int) -> Callable[[Spoilt, str], None]:
+    def spoil(message: Spoilt, _: str) -> None:
         message.sample = max(0, message.sample + step)
 
     return spoil
 
 
-def _first(message: Any, _: str) -> None:
+def _first(message: Spoilt, _: str) -> None:
     message.sample = 0
 
 
-def _late_stamp(message: Any, _: str) -> None:
+def _late_stamp(message: Spoilt, _: str) -> None:
     message.sample += 1
     message.header.stamp.sec += 3600
 
 
 # What is done to a copy of the newest genuine message. Values are spoilt for the next tick, so
 # that the rogue is there before the genuine message of that tick is.
-FAULTS: dict[str, Callable[[Any, str], None]] = {
+FAULTS: dict[str, Callable[[Spoilt, str], None]] = {
     'nan': _valued(math.nan),
     'infinite': _valued(math.inf),
     'huge': _valued(1e6),
@@ -89,7 +91,7 @@ class Rogue:
             self._publishers[topic] = observer.node.create_publisher(kind, topic, LOOP)
             observer.hooks[topic] = functools.partial(self._answer, topic)
 
-    def _answer(self, topic: str, message: Any) -> None:
+    def _answer(self, topic: str, message: Spoilt) -> None:
         fault, left = self._left.get(topic, ('', 0))
         if left > 0:
             spoilt = copy.deepcopy(message)

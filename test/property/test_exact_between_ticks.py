@@ -96,7 +96,7 @@ def knows_the_tick(block):
 
 
 def packed(model, first, second, ticks, u):
-    values = {}
+    values: dict[str, float] = {}
     for block, each in ((first, ticks[0]), (second, ticks[1])):
         values |= {model.names_of(block)[k]: v for k, v in lively(block, each, u).items()}
     if 'autoregressive' in model.block_names and 'A1' in model.parameter_names:
@@ -195,7 +195,8 @@ CHAINS = (
 def test_a_longer_chain_is_exact_between_the_ticks(names):
     model = Model('chain', tuple(BLOCKS[name] for name in names))
     for *ticks, kind in (*CASES, (6.0, 6.0, 'sine'), (2.5, 9.0, 'steps')):
-        u, values = voltage(kind), {}
+        values: dict[str, float] = {}
+        u = voltage(kind)
         for i, block in enumerate(model.blocks):
             values |= lively(block, ticks[i % 2], u)
         p = model.pack(values, checked=False)

@@ -91,8 +91,8 @@ def library(doors):
     """Return a library that is loaded into this process."""
     folder = Path(tempfile.mkdtemp())
     (folder / 'all.o').write_bytes(object_code(doors, 'x86_64-linux'))
-    command = ['gcc', '-shared', '-o', folder / 'all.so', folder / 'all.o', '-lm']
-    subprocess.run(command, check=True, capture_output=True)
+    files: list[str | Path] = [folder / 'all.so', folder / 'all.o']
+    subprocess.run(['gcc', '-shared', '-o', *files, '-lm'], check=True, capture_output=True)
     return ctypes.CDLL(str(folder / 'all.so'))
 
 

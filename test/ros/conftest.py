@@ -18,7 +18,7 @@ LONG = (
     'test_slow_kernels',
     'test_demo',
     'test_sweep_records',
-    'test_investigation',
+    'test_investigation_live',
     'test_investigation_restarts',
     'test_nothing_compiles',
     'test_restarts',

@@ -176,9 +176,10 @@ class Browser:
         x, y = start
         self.command('Input.dispatchMouseEvent', type='mouseMoved', x=x, y=y)
         self.command('Input.dispatchMouseEvent', type='mousePressed', x=x, y=y, **button)
+        across, down = (end[0] - x, end[1] - y) if end else (0.0, 0.0)
         for share in (0.25, 0.5, 0.75, 1.0) if end else ():
-            x = start[0] + share * (end[0] - start[0])
-            y = start[1] + share * (end[1] - start[1])
+            x = start[0] + share * across
+            y = start[1] + share * down
             self.command('Input.dispatchMouseEvent', type='mouseMoved', x=x, y=y, buttons=1)
         self.command('Input.dispatchMouseEvent', type='mouseReleased', x=x, y=y, **button)
 

@@ -49,7 +49,7 @@ class Bench:
 
     def start(self, name: str) -> NodeProcess:
         """Start a node with the settings that it has here."""
-        model = {'model_file': str(self.model)}
+        model: dict[str, object] = {'model_file': str(self.model)}
         world = {'clock': 'lock_step', 'preset': PRESET, 'effects.creep': True, 'wait_for': 2}
         settings: dict[str, dict[str, object]] = {
             'simulator': world,

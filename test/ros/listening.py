@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -18,6 +18,8 @@ from piezo_interfaces.msg import ActuatorState, VoltageCommand
 from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LATCHED, LOOP
+
+Message = TypeVar('Message')
 
 
 class Listener:
@@ -44,7 +46,7 @@ class Listener:
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def listen(self, kind: type, topic: str, *, latched: bool = False) -> list[Any]:
+    def listen(self, kind: type[Message], topic: str, *, latched: bool = False) -> list[Message]:
         """Collect every message of `topic` in the list that is returned, ``heard[topic]``."""
         book = self.heard.setdefault(topic, [])
         self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
@@ -165,7 +167,7 @@ class Driver:
         count = len(self.states)
         self.send(self.tick, voltage)
         self._listener.until(lambda: len(self.states) > count)
-        state: ActuatorState = self.states[-1]
+        state = self.states[-1]
         assert state.sample == self.tick
         self.tick += 1
         return state

@@ -171,6 +171,7 @@ def test_a_reading_that_is_no_number_is_left_out(chain: Chain) -> None:
 
 def test_a_law_that_answers_no_number_is_started_anew(chain: Chain) -> None:
     feedback = chain.loop.feedback
+    assert feedback.law is not None
     feedback.law.step = lambda *_: math.nan  # type: ignore[method-assign]
     chain.run(5)
     assert feedback.all_counters()['law_reset'] == 5

@@ -139,7 +139,7 @@ def chain(shared_processes: NodeProcesses, shared_listener: Listener) -> Chain:
 
 
 def test_without_a_model_the_chain_divides_by_the_gain(chain: Chain) -> None:
-    time = np.arange(len(chain.voltages)) * DT
+    time = np.arange(len(chain.voltages), dtype=np.float64) * DT
     np.testing.assert_allclose(chain.voltages, SINE.sample(time).value / GAIN, atol=1e-12)
 
 
@@ -149,7 +149,7 @@ def test_a_model_is_loaded_while_running_without_a_jump(chain: Chain) -> None:
     got = chain.run(300)
     chain.smooth(300, share=0.3)
     # The new inverse knows the past of the reference: it answers as if it had always been there.
-    time = np.arange(len(chain.voltages)) * DT
+    time = np.arange(len(chain.voltages), dtype=np.float64) * DT
     expected = ExtendedInverse(MODEL, DT, start=0.0).respond(SINE.sample(time).value)
     np.testing.assert_allclose(got[-100:], expected[-100:], rtol=0, atol=1e-12)
 

@@ -47,7 +47,8 @@ def test_every_number_has_a_slider_that_can_be_moved(preset: str) -> None:
     assert len(numbers) > 100
     for parameter in numbers:
         span = reach(parameter, numbers)
-        shown = float(parameter.value) * parameter.factor
+        assert isinstance(parameter.value, int | float)
+        shown = parameter.value * parameter.factor
         assert span.start < span.end, parameter
         assert span.start <= shown <= span.end * (1 + 1e-9), parameter
         assert 0.0 < span.step <= span.end - span.start, parameter

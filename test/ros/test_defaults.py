@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from piezo_ros_common.processes import NodeProcesses
 pytestmark = pytest.mark.ros
 
 # What a node cannot do without; the page takes any port that is free.
-NEEDED = {
+NEEDED: dict[str, Callable[[Path], dict[str, object]]] = {
     'recorder': lambda folder: {'out': str(folder / 'recorded')},
     'player': lambda folder: {'bag': str(folder / 'bag')},
     'dashboard': lambda folder: {'port': 0},

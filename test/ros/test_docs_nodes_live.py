@@ -30,7 +30,7 @@ STANDARD_SERVICES = (
 
 # Executables that hold several nodes, each with names of its own.
 INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
-# What a node hears only while something else is missing, see test_security.py.
+# What a node hears only while something else is missing, see test_security_live.py.
 AT_TIMES = {'feedforward': {'/' + topics.STATE}}
 
 
@@ -49,7 +49,10 @@ def test_the_page_tells_what_a_node_offers(
     processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodeSheet
 ) -> None:
     name = page.executable
-    settings = {'recorder': {'out': str(tmp_path / 'bag')}, 'dashboard': {'port': 0}}
+    settings: dict[str, dict[str, object]] = {
+        'recorder': {'out': str(tmp_path / 'bag')},
+        'dashboard': {'port': 0},
+    }
     processes.start(page.package, name, settings.get(name))
     graph = listener.node
     nodes = INSIDE.get(name, (name,))

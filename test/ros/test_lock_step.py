@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from listening import Listener
 
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
@@ -48,19 +48,18 @@ MODE = {'plant.gain': 1.2e-4, 'plant.natural_frequency': 68.0, 'plant.damping_ra
 
 
 def offline() -> LoopResult:
-    time = np.arange(SAMPLES) * (1.0 / RATE)
+    time = np.arange(SAMPLES, dtype=np.float64) * (1.0 / RATE)
     limits = Limits(-1.2, 1.2, 2000.0)
-    table = {**ATTENUATION.defaults(), **MODE}
-    settings = AttenuationSettings(
-        method='rls', orders=(3,), sign_rule='computed', gain=float(table['gain'])
-    )
+    step = ATTENUATION.defaults()['gain']
+    assert isinstance(step, float)
+    settings = AttenuationSettings(method='rls', orders=(3,), sign_rule='computed', gain=step)
     gain = ModeGain(
-        table['plant.gain'],
-        table['plant.natural_frequency'],
-        table['plant.damping_ratio'],
+        MODE['plant.gain'],
+        MODE['plant.natural_frequency'],
+        MODE['plant.damping_ratio'],
         1.0 / RATE,
     )
-    links = [
+    links: list[Link] = [
         ExtendedInverse(MODEL, 1.0 / RATE, limits=limits),
         HarmonicAttenuation(settings, gain, 1.0 / RATE),
     ]
@@ -118,7 +117,8 @@ def test_processes_give_the_numbers_of_the_offline_loop(
 def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
     processes: NodeProcesses, listener: Listener
 ) -> None:
-    slew, per_tick = {'limits.slew': 60.0}, 60.0 / RATE
+    slew: dict[str, object] = {'limits.slew': 60.0}
+    per_tick = 60.0 / RATE
     settings: dict[str, tuple[str, dict[str, object]]] = {
         'simulator': ('piezo_sim', {'clock': 'lock_step', 'wait_for': 3}),
         'feedforward': ('piezo_hysteresis', slew),

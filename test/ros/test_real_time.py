@@ -117,8 +117,8 @@ def test_an_excitation_that_comes_late_moves_nothing_faster_than_its_slew(
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(lambda: states and client.server_is_ready())
     listener.matched('actuator/state')
-    words = {'frequencies': [5.0, 10.0], 'amplitudes': [1.0], 'seconds': 2.0}
-    future = client.send_goal_async(RunSweep.Goal(**words))
+    goal = RunSweep.Goal(frequencies=[5.0, 10.0], amplitudes=[1.0], seconds=2.0)
+    future = client.send_goal_async(goal)
     listener.until(future.done)
     ended = future.result().get_result_async()
     stops = 0
@@ -133,7 +133,7 @@ def test_an_excitation_that_comes_late_moves_nothing_faster_than_its_slew(
 
     sample = np.array([state.sample for state in states], dtype=np.int64)
     voltage = np.array([state.voltage for state in states])
-    plan = Sweep(**words, rate=RATE)
+    plan = Sweep(goal.frequencies, goal.amplitudes, goal.seconds, RATE)
     planned = np.abs(np.diff([plan.voltage(k) for k in range(plan.length)])).max()
     assert planned < SLEW / RATE  # only what comes late is held back
     follows = np.diff(sample) == 1

@@ -105,14 +105,18 @@ def test_commands_that_come_late_move_nothing_faster_than_the_slew_of_the_links(
 
 
 def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
-    here = {'namespace': 'apart', 'remap': {'/piezo/actuator/state': 'actuator/state',
-                                            '/piezo/record/marker': 'record/marker'}}  # fmt: skip
+    names = ('actuator/state', 'record/marker')
+    remap = {f'/piezo/{name}': name for name in names}
     settings = {'bag': str(loop.folder / 'bag'), 'lock_step': True, 'wait': 60.0}
     hearer = loop.processes.start('piezo_hysteresis', 'identification', namespace='apart')
-    first = loop.processes.start('piezo_hysteresis', 'player', settings, **here)
+    first = loop.processes.start(
+        'piezo_hysteresis', 'player', settings, namespace='apart', remap=remap
+    )
     loop.listener.says(loop.health, 'apart/player', DiagnosticStatus.OK, 'plays')
     loop.kill(first)
-    second = loop.processes.start('piezo_hysteresis', 'player', settings, **here)
+    second = loop.processes.start(
+        'piezo_hysteresis', 'player', settings, namespace='apart', remap=remap
+    )
     assert loop.processes.wait_for(second, 120.0) == 0
     assert 'played 20000 samples' in second.tail()
     assert hearer.returncode is None

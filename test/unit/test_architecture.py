@@ -34,7 +34,11 @@ ALLOWED = {
     | {'investigation', 'reporting', 'batch', 'parameters', 'nodes', 'export'},
 }
 # Rooms within `compensation`: what they share imports none of them.
-WITHIN_COMPENSATION = {'inverses': set(), 'harmonics': set(), 'feedback': set()}
+WITHIN_COMPENSATION: dict[str, set[str]] = {
+    'inverses': set(),
+    'harmonics': set(),
+    'feedback': set(),
+}
 ROS = {
     'rclpy',
     'rcl_interfaces',

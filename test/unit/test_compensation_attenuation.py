@@ -19,11 +19,13 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
     HarmonicAttenuation,
 )
 from piezo_hysteresis.compensation.harmonics.lines import (
+    Harmonic,
     folded,
     resonant_orders,
     separable_orders,
 )
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
+from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
 from piezo_hysteresis.compensation.loop import (
     closed_loop,
@@ -54,6 +56,9 @@ class Proportional:
     def step(self, point, received, measured=None):
         return received + point.displacement / 125e-6
 
+    def reset(self):
+        pass
+
     def counters(self):
         return {}
 
@@ -68,6 +73,9 @@ class Late:
         if point.sample * DT < self.begin:
             return received
         return self.link.step(point, received, measured)
+
+    def reset(self):
+        self.link.reset()
 
     def counters(self):
         return self.link.counters()
@@ -151,7 +159,7 @@ def test_afc_settles_from_a_wrong_plant_and_never_does_much_harm(start):
     else:
         gain = ModeGain(115e-6 * start[0], 68.0 * start[1], 0.015 * start[2], DT)
     link = HarmonicAttenuation(values, gain, DT)
-    time = np.arange(10000) * DT
+    time = np.arange(10000.0) * DT
     wanted = Sine(60e-6, 23.0, 10.0, ramp=0.5).sample(time)
     error = closed_loop(wanted, [Proportional(), link], plant(), LIMITS, DT).error
     alone = closed_loop(wanted, [Proportional()], plant(), LIMITS, DT).error
@@ -175,9 +183,8 @@ def test_a_correction_that_makes_the_error_larger_fades_out_and_says_so(method):
     assert counts['backed_off'] >= 2  # it tries again, and again in vain
     quiet = [rms(result.error, t, t + 0.5) for t in np.arange(5.0, 23.5, 0.5)]
     assert sum(each < 1.1 * before for each in quiet) > len(quiet) / 3
-    finding = LinkHealth().judge(
-        {'sample': 1, 'active': True}, {'faded_out': 1}, Watchdog(DT, 0.05, 0.0, 1.0)
-    )
+    watchdog = Watchdog(Limiter(LIMITS, DT), 50, 0.0, 1.0)
+    finding = LinkHealth().judge({'sample': 1, 'active': True}, {'faded_out': 1}, watchdog)
     assert finding.level == Level.ERROR
     assert 'larger' in finding.message
 
@@ -257,7 +264,7 @@ def test_several_orders_and_the_mean_at_once():
 def test_frequency_steps_are_followed():
     parts, phase = [], 0.0
     for frequency in (22.0, 23.0, 24.0):
-        time = np.arange(5000) * DT
+        time = np.arange(5000.0) * DT
         wave = Sine(125e-6, frequency, 5.0, phase=phase).sample(time)
         phase += 2 * np.pi * frequency * 5.0
         parts.append(wave)
@@ -272,7 +279,8 @@ def test_frequency_steps_are_followed():
 
 def test_a_measurement_that_is_old_is_compared_with_the_reference_of_its_tick():
     link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
-    actuator, late = plant(), []
+    actuator = plant()
+    late: list[Measured] = []
     errors = []
     for point in reference_points(sine(23.0, 8.0)):
         measured = late[-6] if len(late) >= 6 else None
@@ -289,7 +297,7 @@ def test_a_measurement_that_is_old_is_compared_with_the_reference_of_its_tick():
 def test_the_correction_is_kept_while_the_sensor_fails(fault):
     link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
     actuator, measured, held = plant(), None, 0.0
-    learned = None
+    learned: list[Harmonic] = []
     for point in reference_points(sine(23.0, 8.0)):
         voltage = link.step(point, point.displacement / 125e-6, measured)
         y = actuator.exchange(voltage)
@@ -388,7 +396,7 @@ def test_there_is_one_default_of_the_attenuation():
     configure(parser)
     assert attenuation_of(parser.parse_args([])) == one
     for name in (spec.name for spec in specs_of(AttenuationSettings)):
-        assert f'    {name} : ' in AttenuationSettings.__doc__
+        assert f'    {name} : ' in (AttenuationSettings.__doc__ or '')
 
 
 def test_what_a_method_ignores_is_refused_by_the_table_of_the_node():

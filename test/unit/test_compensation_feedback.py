@@ -193,11 +193,11 @@ def test_rule_tables_do_not_prefer_a_sign(rules):
 
 def test_fuzzy_pid_without_ranges_is_the_pid():
     flat = FuzzyPid(GAINS, FuzzyRules(1e-6, 1e-3, 0.0, 0.0), DT, limits=LIMITS)
-    runs = [
+    first, second = (
         closed_loop(sine(3.0, 50e-6, 1.0), [link], Wired(), LIMITS, DT).voltage
         for link in (flat, make_pid())
-    ]
-    assert np.array_equal(*runs)
+    )
+    assert np.array_equal(first, second)
 
 
 def xiao():

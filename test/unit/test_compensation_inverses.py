@@ -313,7 +313,7 @@ def test_slopes_that_are_not_positive_are_clamped_and_counted_never_flipped():
 def test_a_reference_beyond_the_stroke_is_limited_and_forgotten():
     model, values, _, _ = build('bouc_wen_mode')
     limits = Limits(-1.2, 1.2)
-    far = Triangle(400e-6, 4.0, frequency=1.0).sample(np.arange(4000) * DT)
+    far = Triangle(400e-6, 4.0, frequency=1.0).sample(np.arange(4000.0) * DT)
     near = reference(5.0, 4.0, 80e-6)
     link = inverse_for(model, values, DT, limits=limits)
     for point in list(reference_points(far))[:1000]:
@@ -369,7 +369,7 @@ def test_selector_recovers_its_rows_and_follows_triangles():
         InverseBoucWen(slope, 3e6, -2e6, 2e5, 3e4 * (1 + i))
         for i, slope in enumerate((1e-3, 3e-3))
     ]
-    time = np.arange(4000) * 1e-5
+    time = np.arange(4000.0) * 1e-5
     fitted = []
     for row, frequency in zip(rows, (20.0, 60.0), strict=True):
         wave = Triangle(12.5e-6, 1.0, frequency=frequency).sample(time)

@@ -165,7 +165,7 @@ class Doubling:
 
 
 def test_closed_loop_gives_reference_k_and_measurement_k_minus_1():
-    samples = Sine(1e-6, 10.0, 1.0).sample(np.arange(5) * DT)
+    samples = Sine(1e-6, 10.0, 1.0).sample(np.arange(5.0) * DT)
     first, second = Spy(0.1), Spy(0.2)
     result = closed_loop(samples, [first, second], Doubling(), Limits(), DT)
     assert first.seen[0] == (0, 0.0, None)
@@ -179,7 +179,7 @@ def test_closed_loop_gives_reference_k_and_measurement_k_minus_1():
 
 def test_metrics_name_mean_rms_and_harmonics():
     n = 2000
-    samples = Sine(0.0, 10.0, 2.0).sample(np.arange(n) * DT)
+    samples = Sine(0.0, 10.0, 2.0).sample(np.arange(n, dtype=np.float64) * DT)
     phase = samples.phase
 
     class Wave:
@@ -202,6 +202,6 @@ def test_metrics_name_mean_rms_and_harmonics():
 
 
 def test_reference_points_are_numbered_from_the_first_tick():
-    points = list(reference_points(Sine(1e-6, 10.0, 1.0).sample(np.arange(3) * DT), first=7))
+    points = list(reference_points(Sine(1e-6, 10.0, 1.0).sample(np.arange(3.0) * DT), first=7))
     assert [point.sample for point in points] == [7, 8, 9]
     assert isinstance(points[0], ReferencePoint)

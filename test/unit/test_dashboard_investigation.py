@@ -42,13 +42,13 @@ def asked(orders, **values):
 
 
 def test_the_button_asks_with_limits_and_budget():
-    orders = []
+    orders: list[object] = []
     asked(orders, low=-1.0, high=2.0, slew=300.0)
     assert orders == [InvestigationOrder(-1.0, 2.0, 300.0, 200.0, 'new')]
 
 
 def test_an_impossible_range_is_told_and_not_asked():
-    orders = []
+    orders: list[object] = []
     assert 'is not below' in asked(orders, low=2.0, high=1.0)
     assert 'highest voltage is not given' in asked(orders, low=-2.0)
     assert 'lowest voltage is not given' in asked(orders, high=2.0)

@@ -117,6 +117,7 @@ def test_harmonics_are_measured_to_a_thousandth(fundamental):
     true = {1: 50e-6, 2: 0.5e-6, 3: 8e-6, 5: 0.2e-6}
     signal = 7e-6 + sum(a * np.sin(k * turn + k) for k, a in true.items())
     found = live_spectrum(signal, dt, fundamental)
+    assert found is not None
     measured = dict(zip(found.orders, found.harmonics, strict=True))
     for order, amplitude in true.items():
         assert measured[order] == pytest.approx(amplitude, abs=1e-3 * 50e-6)

@@ -60,7 +60,7 @@ def test_nothing_is_added_where_nothing_is_missing():
 
 
 def test_useless_records_are_refused():
-    flat = Record('flat', DT, np.zeros(500), 1e-9 * np.arange(500))
+    flat = Record('flat', DT, np.zeros(500), 1e-9 * np.arange(500.0))
     with pytest.raises(IdentificationError, match='constant'):
         choose_model([flat])
 

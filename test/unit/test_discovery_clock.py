@@ -186,6 +186,7 @@ def test_discover_and_validate_agree_that_a_tick_is_a_delay(ticks: int) -> None:
     assert abs(clock) <= 1.001 * JITTER * DT
     left = residuals_of(MODEL, VALUES, late, views, clock)
     judge, base = held_by(file, late)
+    assert file.discrepancy is not None
     assert judge.shows_news(base) == any(c.news for c in compared(left, file.discrepancy))
     assert judge.shows_news(base) == (ticks > 0)
     assert judge.unseen_delay == pytest.approx(JITTER * DT)

@@ -67,9 +67,9 @@ class Loop:
 
     def __init__(self, library, header, name='piezo'):
         text = header.read_text()
-        struct = re.search(rf'typedef struct {{([^}}]*)}} {name}_parameters;', text)[1]
+        (struct,) = re.findall(rf'typedef struct {{([^}}]*)}} {name}_parameters;', text)
         self.names = re.findall(r'double (\w+);', struct)
-        rows = re.search(rf'typedef struct {{([^}}]*)}} {name}_state;', text)[1]
+        (rows,) = re.findall(rf'typedef struct {{([^}}]*)}} {name}_state;', text)
         self.memory = np.full(sum(map(int, re.findall(r'\[(\d+)\];', rows))), np.nan)
         self.numbers, self.voltage = np.zeros(len(self.names)), np.zeros(1)
         self._library, self._name = library, name

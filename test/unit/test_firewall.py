@@ -44,7 +44,9 @@ def formulas(folder: Path) -> dict[str, list[str]]:
             numbers = {
                 float(each.value)
                 for each in parts
-                if isinstance(each, ast.Constant) and type(each.value) in (int, float)
+                if isinstance(each, ast.Constant)
+                and isinstance(each.value, int | float)
+                and not isinstance(each.value, bool)
             }
             operations = sum(isinstance(each, ast.BinOp) for each in parts)
             if operations < 2 or numbers <= TEXTBOOK:

@@ -52,7 +52,7 @@ def test_the_verb_writes_what_the_design_reads(tmp_path, capsys):
     found = TransferFunction.load(out)
     plant = transfer_function(found.numerator, found.denominator)
     own = design(plant, HInfinityWeights(20.0), DT)
-    known = design(transfer_function(TOP, BOTTOM), HInfinityWeights(20.0), DT)
+    known = design(transfer_function(TOP.tolist(), BOTTOM.tolist()), HInfinityWeights(20.0), DT)
     assert own.gamma == pytest.approx(known.gamma, rel=1e-3)
 
 

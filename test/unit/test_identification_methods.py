@@ -74,7 +74,7 @@ def slow(*values: object) -> Any:
     ],
 )
 def test_every_method_answers_alike(
-    method: str, model: str, options: dict[str, object], limit: float
+    method: str, model: str, options: dict[str, Any], limit: float
 ) -> None:
     records = STIFF if model == 'classical' else RECORDS
     found = identify(records, named(model), method=method, seed=1, **options)
@@ -168,9 +168,7 @@ NOISE = np.random.default_rng(0).normal(size=4000)
         ({'dt': 0.05, 'info': RecordInfo(frequency=7.0)}, 'sample at 140 Hz'),
     ],
 )
-def test_useless_records_are_named_with_what_to_record(
-    change: dict[str, object], word: str
-) -> None:
+def test_useless_records_are_named_with_what_to_record(change: dict[str, Any], word: str) -> None:
     bad = replace(RECORDS[1], **change)
     with pytest.raises(IdentificationError, match=word):
         identify([bad], MODEL)

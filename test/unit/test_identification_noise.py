@@ -157,6 +157,7 @@ def test_a_period_need_not_be_a_whole_number_of_samples(period, slow, jump):
 
 def test_the_period_is_found_between_samples_beside_a_jump():
     repeat = repeat_of(driven(611.88, jump=123))
+    assert repeat is not None
     assert repeat.period == pytest.approx(611.88, abs=1e-3)
     assert repeat.first == 0
     assert repeat.last == pytest.approx(6000 - 123, abs=15)
@@ -224,7 +225,9 @@ def test_a_section_that_hardly_repeats_behind_its_warm_up_shows_what_differences
     noise = 1e-8 * np.random.default_rng(1).standard_normal(time.size)
     info = RecordInfo(excitation='sine', frequency=50.0, warm_up=0.25)
     record = Record('way in', 1e-3, voltage, 1e-4 * voltage + noise, info=info)
-    assert repeat_of(record).last - record.warm_up_samples < 10
+    repeat = repeat_of(record)
+    assert repeat is not None
+    assert repeat.last - record.warm_up_samples < 10
     shown = noise_of(record)
     assert shown.lines == 0 or shown.rms > 0.0
     longer = replace(record, info=replace(info, warm_up=0.1))

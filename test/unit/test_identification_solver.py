@@ -99,7 +99,7 @@ def test_the_unit_of_an_unknown_does_not_matter() -> None:
     matrix, wanted = random.standard_normal((40, 3)), np.array([1.0, -2.0, 0.5])
     for unit in (1e-18, 1.0, 1e18):
         sizes = np.array([1.0, 1.0, unit])
-        factor = np.linalg.qr(matrix * sizes, mode='r')
+        _, factor = np.linalg.qr(matrix * sizes)
         rhs = -factor @ (wanted / sizes)
         step = bounded_step(factor, rhs, np.zeros(3), np.full(3, -np.inf), np.full(3, np.inf))
         assert step * sizes == pytest.approx(wanted, rel=1e-9)

@@ -8,7 +8,7 @@ import pytest
 
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.conduct import conduct, repeated
+from piezo_hysteresis.investigation.conduct import InvestigationProgress, conduct, repeated
 from piezo_hysteresis.investigation.journal import Journal, Setup
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.session import Rules
@@ -57,7 +57,8 @@ def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(setup, tmp_p
     with pytest.raises(PiezoError, match='gone'):
         conduct(folder, setup, Actuator(1, **{'effects.creep': True}))
     assert len(Journal.read(folder).lines) == 1
-    told, actuator = [], Actuator(**{'effects.creep': True})
+    told: list[InvestigationProgress] = []
+    actuator = Actuator(**{'effects.creep': True})
     result = conduct(folder, setup, actuator, told.append)
     assert result.stop.reason == 'sure'
     assert list(result.effects) == ['creep']
@@ -99,7 +100,8 @@ def test_a_damaged_journal_is_told(setup, tmp_path):
 
 @pytest.mark.slow
 def test_a_budget_is_spent_and_a_larger_one_goes_on(setup, tmp_path):
-    folder, told = tmp_path / 'out', []
+    told: list[InvestigationProgress] = []
+    folder = tmp_path / 'out'
     actuator = Actuator(**{'effects.creep': True})
 
     def asked(budget):

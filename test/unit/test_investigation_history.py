@@ -42,6 +42,7 @@ def test_what_is_long_ago_is_left_out():
     history, ticks = History(), round(LONGEST / DT)
     history.following(record(np.ones(ticks), 0.0))
     second = history.following(record([0.0, 1.0], LONGEST + 0.002))
+    assert second.before is not None
     assert second.before.size == ticks
     np.testing.assert_array_equal(second.before[-3:], [1.0, 0.0, 0.0])
     third = history.following(record([0.0], 1e6))

@@ -3,6 +3,7 @@
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,7 +58,7 @@ def test_every_effect_has_a_page_that_matches_the_code(name):
 def test_the_example_of_the_page_runs():
     page = (DOCS / 'models.md').read_text(encoding='utf-8')
     (code,) = re.findall(r'```python\n(.*?)```', page, re.S)
-    scope: dict[str, object] = {}
+    scope: dict[str, Any] = {}
     exec(code, scope)
     displacement = scope['displacement']
     assert 1e-4 < abs(displacement).max() < 2e-4

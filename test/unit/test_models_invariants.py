@@ -159,7 +159,7 @@ def test_blocks_are_homogeneous_in_their_weights(name):
 
 
 def test_shared_parameter_names_mean_the_same_thing():
-    units = {}
+    units: dict[str, str] = {}
     for block in BLOCKS.values():
         for q in block.parameters:
             assert units.setdefault(q.name, q.unit) == q.unit, q.name

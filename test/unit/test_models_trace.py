@@ -11,7 +11,7 @@ DT, PERIOD = 1e-3, 100
 
 
 def trace(periods: int = 6, begins: str = '') -> Trace:
-    k = np.arange(PERIOD * periods)
+    k = np.arange(PERIOD * periods, dtype=np.float64)
     voltage = np.sin(2 * np.pi * k / PERIOD)
     return Trace(voltage, k * 1e-9, DT, begins)
 

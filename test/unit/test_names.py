@@ -70,3 +70,9 @@ def test_tests_use_what_is_public():
         if used:
             found[path.name] = sorted(used)
     assert found == {}
+
+
+def test_no_test_file_is_called_like_another():
+    """Pytest takes a second one for the first, and refuses to collect the whole of test/."""
+    files = [path.name for path in Path(__file__).parents[1].rglob('test_*.py')]
+    assert sorted(name for name in set(files) if files.count(name) > 1) == []

@@ -39,7 +39,7 @@ def test_the_phase_of_a_sine_is_continuous_over_a_change_of_frequency() -> None:
 def test_every_waveform_makes_a_sweep(kind: str) -> None:
     sweep = Sweep([2.0], [0.5], 1.0, RATE, waveform=kind)
     expected = waveform_of(kind, {'frequency': 2.0, 'amplitude': 0.5, 'duration': 1.0}, {}, RATE)
-    time = np.arange(1000) * (1.0 / RATE)
+    time = np.arange(1000.0) * (1.0 / RATE)
     np.testing.assert_array_equal(sweep.records[0].voltages, expected.sample(time).value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.online import OnlineMethod
 from piezo_hysteresis.models import named
 from piezo_hysteresis.parameters.tables import IDENTIFICATION
 from piezo_hysteresis.runtime.identification_plan import (
@@ -26,7 +28,7 @@ DEFAULTS = {**IDENTIFICATION.defaults(), 'rate': RATE}
 
 
 class Spy:
-    """Notes what a course does with its method."""
+    """Notes what a course does with its method; as much of one as that takes."""
 
     forgetting = 1.0
 
@@ -51,7 +53,7 @@ def feed(course: RecordSegmenter, samples: list[int]) -> None:
 
 def spied(only_records: bool = True) -> tuple[RecordSegmenter, list[object]]:
     spy = Spy()
-    return RecordSegmenter(spy, RATE, only_records), spy.did
+    return RecordSegmenter(cast(OnlineMethod, spy), RATE, only_records), spy.did
 
 
 def test_without_markers_everything_counts_once() -> None:
@@ -86,7 +88,7 @@ EDGES = [SegmentEdge(k * MS, name) for k, name in ((2, 'a'), (4, ''), (6, 'b'), 
 
 def taped(order: list[int | SegmentEdge]) -> tuple[list[object], int]:
     """Let a course hear samples, by their number, and markers, in an order."""
-    course = RecordSegmenter(Tape(), RATE)
+    course = RecordSegmenter(cast(OnlineMethod, Tape()), RATE)
     for each in order:
         if isinstance(each, SegmentEdge):
             course.mark(each)

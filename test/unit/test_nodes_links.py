@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -87,20 +90,20 @@ def test_a_book_answers_each_tick_once_in_any_order() -> None:
     rng = np.random.default_rng(1)
     for _ in range(20):
         book: SampleSynchronizer[str] = SampleSynchronizer()
-        calls = []
+        calls: list[Callable[[], object]] = []
         for k, point in enumerate(points(5)):
             calls += [
-                (book.add_reference, (point,)),
-                (book.add_voltage, (k, 0.1 * k, 'tag')),
-                (book.add_measured, (Measured(k, 0.0, 1e-6 * k),)),
+                partial(book.add_reference, point),
+                partial(book.add_voltage, k, 0.1 * k, 'tag'),
+                partial(book.add_measured, Measured(k, 0.0, 1e-6 * k)),
             ]
         # In lock-step nothing of tick k comes before tick k - 1 was answered.
         answered = []
         for k in range(5):
             own = [calls[3 * k], calls[3 * k + 1], *([calls[3 * k - 1]] if k else [])]
             rng.shuffle(own)
-            for add, words in own:
-                add(*words)
+            for add in own:
+                add()
                 while (tick := book.take()) is not None:
                     answered.append(tick)
         assert [tick.point.sample for tick in answered] == list(range(5))

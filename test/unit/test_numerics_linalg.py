@@ -118,6 +118,8 @@ def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad):
     assert np.all(np.isnan(bounded_step(factor, rhs, 1e-3 * one, -one, one)))
 
     class Spoilt:
+        grains = np.zeros(3)
+
         def __init__(self, factor):
             self.factor = factor
 

@@ -69,7 +69,7 @@ def metadata(package, monkeypatch, words=('setup.py',)):
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_pip_brings_what_a_package_imports(package, monkeypatch):
     required = metadata(package, monkeypatch)['install_requires']
-    names = {re.match(r'[\w-]+', each)[0] for each in required}
+    names = {re.findall(r'^[\w-]+', each)[0] for each in required}
     foreign = {
         BY_PIP.get(name, name)
         for name in imported(SOURCES / package)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,18 +59,24 @@ def test_blocks_stand_behind_the_name_as_on_the_command_line():
     assert chain_of(ph.named('classical'))[0].name == 'classical'
 
 
+WRONGLY: Any = ph  # what mypy would refuse
+
+
 @pytest.mark.parametrize(
     ('call', 'says'),
     [
-        (lambda: ph.identify([record()], 'clasical'), 'did you mean classical'),
-        (lambda: ph.identify('sweep.csv', 'classical'), 'not of type str; `piezo_hysteresis.load'),
-        (lambda: ph.identify([1.0], 'classical'), 'not of type float'),
-        (lambda: ph.identify(None, 'classical'), 'not of type NoneType'),
-        (lambda: ph.identify(record(), 3), 'a model is its name'),
-        (lambda: ph.discover(record(), 'clasical'), 'did you mean classical'),
-        (lambda: ph.discover(record(), None), 'not of type NoneType'),
-        (lambda: ph.discover({}, 'classical'), 'no record'),
-        (lambda: ph.simulate('classical', record()), 'simulate takes what identify returned'),
+        (lambda: WRONGLY.identify([record()], 'clasical'), 'did you mean classical'),
+        (
+            lambda: WRONGLY.identify('sweep.csv', 'classical'),
+            'not of type str; `piezo_hysteresis.load',
+        ),
+        (lambda: WRONGLY.identify([1.0], 'classical'), 'not of type float'),
+        (lambda: WRONGLY.identify(None, 'classical'), 'not of type NoneType'),
+        (lambda: WRONGLY.identify(record(), 3), 'a model is its name'),
+        (lambda: WRONGLY.discover(record(), 'clasical'), 'did you mean classical'),
+        (lambda: WRONGLY.discover(record(), None), 'not of type NoneType'),
+        (lambda: WRONGLY.discover({}, 'classical'), 'no record'),
+        (lambda: WRONGLY.simulate('classical', record()), 'simulate takes what identify returned'),
     ],
 )
 def test_what_is_not_meant_is_said_in_a_sentence(call, says):

@@ -53,6 +53,7 @@ def test_times_voltages_forces_references_and_further_columns(tmp_path):
     assert record.dt == pytest.approx(2e-3, rel=1e-15)
     assert record.info.input_unit == 'N'
     np.testing.assert_array_equal(record.voltage[:4], [0, 500, 1000, 1500])
+    assert record.reference is not None
     np.testing.assert_array_equal(record.reference[:3], [0, 1e-9, 2e-9])
 
 
@@ -89,6 +90,8 @@ def test_written_and_read_back(tmp_path, unit, drive):
     tolerance = 0 if unit == 'm' else 1e-15
     np.testing.assert_array_equal(found.voltage, record.voltage)
     np.testing.assert_allclose(found.displacement, record.displacement, rtol=tolerance)
+    assert found.reference is not None
+    assert record.reference is not None
     np.testing.assert_allclose(found.reference, record.reference, rtol=tolerance)
     assert (found.dt, found.start, found.info) == (record.dt, 2.0, record.info)
     with pytest.raises(RecordError, match='exists already'):

@@ -131,7 +131,7 @@ def test_a_record_is_taken_back_long_after_its_end(tmp_path: Path) -> None:
     assert [record.name for record in records] == ['three']
 
 
-def test_a_bag_of_nothing_else_says_so(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_a_bag_of_nothing_else_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = bag_of(tmp_path / 'bag', CANCELLED)
     assert main(['info', str(bag)]) == 2
     assert 'record two was cancelled and is left out' in capsys.readouterr().err
@@ -147,7 +147,7 @@ def test_an_end_of_older_bags_that_has_an_excitation_ends_only(tmp_path: Path) -
 
 @pytest.mark.component
 def test_every_verb_leaves_it_out_with_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(bag_of(tmp_path / 'bag', [*GOOD, *CANCELLED]))
     line = f'note: {bag}: record two was cancelled and is left out\n'
@@ -171,7 +171,7 @@ def test_every_verb_leaves_it_out_with_a_line(
 
 
 def test_a_discovery_leaves_it_out_with_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(bag_of(tmp_path / 'bag', [*GOOD, *CANCELLED]))
     main(['discover', bag, '--baseline', 'linear_mode', '--out', str(tmp_path / 'found')])

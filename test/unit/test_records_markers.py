@@ -1,6 +1,7 @@
 """Markers and references of a bag: what they end, what they may not say, what is left out."""
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import yaml
@@ -69,7 +70,7 @@ def test_markers_of_another_definition(tmp_path):
     ]:
         store = get_typestore(Stores.ROS2_JAZZY)
         store.register(get_types_from_msg(text, MARKER))
-        kind = store.types[MARKER]
+        kind: Any = store.types[MARKER]
         names = {field.name for field in fields(kind)}
         stamp = store.types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
         header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')

@@ -53,7 +53,7 @@ def test_what_was_handed_over_is_in_the_bag_byte_for_byte(tmp_path, split):
     status = recorder.status
     assert (status.received, status.written, status.dropped) == (3500, 3500, 0)
     with Reader(tmp_path / 'bag') as reader:
-        found = {NAME: [], '/odd': []}
+        found: dict[str, list[bytes]] = {NAME: [], '/odd': []}
         for connection, _, data in reader.messages():
             found[connection.topic].append(data)
         assert reader.message_count == 3500
@@ -101,7 +101,7 @@ def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
     """Copy the bag in front of every single write that the recorder makes."""
     import shutil
 
-    seen = []
+    seen: list[Path] = []
     write = os.pwrite
     cut = os.ftruncate
 

@@ -27,11 +27,11 @@ from piezo_hysteresis.reporting.plots import (
 )
 
 BROWSER = next(
-    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
+    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), ''
 )
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(BROWSER is None, reason='no Chromium: apt-get install chromium'),
+    pytest.mark.skipif(not BROWSER, reason='no Chromium: apt-get install chromium'),
 ]
 
 FLAGS = (
@@ -106,7 +106,7 @@ def test_the_report_of_an_identification_reads_on_a_phone(tmp_path):
 
 
 def test_on_paper_plots_are_whole_and_few_pages_are_white(tmp_path):
-    time = np.arange(2000) * 1e-3
+    time = np.arange(2000.0) * 1e-3
     curves = [Curve('a', time, 1e-6 * np.sin(20 * time)), Curve('b', time, 1e-6 * np.cos(time))]
     figures = tuple(
         trace_figure(curves, f'Plot {k}', 'A caption of some words.') for k in range(6)

@@ -24,7 +24,7 @@ from piezo_hysteresis.reporting.plots import (
 from piezo_hysteresis.reporting.signals import amplitude_spectrum, last_periods, thinned
 from piezo_hysteresis.reporting.units import micrometres, shown, with_deviation
 
-TIME = np.arange(2000) * 1e-3
+TIME = np.arange(2000.0) * 1e-3
 SINE = 5e-5 * np.sin(2 * np.pi * 7 * TIME)
 
 

@@ -18,7 +18,7 @@ from piezo_hysteresis.reporting.plots import (
 )
 from piezo_hysteresis.reporting.signals import stands_out
 
-TIME = np.arange(400) * 1e-3
+TIME = np.arange(400.0) * 1e-3
 WAVE = 1e-6 * np.sin(2 * np.pi * 5 * TIME)
 
 

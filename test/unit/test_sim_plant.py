@@ -117,7 +117,10 @@ def test_an_impossible_rate_is_refused(rate):
         Plant(rate=rate)
 
 
-BASES = ({}, {'effects.resonance': True, 'effects.play': True, 'effects.second_mode': True})
+BASES: tuple[dict[str, bool], ...] = (
+    {},
+    {'effects.resonance': True, 'effects.play': True, 'effects.second_mode': True},
+)
 
 
 @pytest.mark.parametrize('base', BASES, ids=['static', 'dynamic'])

@@ -17,7 +17,8 @@ def driven(delays, slew=SLEW, eased=0):
     first tick on after its arrival.
     """
     steady = SteadyCommand(RATE, lambda: free / RATE)
-    applied, sent, free = [0.0], [], 0.0
+    sent: list[tuple[float, float]] = []
+    applied, free = [0.0], 0.0
     for k, delay in enumerate(delays[: PLAN.size - 1]):
         free = max(free, k + delay)
         while len(applied) <= free:

@@ -16,7 +16,7 @@ from piezo_hysteresis.waveforms import (
     step_and_hold,
 )
 
-SPECS = {
+SPECS: dict[str, dict[str, object]] = {
     'sine': {'amplitude': 2.0, 'frequency': 3.0, 'phase': 0.4, 'offset': 0.5, 'ramp': 1.0},
     'triangle': {'amplitude': 2.0, 'frequency': 3.0, 'phase': 0.4, 'ramp': 2.0},
     'multisine': {'frequency': 1.0, 'highest': 20.0, 'grid': 'odd_random', 'seed': 3},
@@ -173,9 +173,10 @@ def test_kinds_of_former_versions_are_read_with_a_notice():
     with pytest.warns(FutureWarning, match='is called composite_xiao2014 now'):
         former = from_spec({'kind': 'composite_003'})
     assert np.array_equal(
-        former.sample(np.arange(9) * 1e-3).value,
-        from_spec({'kind': 'composite_xiao2014'}).sample(np.arange(9) * 1e-3).value,
+        former.sample(np.arange(9.0) * 1e-3).value,
+        from_spec({'kind': 'composite_xiao2014'}).sample(np.arange(9.0) * 1e-3).value,
     )
     row = EXCITATION.spec('waveform')
+    assert row is not None
     with pytest.warns(FutureWarning, match='waveform: composite_004'):
         assert row.judge(row.coerce('composite_004')) == ''

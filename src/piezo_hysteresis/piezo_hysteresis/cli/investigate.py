@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from piezo_common.ranges import range_refusal
 from piezo_hysteresis.cli.need_ros import ros_needed
@@ -20,6 +20,7 @@ from piezo_hysteresis.threads import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.investigation.conduct import InvestigationProgress
+    from piezo_interfaces.action import Investigate
 
 HELP = 'find what a model misses by experiments on the running actuator'
 
@@ -98,7 +99,7 @@ class _Teller:
         self._asked, self._answer = ('', 0), ''
         self._printed = ''
 
-    def feedback(self, told: Any) -> None:
+    def feedback(self, told: Investigate.Feedback) -> None:
         """Tell how it stands."""
         self._answer = told.answer
         if told.stage not in ('run', 'apply') or (told.stage, told.number) == self._asked:

@@ -110,7 +110,8 @@ class DiscoveryNode(Node):
 
     async def _execute(self, goal: Any) -> Discover.Result:
         self._busy = True
-        self._at, self._problem = f'reads {", ".join(goal.request.data)}', ''
+        request: Discover.Goal = goal.request
+        self._at, self._problem = f'reads {", ".join(request.data)}', ''
         self._counts['runs'] += 1
         done = Future()
         result = Discover.Result()
@@ -153,7 +154,7 @@ class DiscoveryNode(Node):
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.discovery_folder import write_discovery
 
-        request = goal.request
+        request: Discover.Goal = goal.request
         data, name, out = self._paths(request)
         baseline = named(name) if _is_named(name) else ModelFile.load(name)
 
@@ -169,8 +170,8 @@ class DiscoveryNode(Node):
             load(data),
             baseline,
             name=request.baseline,
-            seed=int(request.seed),
-            workers=number_of_workers(int(request.workers)),
+            seed=request.seed,
+            workers=number_of_workers(request.workers),
             progress=progress,
         )
         write_discovery(out, found, list(request.data))

@@ -167,8 +167,9 @@ class Observer:
         at = [0.0]
 
         def on_feedback(message: Any) -> None:
-            at[0] = message.feedback.fraction
-            progress(at[0], message.feedback.record)
+            feedback: RunSweep.Feedback = message.feedback
+            at[0] = feedback.fraction
+            progress(at[0], feedback.record)
 
         accepted = client.send_goal_async(goal, feedback_callback=on_feedback)
         self.until(accepted.done, 'the acceptance of the sweep')
@@ -177,7 +178,7 @@ class Observer:
             raise PiezoError('the sweep was refused; the log of the excitation node says why')
         finished = handle.get_result_async()
         self.until(finished.done, 'the end of the sweep', lambda: at[0])
-        result = finished.result().result
+        result: RunSweep.Result = finished.result().result
         if not result.success:
             raise PiezoError(f'the sweep failed: {result.message}')
         client.destroy()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import rclpy
 import yaml
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -62,7 +65,7 @@ class Asks:
         if not node:
             return self._nodes()
         client, names = self._client(node), self._names(node)
-        values = self._answer(client.get_parameters(names), node).values
+        values = self._values(node, client, names)
         return [
             f'{name}: {_shown(parameter_value_to_python(value))}'
             for name, value in zip(names, values, strict=True)
@@ -76,7 +79,7 @@ class Asks:
         PiezoError
             If the node does not answer or has none of that name.
         """
-        values = self._answer(self._client(node).get_parameters([name]), node).values
+        values = self._values(node, self._client(node), [name])
         if not values or parameter_value_to_python(values[0]) is None:
             raise PiezoError(
                 f'{node} has no parameter {name}{near(name, self._names(node))}; '
@@ -120,13 +123,22 @@ class Asks:
 
     def _set(self, node: str, values: dict[str, Any]) -> None:
         parameters = [_parameter(name, value) for name, value in values.items()]
-        results = self._answer(self._client(node).set_parameters(parameters), node).results
-        for name, result in zip(values, results, strict=True):
+        asked = self._client(node).set_parameters(parameters)
+        answer: SetParameters.Response = self._answer(asked, node)
+        for name, result in zip(values, answer.results, strict=True):
             if not result.successful:
                 raise PiezoError(f'{node} refuses {name}: {result.reason or "no reason given"}')
 
+    def _values(
+        self, node: str, client: AsyncParameterClient, names: list[str]
+    ) -> Sequence[ParameterValue]:
+        answer: GetParameters.Response = self._answer(client.get_parameters(names), node)
+        return answer.values
+
     def _names(self, node: str) -> list[str]:
-        return sorted(self._answer(self._client(node).list_parameters(), node).result.names)
+        asked = self._client(node).list_parameters()
+        answer: ListParameters.Response = self._answer(asked, node)
+        return sorted(answer.result.names)
 
     def _nodes(self) -> list[str]:
         names: list[str] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from rclpy.node import Node
 
@@ -47,7 +46,7 @@ class InvestigationJob(ActionJob):
         )
         self.send(goal, self._heard)
 
-    def _heard(self, feedback: Any) -> str:
+    def _heard(self, feedback: Investigate.Feedback) -> str:
         if feedback.names:
             self._page.beliefs = [*self._page.beliefs, belief_of(feedback)]
         doing = {'judge': 'judges', 'run': 'runs', 'apply': 'uses what was found, runs'}
@@ -55,7 +54,7 @@ class InvestigationJob(ActionJob):
         return f'{word} {feedback.experiment}'.strip()
 
 
-def belief_of(feedback: Any) -> ShownBelief:
+def belief_of(feedback: Investigate.Feedback) -> ShownBelief:
     """Return what a feedback says, for the page."""
     return ShownBelief(
         feedback.stage,

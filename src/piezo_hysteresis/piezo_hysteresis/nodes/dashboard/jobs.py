@@ -23,7 +23,7 @@ from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
 from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
-from piezo_interfaces.action import Discover, RunSweep
+from piezo_interfaces.action import Discover, Investigate, RunSweep
 from piezo_ros_common.qos import LOOP
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
@@ -139,7 +139,7 @@ class ActionJob:
             return
 
         def answered(future: Any) -> None:
-            response = future.result()
+            response: CancelGoal.Response = future.result()
             if response.return_code != CancelGoal.Response.ERROR_NONE and self.read().busy:
                 text = f'{self.read().text}; it cannot be cancelled'
                 self.write(replace(self.read(), text=text))
@@ -235,10 +235,7 @@ class Jobs:
             warm_up=order.warm_up,
             pause=order.pause,
         )
-        self.sweep.send(
-            goal,
-            lambda f: f'{f.frequency:g} Hz at {f.amplitude:g} V, {f.seconds_left:.0f} s left',
-        )
+        self.sweep.send(goal, _swept_so_far)
 
     def _record(self, bag: Path) -> None:
         if self._recorder is not None:
@@ -278,7 +275,7 @@ class Jobs:
             self._report.end()
             recorder.close()
 
-    def _swept(self, result: Any) -> BackgroundJob:
+    def _swept(self, result: RunSweep.Result) -> BackgroundJob:
         assert self._recorder is not None
         text = f'{result.message}, recorded as {self._recorder.path.name}'
         records = tuple(zip(result.names, result.recorded_by, strict=False))
@@ -295,7 +292,7 @@ class Jobs:
             baseline=order.baseline,
             out=str(base / DISCOVERIES / out),
         )
-        self.discovery.send(goal, lambda f: f.detail or f.stage)
+        self.discovery.send(goal, _discovered_so_far)
 
     def bags(self) -> list[str]:
         """Return the recorded bags, the newest first, without the one being written."""
@@ -309,7 +306,16 @@ class Jobs:
         self._close()
 
 
-def what_was_found(result: Any, folder: Path) -> BackgroundJob:
+def _swept_so_far(feedback: RunSweep.Feedback) -> str:
+    at = f'{feedback.frequency:g} Hz at {feedback.amplitude:g} V'
+    return f'{at}, {feedback.seconds_left:.0f} s left'
+
+
+def _discovered_so_far(feedback: Discover.Feedback) -> str:
+    return feedback.detail or feedback.stage
+
+
+def what_was_found(result: Discover.Result | Investigate.Result, folder: Path) -> BackgroundJob:
     """Return the end of a discovery or an investigation; its report where `folder` holds it."""
     report, base = Path(result.report).resolve(), folder.resolve()
     return BackgroundJob(

@@ -7,6 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
@@ -93,7 +99,8 @@ class NodeRegistry:
     def _listed(self, name: str, listed: Any) -> None:
         if listed.result() is None:
             return  # it has gone, or is asked again
-        names = [n for n in listed.result().result.names if not n.startswith('qos_overrides')]
+        answer: ListParameters.Response = listed.result()
+        names = [n for n in answer.result.names if not n.startswith('qos_overrides')]
         found: dict[str, Any] = {}
 
         def both(what: str) -> Callable[[Any], None]:
@@ -113,7 +120,9 @@ class NodeRegistry:
         state = self._live.nodes.get(name)
         if state is None or None in found.values():
             return
-        values, about = found['values'].values, found['about'].descriptors
+        got: GetParameters.Response = found['values']
+        descriptions: DescribeParameters.Response = found['about']
+        values, about = got.values, descriptions.descriptors
         if not len(names) == len(values) == len(about):
             return  # it has changed meanwhile and is asked again
         parameters = {
@@ -156,7 +165,8 @@ class NodeRegistry:
         def answered(future: Any) -> None:
             if future.result() is None:
                 return  # and so runs out of time
-            refused = [r.reason or 'refused' for r in future.result().results if not r.successful]
+            response: SetParameters.Response = future.result()
+            refused = [r.reason or 'refused' for r in response.results if not r.successful]
             answer.give(refused[0] if refused else '')
 
         self._client(name).set_parameters(parameters, callback=answered)

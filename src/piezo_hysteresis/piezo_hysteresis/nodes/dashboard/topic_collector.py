@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log, ParameterEvent
@@ -33,6 +33,7 @@ from piezo_ros_common.diagnostics import state_of
 from piezo_ros_common.herald import WORKS
 from piezo_ros_common.qos import LATCHED, LOOP
 
+Message = TypeVar('Message')
 Sink = Callable[[bytes, int], object]
 
 # Nodes whose ~/status is shown.
@@ -41,16 +42,16 @@ EVENTS = QoSProfile(depth=1000)
 MOST = 20000  # messages of one topic at a time
 
 
-class Channel:
+class Channel(Generic[Message]):
     """One topic: takes what has come, hands it on raw and decoded."""
 
     def __init__(
         self,
         node: Node,
-        kind: type,
+        kind: type[Message],
         topic: str,
         qos: QoSProfile,
-        take: Callable[[list[Any]], None],
+        take: Callable[[list[Message]], None],
     ) -> None:
         self._kind, self._take = kind, take
         self._subscription = node.create_subscription(kind, topic, lambda _: None, qos)
@@ -59,7 +60,7 @@ class Channel:
     def poll(self) -> None:
         """Empty the queue."""
         handle = self._subscription.handle
-        messages: list[Any] = []
+        messages: list[Message] = []
         with handle:
             while len(messages) < MOST and (taken := handle.take_message(self._kind, True)):
                 payload = taken[0]
@@ -85,22 +86,27 @@ class TopicCollector:
         self._live = live
         self._prefix = f'/{live.actuator}/' if live.actuator else '/'
         self.counting = 'actuator'  # node that publishes the counters of the loop
-        kinds: tuple[tuple[type, str, QoSProfile, Callable[[list[Any]], None]], ...] = (
-            (RecordMarker, topics.MARKER, LOOP, self._markers),
-            (ActuatorState, topics.STATE, LOOP, self._states),
-            (Reference, topics.REFERENCE, LOOP, self._references),
-            (GapMessage, topics.GAP, LATCHED, self._gaps),
-            (ModelEstimate, topics.ESTIMATE, LATCHED, self._estimates),
-            (LoopStatus, topics.LOOP_STATUS, LATCHED, lambda m: self._count(self.counting, m)),
+        self.channels: dict[str, Channel[Any]] = {}
+        self._hear(node, RecordMarker, topics.MARKER, LOOP, self._markers)
+        self._hear(node, ActuatorState, topics.STATE, LOOP, self._states)
+        self._hear(node, Reference, topics.REFERENCE, LOOP, self._references)
+        self._hear(node, GapMessage, topics.GAP, LATCHED, self._gaps)
+        self._hear(node, ModelEstimate, topics.ESTIMATE, LATCHED, self._estimates)
+        self._hear(
+            node, LoopStatus, topics.LOOP_STATUS, LATCHED, lambda m: self._count(self.counting, m)
         )
-        self.channels = {
-            topic: Channel(node, kind, self._prefix + topic, qos, take)
-            for kind, topic, qos, take in kinds
-        }
         for name in COUNTING:
-            self.channels[f'{name}/status'] = Channel(
-                node, LoopStatus, f'{self._prefix}{name}/status', LATCHED, self._counter(name)
-            )
+            self._hear(node, LoopStatus, f'{name}/status', LATCHED, self._counter(name))
+
+    def _hear(
+        self,
+        node: Node,
+        kind: type[Message],
+        short: str,
+        qos: QoSProfile,
+        take: Callable[[list[Message]], None],
+    ) -> None:
+        self.channels[short] = Channel(node, kind, self._prefix + short, qos, take)
 
     def topic(self, short: str) -> str:
         """Return the whole name of a topic of this actuator."""

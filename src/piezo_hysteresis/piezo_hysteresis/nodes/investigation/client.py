@@ -61,7 +61,9 @@ class Asking:
         destroy(self._node)
         rclpy.shutdown(context=self._context)
 
-    def investigate(self, goal: Any, told: Callable[[Any], None]) -> Any:
+    def investigate(
+        self, goal: Investigate.Goal, told: Callable[[Investigate.Feedback], None]
+    ) -> Investigate.Result:
         """Return the result of a goal; it goes on where the discovery node is started anew.
 
         An interruption cancels it, and waits until the actuator is at rest.
@@ -82,7 +84,9 @@ class Asking:
             except _Gone:
                 patience = BACK_WITHIN
 
-    def _once(self, goal: Any, told: Callable[[Any], None]) -> Any:
+    def _once(
+        self, goal: Investigate.Goal, told: Callable[[Investigate.Feedback], None]
+    ) -> Investigate.Result:
         self._watch.begin()
         sent = self._client.send_goal_async(goal, feedback_callback=lambda m: told(m.feedback))
         self._follow(sent, ANSWERS_WITHIN)
@@ -95,8 +99,8 @@ class Asking:
         except KeyboardInterrupt:
             handle.cancel_goal_async()
             self._cancelled(ended)
-        answer: Any = ended.result()
-        return answer.result
+        result: Investigate.Result = ended.result().result
+        return result
 
     def _cancelled(self, ended: Any) -> None:
         try:
@@ -119,6 +123,6 @@ class Asking:
         return condition()
 
 
-def goal_of(**fields: Any) -> Any:
+def goal_of(**fields: Any) -> Investigate.Goal:
     """Return a goal with these fields."""
     return Investigate.Goal(**fields)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -75,7 +76,8 @@ class Neighbourhood:
             If it does not answer.
         """
         self._there(stopped)
-        answer = self._answer(self._excitation.get_parameters([name]), stopped)
+        asked = self._excitation.get_parameters([name])
+        answer: GetParameters.Response = self._answer(asked, stopped)
         return parameter_value_to_python(answer.values[0])
 
     def set_excitation(
@@ -92,7 +94,8 @@ class Neighbourhood:
         """
         self._there(stopped)
         parameters = [Parameter(name, value=value) for name, value in values.items()]
-        answer = self._answer(self._excitation.set_parameters(parameters), stopped)
+        asked = self._excitation.set_parameters(parameters)
+        answer: SetParameters.Response = self._answer(asked, stopped)
         for (name, value), result in zip(values.items(), answer.results, strict=True):
             if not result.successful:
                 raise PiezoError(f'the excitation refuses {name} {value}: {result.reason}')
@@ -110,7 +113,7 @@ class Neighbourhood:
             if not client.service_is_ready():
                 continue
             asked = client.call_async(LoadModel.Request(yaml=model.text()))
-            answer = self._answer(asked, stopped, COMPILED_WITHIN)
+            answer: LoadModel.Response = self._answer(asked, stopped, COMPILED_WITHIN)
             if not answer.success:
                 raise PiezoError(f'{name} does not take the model: {answer.message}')
             used.append(name)

@@ -63,7 +63,7 @@ class InvestigationServer:
         self._begin, self._tell, self._end = begin, tell, end
         self._status = LoopStatus()
         self._closing = False
-        self._sweeper = Sweeper(node, lambda: int(self._status.sample))
+        self._sweeper = Sweeper(node, lambda: self._status.sample)
         self._neighbours = Neighbourhood(node)
         node.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._server = ActionServer(
@@ -147,7 +147,7 @@ class InvestigationServer:
             self._tell(f'{progress.stage} {progress.experiment}'.strip())
             goal.publish_feedback(_feedback(progress))
 
-        request = goal.request
+        request: Investigate.Goal = goal.request
         setup = self._setup(request, stopped)
         before = str(self._neighbours.excitation('mode', stopped))
         usual = float(self._neighbours.excitation('slew', stopped))
@@ -166,7 +166,7 @@ class InvestigationServer:
                 setup,
                 _Actuator(self._sweeper, self._neighbours, under),
                 report,
-                workers=number_of_workers(int(request.workers)),
+                workers=number_of_workers(request.workers),
                 apply=request.apply,
             )
         finally:
@@ -180,7 +180,7 @@ class InvestigationServer:
         except Unanswered as error:  # what came out, or went wrong, is told all the same
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
-    def _setup(self, request: Any, stopped: Callable[[], bool]) -> Setup:
+    def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
         from piezo_hysteresis.investigation.journal import Setup
         from piezo_hysteresis.investigation.limits import ExperimentLimits, granted_range
         from piezo_hysteresis.investigation.session import Rules
@@ -198,7 +198,7 @@ class InvestigationServer:
         rules = Rules(
             budget=request.budget or Rules.budget,
             sure=request.sure or Rules.sure,
-            seed=int(request.seed),
+            seed=request.seed,
         )
         rate = float(self._neighbours.excitation('rate', stopped))
         return Setup(model, limits, rules, rate)

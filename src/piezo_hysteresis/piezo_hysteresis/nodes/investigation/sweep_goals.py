@@ -61,7 +61,9 @@ class SweepGoals:
             qos_profile_action_status_default,
         )
 
-    def run(self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float) -> Any:
+    def run(
+        self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float
+    ) -> RunSweep.Result:
         """Run a sweep to its end and return its result.
 
         Raises
@@ -85,7 +87,9 @@ class SweepGoals:
         finally:
             self._own = None
 
-    def _run(self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float) -> Any:
+    def _run(
+        self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float
+    ) -> RunSweep.Result:
         sent = in_thread_of(self._node, lambda: self._send(goal))
         # whoever stops it now has to wait for the answer: an accepted sweep must be ended
         if not waited(lambda: sent.done() or self._watch.lost, _never) or not sent.done():
@@ -102,7 +106,8 @@ class SweepGoals:
         if not ended.done():
             self.end()
             raise self._lost('the excitation has gone')
-        return ended.result().result
+        result: RunSweep.Result = ended.result().result
+        return result
 
     def _send(self, goal: RunSweep.Goal) -> Any:
         self._own = self._mark + os.urandom(_HALF)

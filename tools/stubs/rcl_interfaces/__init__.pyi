@@ -1,0 +1,1 @@
+# Written by tools/write_stubs.py from the interface files.
