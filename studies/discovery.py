@@ -1,6 +1,6 @@
 """The blind proof of the discovery: hidden effects of random size, found from the records alone.
 
-    python bench/discovery.py --kind all --sets 100 --workers 2
+    python studies/discovery.py --kind all --sets 100 --workers 2
 
 Every set is made by `piezo_sim`, written as a bag and handed to `python -m piezo_hysteresis
 discover` in a process of its own that is told the bag and the baseline, nothing else. The answer
@@ -30,9 +30,9 @@ from typing import Any
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_scores import calibration, confusion, named, page, summary
-from bench.discovery_worlds import Hidden, draw, records_of
 from piezo_hysteresis.records import write_bag
+from studies.discovery_scores import calibration, confusion, named, page, summary
+from studies.discovery_worlds import Hidden, draw, records_of
 
 KINDS = ('single', 'pair', 'null', 'unknown')
 # So long may one set take before it counts as a failure [s].

@@ -1,9 +1,9 @@
 """Effects hidden in an actuator of its own, recorded under conditions that are drawn by lot.
 
-    python bench/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
+    python studies/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
 
-What hides and how it is recorded is in `bench/lottery_world.py`, which shares no physics with the
-suite. `discover` gets the records and the name of a baseline, nothing else.
+What hides and how it is recorded is in `studies/lottery_world.py`, which shares no physics with
+the suite. `discover` gets the records and the name of a baseline, nothing else.
 """
 
 from __future__ import annotations
@@ -22,7 +22,11 @@ from numpy.random import Generator
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.lottery_world import (
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.verdict.verdict import Verdict
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import named
+from studies.lottery_world import (
     EFFECTS,
     OUTSIDERS,
     Conditions,
@@ -31,10 +35,6 @@ from bench.lottery_world import (
     recorded,
     with_hidden,
 )
-from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.verdict.verdict import Verdict
-from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.models import named
 
 BASELINE = 'bouc_wen_mode'
 SINGLES, PAIRS, NULLS, OTHERS = 33, 10, 20, 6
@@ -45,10 +45,10 @@ HEAD = (
     'one that no block describes. Start (rest, step, mid-period, remanent), noise (white or',
     'coloured, equal or with the amplitude), zeros, 8 to 16 bits, 0.2 to 20 kHz, kinds of',
     'records and what they cover are drawn by seed; the world shares no code with the suite',
-    '(`bench/lottery_world.py`). `discover` got the records and the name `bouc_wen_mode`. The',
+    '(`studies/lottery_world.py`). `discover` got the records and the name `bouc_wen_mode`. The',
     'search was frozen before; this is how it came out.',
     '',
-    '    python bench/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
+    '    python studies/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
 )
 
 

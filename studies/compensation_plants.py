@@ -7,8 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bench import closed_loops as loops
-from bench.goals import Goals
 from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.hinf import (
@@ -31,6 +29,8 @@ from piezo_hysteresis.compensation.loop import tracking_metrics
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function
 from piezo_hysteresis.identification.inverse_rows import row_of, selector_table
 from piezo_hysteresis.waveforms import Sine, Triangle, Waveform, from_spec
+from studies import closed_loops as loops
+from studies.goals import Goals
 
 # Xiao 2014 table 1: frequency, rms and largest error without and with its compensator [um].
 TABLE_1 = (

@@ -3,7 +3,7 @@
 Every model is identified from sweeps of the simulated actuator before it is inverted. Tracking
 errors are of the measured displacement, noise and quantisation included.
 
-    python bench/compensation.py [--only bimorph convergence robustness plants] [--step HZ]
+    python studies/compensation.py [--only bimorph convergence robustness plants] [--step HZ]
 """
 
 from __future__ import annotations
@@ -20,9 +20,6 @@ if not __package__:
 
 import numpy as np
 
-from bench import closed_loops as loops
-from bench.compensation_plants import measure_plants
-from bench.goals import Goals
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
@@ -35,6 +32,9 @@ from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms import Sequence as Parts
 from piezo_hysteresis.waveforms import Sine
+from studies import closed_loops as loops
+from studies.compensation_plants import measure_plants
+from studies.goals import Goals
 
 DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS
 HARMONIC = {14.0: 5, **dict.fromkeys(map(float, range(18, 29)), 3)}

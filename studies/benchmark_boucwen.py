@@ -1,6 +1,6 @@
 """The Bouc-Wen benchmark of nonlinearbenchmark.org: fitted on the training record, scored once.
 
-Run from the root: ``python bench/benchmark_boucwen.py [FOLDER] [--score]``. FOLDER holds
+Run from the root: ``python studies/benchmark_boucwen.py [FOLDER] [--score]``. FOLDER holds
 train_multisine.csv, test_multisine.csv and test_sinesweep.csv. Nothing is chosen on the tests.
 """
 

@@ -1,6 +1,6 @@
 """Every table and figure of the five papers that can be reproduced, ours beside the paper's.
 
-    python bench/papers.py [--quick] [--out out/papers] [--page docs/papers.md]
+    python studies/papers.py [--quick] [--out out/papers] [--page docs/papers.md]
 
 Leaves the pictures, ``papers.md`` that shows them, and ``numbers.json`` in the folder.
 """
@@ -16,9 +16,9 @@ from pathlib import Path
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench import papers_fujii, papers_loops, papers_stacks, papers_tatebatake, papers_xiao
-from bench.papers_bimorph import FULL, QUICK
-from bench.papers_page import Entry, page, save
+from studies import papers_fujii, papers_loops, papers_stacks, papers_tatebatake, papers_xiao
+from studies.papers_bimorph import FULL, QUICK
+from studies.papers_page import Entry, page, save
 
 
 def reproduce(quick: bool = False) -> list[Entry]:

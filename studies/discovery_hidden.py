@@ -1,6 +1,6 @@
 """Known effects hidden in measured records: the model fitted before, its name told after.
 
-    python bench/discovery_hidden.py --data ../shared/data --seed 7 --page docs/discovery_hidden.md
+    python studies/discovery_hidden.py --data ../shared/data --page docs/discovery_hidden.md
 
 A baseline is identified on untouched records of a measured actuator and saved. Then an effect of
 random size is put into the measured displacement, by code that shares nothing with the suite, and
@@ -8,7 +8,7 @@ random size is put into the measured displacement, by code that shares nothing w
 With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
 a sine, and the effect hides in the rest of it. Records are those of
-`bench/discovery_measured.py`; what is not there is left out.
+`studies/discovery_measured.py`; what is not there is left out.
 """
 
 from __future__ import annotations
@@ -276,9 +276,9 @@ HEAD = (
     'the `model.yaml`. The numbers that decide had been set on other sizes in these very',
     'records, with three of these four baselines: the sizes are new, the actuators are not.',
     'A draw before it was stopped, see [discovery](discovery.md). What hides is in',
-    '`bench/discovery_hidden.py` and uses no block of the suite.',
+    '`studies/discovery_hidden.py` and uses no block of the suite.',
     '',
-    '    python bench/discovery_hidden.py --data DATA --seed {seed} \\',
+    '    python studies/discovery_hidden.py --data DATA --seed {seed} \\',
     '        --page docs/discovery_hidden.md',
 )
 REFERENCE_HEADS = {
@@ -289,7 +289,7 @@ REFERENCE_HEADS = {
         'white noise of their own, as large as that at rest: what an actuator does otherwise',
         'from one day to the next is not in it. `discover` got both, and the name of a baseline.',
         '',
-        '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
+        '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
     ),
     'parts': (
         '## With `--reference`: the beginning of a record',
@@ -298,7 +298,7 @@ REFERENCE_HEADS = {
         'an effect was put into the rest of it, which begins in motion with a memory that nobody',
         'knows. A drift and a loss reach their size at its end.',
         '',
-        '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference parts',
+        '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference parts',
     ),
 }
 SIZES = (

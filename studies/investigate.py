@@ -1,7 +1,7 @@
 """Actuator time to the right name: chosen experiments, random ones, and a fixed battery.
 
-    python bench/investigate.py --sets 8 --nulls 4 --seed 3
-    python bench/investigate.py --table --page docs/investigate_study.md
+    python studies/investigate.py --sets 8 --nulls 4 --seed 3
+    python studies/investigate.py --table --page docs/investigate_study.md
 
 Actuators of `piezo_sim` with random numbers are identified, then one effect of random size is
 switched on (in a null actuator none). Three ways to find out what changed see the same actuator,
@@ -28,9 +28,6 @@ import numpy as np
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery import load
-from bench.investigate_table import goals, page, table
-from bench.investigate_worlds import Bench, Changed, changed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.investigation.choose import ExperimentChoice
 from piezo_hysteresis.investigation.history import History
@@ -38,6 +35,9 @@ from piezo_hysteresis.investigation.limits import ExperimentLimits
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
+from studies.discovery import load
+from studies.investigate_table import goals, page, table
+from studies.investigate_worlds import Bench, Changed, changed
 
 WAYS = ('designed', 'random', 'battery')
 BUDGET = 200.0

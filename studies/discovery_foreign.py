@@ -1,8 +1,8 @@
 """Known effects hidden in actuators that somebody else described: Maxwell, Duhem, LuGre, leakage.
 
-    python bench/discovery_foreign.py --seed 21 --page docs/discovery_foreign.md
+    python studies/discovery_foreign.py --seed 21 --page docs/discovery_foreign.md
 
-As `bench/discovery_hidden.py`, but the records come from `bench/foreign_worlds.py`. A baseline
+As `studies/discovery_hidden.py`, but the records come from `studies/foreign_worlds.py`. A baseline
 that cannot be exact there is identified on six untouched records; effects hide in six others.
 """
 
@@ -18,9 +18,9 @@ import numpy as np
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_hidden import Case, Row, examined, page
-from bench.foreign_worlds import WORLDS, recorded
 from piezo_hysteresis.records import write_bag
+from studies.discovery_hidden import Case, Row, examined, page
+from studies.foreign_worlds import WORLDS, recorded
 
 FITTED = tuple((a, f) for f in (1.0, 7.0, 23.0) for a in (0.5, 1.0))
 JUDGED = tuple((a, f) for f in (2.0, 5.0, 17.0) for a in (0.6, 0.9))
@@ -38,12 +38,12 @@ HEAD = (
     'Four actuators from textbook equations (elastoslides after Goldfarb and Celanovic 1997,',
     'Duhem after Coleman and Hodgson 1986, two modes with friction after Canudas de Wit 1995,',
     'leaking charge), in continuous time by SciPy, share nothing with the suite',
-    '(`bench/foreign_worlds.py`). A baseline that cannot be exact was identified on six sines; an',
-    'effect of random size was put into six others, and `discover` got these and the',
+    '(`studies/foreign_worlds.py`). A baseline that cannot be exact was identified on six sines;',
+    'an effect of random size was put into six others, and `discover` got these and the',
     '`model.yaml`. The search was frozen before any of these records existed; this is how it came',
     'out.',
     '',
-    '    python bench/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
+    '    python studies/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
 )
 SIZES = (
     'Sizes run from 0.25 to 1, where 1 is a delay or lag of 4 ms, a curve of 2.5 % at the ends,',

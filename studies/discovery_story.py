@@ -1,6 +1,6 @@
 """The papers' own story, told by the tool: what is missing is the mode at 68 Hz.
 
-    python bench/discovery_story.py --baselines extended,classical,modified --workers 2
+    python studies/discovery_story.py --baselines extended,classical,modified --workers 2
 
 The simulated bimorph of Fujii 2018 is swept from 1 to 50 Hz and every baseline is given to the
 discovery. Written are, per baseline, the folder that ``discover`` leaves and, for all of them, a

@@ -3,7 +3,7 @@
 Of each record the first 70 % is fitted and the rest judges; further files judge the model that was
 fitted to all of it. Discovery begins with the fine bank of plays, the better of the two chains.
 
-    python bench/choice.py TRAIN.csv [--judge TEST.csv]
+    python studies/choice.py TRAIN.csv [--judge TEST.csv]
 """
 
 from __future__ import annotations

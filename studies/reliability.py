@@ -1,6 +1,6 @@
 """How often what discovery said with a probability was right, over all examinations.
 
-    python bench/reliability.py [--picture docs/pictures/reliability.png]
+    python studies/reliability.py [--picture docs/pictures/reliability.png]
 
 Read from the pages of the examinations on data that nobody simulated with the suite, whose sets
 decided nothing. A name beside an effect that is hidden counts as wrong.
@@ -23,8 +23,8 @@ from scipy.stats import binomtest
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_hidden import HIDDEN
-from bench.lottery_world import EFFECTS
+from studies.discovery_hidden import HIDDEN
+from studies.lottery_world import EFFECTS
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 PAGES = ('discovery_hidden.md', 'discovery_foreign.md', 'discovery_lottery.md')

@@ -1,6 +1,6 @@
 """Discovery on records that we did not simulate, beside PySINDy and SysIdentPy.
 
-    python bench/discovery_measured.py --data ../shared/data --workers 2
+    python studies/discovery_measured.py --data ../shared/data --workers 2
 
 Two records: the training multisine of the Bouc-Wen benchmark with the baseline ``linear_mode``,
 and a measured piezo stack (150 V, 1 Hz) with the baseline ``classical``. Every tool sees the first
