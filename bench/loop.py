@@ -116,6 +116,8 @@ class Pacer(Node):
         self.create_timer(1.0 / rate, self._tick)
 
     def _tick(self) -> None:
+        if self.stop.done():
+            return  # the timer may fire once more before the executor stops
         # The first tick goes around until it comes back: by then all relays are there.
         if self._sent and np.isnan(self._trips[0]):
             self._sent.clear()
