@@ -9,6 +9,7 @@ that cannot be exact there is identified on six untouched records; effects hide 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -18,8 +19,9 @@ import numpy as np
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from bench.quick import parsed
 from piezo_hysteresis.records import write_bag
-from studies.discovery_hidden import Case, Row, examined, page
+from studies.discovery_hidden import HIDDEN, Case, Row, Search, examined, page
 from studies.foreign_worlds import WORLDS, recorded
 
 FITTED = tuple((a, f) for f in (1.0, 7.0, 23.0) for a in (0.5, 1.0))
@@ -52,15 +54,15 @@ SIZES = (
 )
 
 
-def records_into(folder: Path, seed: int) -> list[Case]:
-    """Write the records of every world as bags and return the cases that name them."""
+def records_into(folder: Path, seed: int, worlds: int, seconds: float) -> list[Case]:
+    """Write the records of the first worlds as bags and return the cases that name them."""
     cases = []
-    for place, (name, world) in enumerate(WORLDS.items()):
+    for place, (name, world) in enumerate(list(WORLDS.items())[:worlds]):
         random = np.random.default_rng([seed, place, 99])
         files = (f'{place}_fitted', f'{place}_judged')
         for file, drives in zip(files, (FITTED, JUDGED), strict=True):
-            write_bag(folder / file, recorded(world, drives, SECONDS, random))
-        cases.append(Case(name, files[0], np.inf, files[1:], (BASELINES[name],), SECONDS, 4e-3))
+            write_bag(folder / file, recorded(world, drives, seconds, random))
+        cases.append(Case(name, files[0], np.inf, files[1:], (BASELINES[name],), seconds, 4e-3))
     return cases
 
 
@@ -70,12 +72,18 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--workers', type=int, default=1)
     parser.add_argument('--page', type=Path)
-    arguments = parser.parse_args()
+    parser.add_argument('--worlds', type=int, default=len(WORLDS), help='so many of them')
+    parser.add_argument('--effects', type=int, default=len(HIDDEN), help='so many, and none')
+    parser.add_argument('--seconds', type=float, default=SECONDS, help='of every record')
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    arguments = parsed(parser, worlds=1, effects=2, seconds=1.0, time_limit=2.0)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as made:
-        for place, case in enumerate(records_into(Path(made), arguments.seed)):
+        given = arguments.seed, arguments.worlds, arguments.seconds
+        how = Search(arguments.workers, arguments.time_limit, arguments.effects)
+        for place, case in enumerate(records_into(Path(made), *given)):
             seed = arguments.seed, place
-            rows += examined(case, case.baselines[0], Path(made), seed, arguments.workers)
+            rows += examined(case, case.baselines[0], Path(made), seed, how)
     text = page(rows, arguments.seed, HEAD, SIZES)
     print(text)
     if arguments.page:

@@ -23,6 +23,7 @@ from scipy.stats import binomtest
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from bench.quick import parsed
 from studies.discovery_hidden import HIDDEN
 from studies.lottery_world import EFFECTS
 
@@ -131,7 +132,7 @@ def main() -> None:
     """Print the classes, and draw them."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--picture', type=Path)
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     pages = [DOCS / name for name in PAGES if (DOCS / name).exists()]
     said = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
     found = classes(said)
