@@ -13,6 +13,7 @@ import argparse
 import math
 import os
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -22,8 +23,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
+from bench.quick import parsed
 from piezo_hysteresis.batch import Batch, Identify, run_batch
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, write_bag
@@ -37,7 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--bags', type=int, default=24)
     parser.add_argument('--workers', type=int, default=2)
-    wanted = parser.parse_args()
+    wanted = parsed(parser, bags=2)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         make_bags(place / 'data', wanted.bags)

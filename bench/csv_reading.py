@@ -15,8 +15,12 @@ import tempfile
 import time
 from pathlib import Path
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
+from bench.quick import parsed
 from piezo_hysteresis.records import Record, csv_columns, read_csv, write_csv
 
 WAYS = ('lines', 'pyarrow')
@@ -37,7 +41,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rows', type=int, default=3_000_000)
     parser.add_argument('--read', nargs=2, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+    arguments = parsed(parser, rows=50_000)
     if arguments.read:
         read(Path(arguments.read[0]), arguments.read[1])
         return 0

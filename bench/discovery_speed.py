@@ -5,7 +5,7 @@
 Each case is made by `piezo_sim`, hides creep and is given to the `discover` of this checkout, and
 of the commit where one is named, one after the other, each in a process of its own, after one on
 a few short records that compiles. `--large` adds 12 million samples with a time limit, `--cases`
-says how many of the others.
+says how many of the others. `--quick` gives four short records 3 s, the search unfinished.
 """
 
 from __future__ import annotations
@@ -21,6 +21,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from bench.quick import parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ('piezo_common', 'piezo_kernels', 'piezo_ros_common', 'piezo_sim', 'piezo_hysteresis')
@@ -60,6 +65,9 @@ CASES = (
     Case('87 000 samples at 10 kHz', tuple(_sweep((20, 40, 100), '1', 2.9, 10_000.0))),
 )
 SHORT = Case('few short records', tuple(_sweep((3, 7, 12, 19, 27, 40), '.5,1', 1.0, 1000.0)))
+QUICK = Case(
+    'four short records', tuple(_sweep((3, 14, 23, 40), '1', 1.0, 1000.0)), ('--time-limit', '3')
+)
 LARGE = Case(
     '12 million samples, 12 records',
     tuple(_sweep((0.5, 1, 2, 3, 5, 8, 11, 13, 17, 19, 23, 29), '1', 1000.0, 1000.0)),
@@ -102,7 +110,7 @@ def main() -> None:
     parser.add_argument('--against', help='a commit')
     parser.add_argument('--large', action='store_true')
     parser.add_argument('--cases', type=int, default=len(CASES))
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         roots = {'here': ROOT}
@@ -111,8 +119,8 @@ def main() -> None:
         print(
             '| records | checkout | s | processor s | GiB | named |\n|---|---|---:|---:|---:|---|'
         )
-        cases = (*CASES[: arguments.cases], *([LARGE] if arguments.large else []))
-        for place, case in enumerate((SHORT, *cases)):
+        cases = (SHORT, *CASES[: arguments.cases], *([LARGE] if arguments.large else []))
+        for place, case in enumerate((QUICK,) if arguments.quick else cases):
             bag, out = folder / f'bag{place}', folder / f'out{place}'
             run(ROOT, ['piezo_sim', 'sweep', *case.sweep, '--seed', '1', '--out', str(bag)])
             for name, root in roots.items():

@@ -25,6 +25,7 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench import export_beside as beside
+from bench.quick import parsed
 from piezo_hysteresis.cli.main import main as verb
 from piezo_hysteresis.models import ModelFile, named
 
@@ -63,14 +64,16 @@ def said(*command: str | Path) -> str:
 def measured(folder: Path, path: Path, asked: argparse.Namespace) -> dict[str, Any]:
     """Return every figure of a run."""
     steps: dict[str, Any] = {}
-    for k, (name, words) in enumerate(ROWS.items()):
+    for k, (name, words) in enumerate(list(ROWS.items())[-asked.laws :]):
         bench = built(folder / f'lib{k}', path, asked.rate, words)
         steps[name] = json.loads(said(bench, '0', str(asked.steps)))
     clock = json.loads(said(bench, str(asked.seconds)))
     example = said(bench.parent / 'example')
     model = ModelFile.load(path)
-    rows = beside.library(path, folder / 'beside', asked.samples, asked.steps)
-    rows = [beside.offline(model, asked.samples), *rows]
+    rows: list[beside.Row] = []
+    if asked.samples:
+        rows = beside.library(path, folder / 'beside', asked.samples, asked.steps)
+        rows = [beside.offline(model, asked.samples), *rows]
     if asked.samples > beside.SHORTEST:
         rows = [*beside.live(model, path, asked.samples), *rows]
     return {
@@ -135,9 +138,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--steps', type=int, default=10_000_000)
     parser.add_argument('--seconds', type=float, default=60.0)
     parser.add_argument('--rate', type=float, default=20000.0)
-    parser.add_argument('--samples', type=int, default=8000, help='of the loops beside it')
+    parser.add_argument('--laws', type=int, default=len(ROWS), help='so many, the last ones')
+    parser.add_argument(
+        '--samples', type=int, default=8000, help='of the loops beside it; 0: none'
+    )
     parser.add_argument('--write', action='store_true', help='into docs/target.md')
-    asked = parser.parse_args(arguments)
+    asked = parsed(parser, arguments, laws=1, steps=20_000, seconds=0.5, samples=0)
     model = named('bouc_wen_mode')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'model.yaml'

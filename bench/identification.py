@@ -2,20 +2,25 @@
 
 Run from the root; padasip, pyswarms and cma take part where they can be imported::
 
-    python bench/identification.py [--quick] [--measured CSV]
+    python bench/identification.py [--seconds 100] [--seeds 10] [--measured CSV]
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
+from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification import (
@@ -336,18 +341,20 @@ def measured(path: Path) -> None:
 def main() -> None:
     """Run every comparison."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='a tenth of the data')
+    parser.add_argument('--samples', type=int, default=200_000, help='of the recursion')
+    parser.add_argument('--seconds', type=float, default=100.0, help='of each of 50 records')
+    parser.add_argument('--seeds', type=int, default=10, help='of each search')
     parser.add_argument(
         '--measured',
         type=Path,
         default=Path('../shared/data/piezo_150v_1hz/piezo_150V_1Hz.csv'),
     )
-    arguments = parser.parse_args()
-    rls_speed(20_000 if arguments.quick else 200_000)
+    arguments = parsed(parser, samples=10_000, seconds=2.0, seeds=1)
+    rls_speed(arguments.samples)
     parked()
     recovery()
-    big(10.0 if arguments.quick else 100.0)
-    three_parameters(3 if arguments.quick else 10)
+    big(arguments.seconds)
+    three_parameters(arguments.seeds)
     measured(arguments.measured)
 
 

@@ -22,10 +22,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 from rclpy.node import Node
 from rclpy.task import Future
 
+from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.codecs import measured_of
@@ -116,6 +120,8 @@ class Pacer(Node):
         self.create_timer(1.0 / rate, self._tick)
 
     def _tick(self) -> None:
+        if self.stop.done():
+            return  # the timer may fire once more before the executor stops
         # The first tick goes around until it comes back: by then all relays are there.
         if self._sent and np.isnan(self._trips[0]):
             self._sent.clear()
@@ -288,7 +294,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--samples', type=int, default=8000)
     parser.add_argument('--executor', default='auto', choices=('auto', 'events', 'default'))
-    words = parser.parse_args()
+    words = parsed(parser, samples=WARM_UP + 200)
     os.environ['PIEZO_EXECUTOR'] = words.executor
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'model.yaml'

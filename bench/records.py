@@ -20,8 +20,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
+from bench.quick import parsed
 from piezo_hysteresis import records
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records import cdr
@@ -145,7 +149,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--samples', type=int, default=1_000_000, help='for the comparison')
     parser.add_argument('--large', type=int, default=5_000_000, help='for ours alone; 0: skip')
-    options = parser.parse_args()
+    options = parsed(parser, samples=20_000, large=0)
     equal = True
     with tempfile.TemporaryDirectory() as folder:
         records.write_bag(Path(folder) / 'warm', [sweep(100)])

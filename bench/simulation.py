@@ -17,10 +17,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from bench.quick import parsed
 from piezo_hysteresis.records import write_bag
 from piezo_sim import Plant, preset_names
 from piezo_sim.sweep import grid, simulate
@@ -73,16 +77,17 @@ def stepping(samples: int) -> None:
     print(f'\none `exchange` from Python: {cost:.0f} ns')
 
 
-def sweep(bag: bool) -> None:
+def sweep(seconds: float, bag: bool) -> None:
     """Print the time of the sweep of the papers."""
-    specs = grid('sine', [float(f) for f in range(1, 51)], [1.0], {'duration': 100.0})
+    specs = grid('sine', [float(f) for f in range(1, 51)], [1.0], {'duration': seconds})
     simulate('fdk_pzba_00030', specs[:1])
     started = time.perf_counter()
     records = simulate('fdk_pzba_00030', specs)
     simulated = time.perf_counter() - started
     samples = sum(len(record) for record in records)
     print(
-        f'\nsweep of 50 x 100 s at 1 kHz, {samples} samples: {simulated:.2f} s simulated', end=''
+        f'\nsweep of 50 x {seconds:g} s at 1 kHz, {samples} samples: {simulated:.2f} s simulated',
+        end='',
     )
     if bag:
         with tempfile.TemporaryDirectory() as folder:
@@ -95,9 +100,10 @@ def main() -> int:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else '')
     parser.add_argument('--samples', type=int, default=200_000)
+    parser.add_argument('--seconds', type=float, default=100.0, help='of each of 50 frequencies')
     parser.add_argument('--effects', action='store_true', help='every effect on its own, too')
     parser.add_argument('--no-bag', action='store_true', help='do not write the bag')
-    options = parser.parse_args()
+    options = parsed(parser, samples=2000, seconds=1.0)
     command = np.sin(2 * np.pi * 0.023 * np.arange(options.samples))
     reading = np.empty_like(command)
     floor = nanoseconds(lambda: bare(command, reading), options.samples)
@@ -112,7 +118,7 @@ def main() -> int:
             plant = Plant({**switches, f'effects.{effect.name}': True})
             row(effect.name, plant, min(options.samples, 20_000), floor)
     stepping(min(options.samples, 20_000))
-    sweep(bag=not options.no_bag)
+    sweep(options.seconds, bag=not options.no_bag)
     return 0
 
 

@@ -20,12 +20,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from bench.quick import parsed
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
 from piezo_interfaces.msg import ActuatorState, Gap, ModelEstimate, Reference, VoltageCommand
@@ -124,7 +128,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('nodes', nargs='*', metavar='NODE', help=', '.join(NODES))
     parser.add_argument('--repeat', type=int, default=3)
-    words = parser.parse_args()
+    words = parsed(parser, nodes=['simulator', 'feedforward'], repeat=1)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         model = named('classical')

@@ -1,6 +1,6 @@
 """A few fixed worlds, examined blind by a process that gets the records alone.
 
-The whole study with random worlds is ``bench/discovery.py``.
+The whole study with random worlds is ``studies/discovery.py``.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def test_a_page_does_what_it_states(page: Path, tmp_path: Path, request) -> None
 
 def own_clone(folder: Path) -> dict[str, str]:
     """Make the folder a clone of the reader's own: only the kernel that is new is compiled."""
-    for name in ('src', 'docs', 'tools', 'test', 'config', 'bench'):
+    for name in ('src', 'docs', 'tools', 'test', 'config', 'bench', 'studies'):
         shutil.copytree(
             ROOT / name,
             folder / name,

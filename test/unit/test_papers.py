@@ -1,4 +1,4 @@
-"""A short part of `bench/papers.py`: what the papers say of their figures holds here too."""
+"""A short part of `studies/papers.py`: what the papers say of their figures holds here too."""
 
 import re
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from bench import (  # noqa: E402
+from studies import (  # noqa: E402
     closed_loops,
     compensation_plants,
     papers_fujii,
@@ -19,8 +19,8 @@ from bench import (  # noqa: E402
     papers_tatebatake,
     papers_xiao,
 )
-from bench.papers_bimorph import QUICK, Length  # noqa: E402
-from bench.papers_page import PAPERS, Entry, page, save  # noqa: E402
+from studies.papers_bimorph import QUICK, Length  # noqa: E402
+from studies.papers_page import PAPERS, Entry, page, save  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -129,7 +129,7 @@ def test_the_page_in_docs_names_every_paper_and_what_differs():
 
 def test_the_script_explains_itself():
     answer = subprocess.run(
-        [sys.executable, str(ROOT / 'bench' / 'papers.py'), '--help'],
+        [sys.executable, str(ROOT / 'studies' / 'papers.py'), '--help'],
         capture_output=True,
         text=True,
         check=False,

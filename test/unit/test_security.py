@@ -13,7 +13,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
-    file for folder in ('src', 'tools', 'bench') for file in sorted((ROOT / folder).rglob('*.py'))
+    file
+    for folder in ('src', 'tools', 'bench', 'studies')
+    for file in sorted((ROOT / folder).rglob('*.py'))
 ]
 POLICY = ROOT / 'config' / 'security' / 'policy.xml'
 

@@ -4,7 +4,7 @@ Why the search of discovery does not choose it: that one asks which effect can b
 leaves out what it cannot be sure of; a model that shall predict keeps it. Given the first 70 % of
 the measured 150 V record, discovery names nothing and misses 0.53 % of the rest, this choice
 0.40 %; of growing amplitudes of a stack that was fitted at one, 0.44 and 0.20 µm
-(``bench/choice.py``). What they share are effects, starts, rules and the words of their numbers.
+(``studies/choice.py``). What they share are effects, starts, rules and the words of their numbers.
 """
 
 from __future__ import annotations

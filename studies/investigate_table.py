@@ -95,7 +95,7 @@ def page(rows: Rows, seed: int, aims: str, remarks: str = '') -> str:
     ]
     return (
         '# How long it takes an actuator to tell what changed\n\n'
-        f'Written by `python bench/investigate.py --table --seed {seed} --page '
+        f'Written by `python studies/investigate.py --table --seed {seed} --page '
         'docs/investigate_study.md`, which says what was done. Simulated actuators of random '
         'numbers; times are seconds for which it is driven, conditioning included.\n\n'
         f'{aims}\n\n{table(rows)}\n\n'

@@ -1,7 +1,7 @@
 """Actuator time to the right name: chosen experiments, random ones, and a fixed battery.
 
-    python bench/investigate.py --sets 8 --nulls 4 --seed 3
-    python bench/investigate.py --table --page docs/investigate_study.md
+    python studies/investigate.py --sets 8 --nulls 4 --seed 3
+    python studies/investigate.py --table --page docs/investigate_study.md
 
 Actuators of `piezo_sim` with random numbers are identified, then one effect of random size is
 switched on (in a null actuator none). Three ways to find out what changed see the same actuator,
@@ -28,9 +28,7 @@ import numpy as np
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery import load
-from bench.investigate_table import goals, page, table
-from bench.investigate_worlds import Bench, Changed, changed
+from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.investigation.choose import ExperimentChoice
 from piezo_hysteresis.investigation.history import History
@@ -38,9 +36,12 @@ from piezo_hysteresis.investigation.limits import ExperimentLimits
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
+from studies.discovery import load
+from studies.investigate_table import goals, page, table
+from studies.investigate_worlds import Bench, Changed, changed
 
 WAYS = ('designed', 'random', 'battery')
-BUDGET = 200.0
+BUDGET = 200.0  # [s]
 # What every experiment keeps: range [V], slew [V/s], frequency [Hz].
 LIMITS = ExperimentLimits(-1.0, 1.0, slew=700.0, frequency=100.0)
 
@@ -66,10 +67,10 @@ def stroke_limit(world: Changed) -> ExperimentLimits:
     )
 
 
-def by_choice(world: Changed, way: str, seed: int) -> dict[str, Any]:
+def by_choice(world: Changed, way: str, seed: int, budget: float) -> dict[str, Any]:
     """Investigate an actuator; `way` is designed or random."""
     limits = stroke_limit(world)
-    investigation = Investigation(world.model, limits, world.rate, Rules(budget=BUDGET))
+    investigation = Investigation(world.model, limits, world.rate, Rules(budget=budget))
     bench, rng = Bench(world), np.random.default_rng([seed, 7])
 
     def at_random(now: Investigation) -> ExperimentChoice | Stop:
@@ -115,12 +116,12 @@ def by_battery(world: Changed) -> dict[str, Any]:
     }
 
 
-def examine(task: tuple[str, int, int, str]) -> dict[str, Any]:
+def examine(task: tuple[str, int, int, str, float]) -> dict[str, Any]:
     """Examine one actuator in one way."""
-    kind, index, seed, way = task
+    kind, index, seed, way, budget = task
     began = time.process_time()
     world = changed(kind, index, seed)
-    row = by_battery(world) if way == 'battery' else by_choice(world, way, seed + index)
+    row = by_battery(world) if way == 'battery' else by_choice(world, way, seed + index, budget)
     return {
         'key': world.key,
         'kind': kind,
@@ -144,12 +145,12 @@ def told(row: dict[str, Any]) -> str:
     )
 
 
-def wanted(words: argparse.Namespace) -> Iterator[tuple[str, int, int, str]]:
+def wanted(words: argparse.Namespace) -> Iterator[tuple[str, int, int, str, float]]:
     """Yield what is asked for."""
     for kind, count in (('single', words.sets), ('null', words.nulls)):
         for index in range(count):
             for way in words.ways:
-                yield kind, index, words.seed, way
+                yield kind, index, words.seed, way, words.budget
 
 
 def main() -> int:
@@ -167,7 +168,8 @@ def main() -> int:
     add('--table', action='store_true', help='only print what is there')
     add('--page', type=Path, help='write the table as a page of documentation, too')
     add('--remarks', default='', help='sentences for that page')
-    words = parser.parse_args()
+    add('--budget', type=float, default=BUDGET, help='time of an actuator [s]')
+    words = parsed(parser, sets=1, nulls=0, ways=['designed'], budget=5.0)
     words.out.mkdir(parents=True, exist_ok=True)
     results = words.out / f'results_{words.seed}.jsonl'
     if not words.table:
@@ -181,7 +183,7 @@ def main() -> int:
     rows = load(results)
     print(table(rows))
     if words.page:
-        aims = goals(rows, BUDGET, (LIMITS.low, LIMITS.high, LIMITS.slew))
+        aims = goals(rows, words.budget, (LIMITS.low, LIMITS.high, LIMITS.slew))
         words.page.write_text(page(rows, words.seed, aims, words.remarks), encoding='utf-8')
     return 0
 

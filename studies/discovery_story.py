@@ -1,6 +1,6 @@
 """The papers' own story, told by the tool: what is missing is the mode at 68 Hz.
 
-    python bench/discovery_story.py --baselines extended,classical,modified --workers 2
+    python studies/discovery_story.py --baselines extended,classical,modified --workers 2
 
 The simulated bimorph of Fujii 2018 is swept from 1 to 50 Hz and every baseline is given to the
 discovery. Written are, per baseline, the folder that ``discover`` leaves and, for all of them, a
@@ -12,14 +12,19 @@ the mode, and 23 Hz, whose third does.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from bench.quick import parsed
 from piezo_hysteresis.discovery import Discovery, Verdict, discover
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.identification.uncertainty import digits
@@ -112,7 +117,10 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument('--seed', type=int, default=5)
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument('--out', type=Path, default=Path('out/story'))
-    arguments = parser.parse_args(words)
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    arguments = parsed(
+        parser, words, baselines='classical', frequencies='3,14,23,40', seconds=1.0, time_limit=2.0
+    )
     frequencies = [float(each) for each in arguments.frequencies.split(',')]
     arguments.out.mkdir(parents=True, exist_ok=True)
     bag = arguments.out / f'sweep_{time.strftime("%Y%m%d_%H%M%S")}'
@@ -120,7 +128,13 @@ def main(words: Sequence[str] | None = None) -> int:
     mode = load_preset(PRESET).values()['structure.natural_frequency']
     found, missed = [], []
     for baseline in arguments.baselines.split(','):
-        each = discover(load([bag]), named(baseline), name=baseline, workers=arguments.workers)
+        each = discover(
+            load([bag]),
+            named(baseline),
+            name=baseline,
+            workers=arguments.workers,
+            time_limit=arguments.time_limit,
+        )
         write_discovery(arguments.out / baseline, each, [str(bag)])
         found.append(each)
         print('\n'.join(told(each.verdict)), flush=True)
@@ -137,7 +151,7 @@ def main(words: Sequence[str] | None = None) -> int:
         draw(found, arguments.out / 'story.png')
     if missed:
         print(f'no mode at {mode:g} Hz from {", ".join(missed)}')
-    return 1 if missed else 0
+    return 1 if missed and not arguments.quick else 0
 
 
 if __name__ == '__main__':

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench import papers_bimorph as bimorph
-from bench.papers_bimorph import DT, Length
-from bench.papers_page import Entry, finish, loop
+from studies import papers_bimorph as bimorph
+from studies.papers_bimorph import DT, Length
+from studies.papers_page import Entry, finish, loop
 
 KINDS = ('basic', 'extended')
 CONTROL = ('basic', 'printed')

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench import closed_loops as loops
-from bench import papers_bimorph as bimorph
-from bench.papers_page import Draw, Entry, finish, loop, panels
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
+from studies import closed_loops as loops
+from studies import papers_bimorph as bimorph
+from studies.papers_page import Draw, Entry, finish, loop, panels
 
 _LOOPS = 3.0
 """Seconds of a record of the bimorph; the last periods are drawn."""

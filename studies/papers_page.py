@@ -113,7 +113,7 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
         'are identified from sweeps of the simulated actuator, as the papers do from theirs. A',
         'smaller error on a simulated actuator is no proof that a real one would show it.',
         '',
-        'Made by `python bench/papers.py --page docs/papers.md`, in a few minutes.',
+        'Made by `python studies/papers.py --page docs/papers.md`, in a few minutes.',
         '',
     ]
     for paper, title in PAPERS.items():

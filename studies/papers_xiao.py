@@ -8,15 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench import closed_loops as loops
-from bench import compensation_plants as plants
-from bench.papers_loops import drawn, last, together, width
-from bench.papers_page import Entry, finish, loop
 from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, tracking_metrics
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.waveforms import Waveform, from_spec
+from studies import closed_loops as loops
+from studies import compensation_plants as plants
+from studies.papers_loops import drawn, last, together, width
+from studies.papers_page import Entry, finish, loop
 
 _BEGIN = 1.2
 

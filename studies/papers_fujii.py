@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench import closed_loops as loops
-from bench import papers_bimorph as bimorph
-from bench.papers_bimorph import DT, Length
-from bench.papers_page import Entry, finish, loop
+from studies import closed_loops as loops
+from studies import papers_bimorph as bimorph
+from studies.papers_bimorph import DT, Length
+from studies.papers_page import Entry, finish, loop
 
 NO_MEAN = (
     'The model has no offset, so its free run and its feedforward miss the mean by 16 to 230 um; '

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.discovery_actuators import Generator, Overrides, bouc_wen, mode, play, share, sign
+from studies.discovery_actuators import Generator, Overrides, bouc_wen, mode, play, share, sign
 
 
 @dataclass(frozen=True)

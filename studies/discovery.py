@@ -1,6 +1,6 @@
 """The blind proof of the discovery: hidden effects of random size, found from the records alone.
 
-    python bench/discovery.py --kind all --sets 100 --workers 2
+    python studies/discovery.py --kind all --sets 100 --workers 2
 
 Every set is made by `piezo_sim`, written as a bag and handed to `python -m piezo_hysteresis
 discover` in a process of its own that is told the bag and the baseline, nothing else. The answer
@@ -30,21 +30,22 @@ from typing import Any
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_scores import calibration, confusion, named, page, summary
-from bench.discovery_worlds import Hidden, draw, records_of
+from bench.quick import parsed
 from piezo_hysteresis.records import write_bag
+from studies.discovery_scores import calibration, confusion, named, page, summary
+from studies.discovery_worlds import Hidden, draw, records_of
 
 KINDS = ('single', 'pair', 'null', 'unknown')
 # So long may one set take before it counts as a failure [s].
 PATIENCE = 1800
 
 
-def discover(bag: Path, baseline: str, seed: int, threads: int) -> dict[str, Any]:
+def discover(bag: Path, baseline: str, seed: int, how: Sequence[str]) -> dict[str, Any]:
     """Run the command on a bag in a process of its own and return its verdict."""
     out = bag.parent / 'verdict'
     command = [sys.executable, '-m', 'piezo_hysteresis', 'discover', str(bag)]
     command += ['--baseline', baseline, '--out', str(out), '--seed', str(seed)]
-    command += ['--workers', str(threads)]
+    command += how
     try:
         done = subprocess.run(
             command, cwd=bag.parent, capture_output=True, text=True, timeout=PATIENCE, check=False
@@ -57,13 +58,13 @@ def discover(bag: Path, baseline: str, seed: int, threads: int) -> dict[str, Any
     return found
 
 
-def examine(hidden: Hidden, seed: int, threads: int) -> dict[str, Any]:
+def examine(hidden: Hidden, seed: int, how: Sequence[str]) -> dict[str, Any]:
     """Make a set, have it examined, and put verdict and answer side by side."""
     records = records_of(hidden)
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / 'records'
         write_bag(bag, records)
-        verdict = discover(bag, hidden.world.baseline, seed, threads)
+        verdict = discover(bag, hidden.world.baseline, seed, how)
     row: dict[str, Any] = {
         'key': hidden.key,
         'kind': hidden.kind,
@@ -109,11 +110,11 @@ def told(row: dict[str, Any]) -> str:
     )
 
 
-def run(todo: Sequence[tuple[Any, ...]], results: Path, workers: int, threads: int) -> None:
-    """Examine sets side by side and append what comes out."""
+def run(todo: Sequence[tuple[Any, ...]], results: Path, workers: int, how: Sequence[str]) -> None:
+    """Examine sets side by side and append what comes out; `how` are words for `discover`."""
 
     def one(task: tuple[Any, ...]) -> dict[str, Any]:
-        return examine(draw(*task), 0, threads)
+        return examine(draw(*task), 0, how)
 
     with ThreadPoolExecutor(workers) as pool, results.open('a', encoding='utf-8') as file:
         for row in pool.map(one, todo):
@@ -145,7 +146,8 @@ def main() -> int:
     add('--out', type=Path, default=Path('out/discovery'))
     add('--table', action='store_true', help='only print what is there')
     add('--page', type=Path, help='write the table as a page of documentation, too')
-    arguments = parser.parse_args()
+    add('--time-limit', type=float, help='of each set [s]')
+    arguments = parsed(parser, sets=1, kind='single', time_limit=3.0)
     arguments.out.mkdir(parents=True, exist_ok=True)
     results = arguments.out / 'results.jsonl'
     kinds = KINDS if arguments.kind == 'all' else (arguments.kind,)
@@ -158,7 +160,10 @@ def main() -> int:
         ]
         if arguments.only:
             todo = [task for task in todo if arguments.only in draw(*task).effects]
-        run(todo, results, arguments.workers, arguments.threads)
+        how = ['--workers', str(arguments.threads)]
+        if arguments.time_limit is not None:
+            how += ['--time-limit', str(arguments.time_limit)]
+        run(todo, results, arguments.workers, how)
     rows = load(results)
     table = '\n'.join([*summary(rows), '', *calibration(rows), '', *confusion(rows)])
     (arguments.out / 'table.txt').write_text(table + '\n', encoding='utf-8')

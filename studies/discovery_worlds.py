@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.discovery_actuators import Generator, Overrides, World, share, world
-from bench.discovery_effects import ANY, EXOTIC, KNOBS, Knob
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import simulate
+from studies.discovery_actuators import Generator, Overrides, World, share, world
+from studies.discovery_effects import ANY, EXOTIC, KNOBS, Knob
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """How often what discovery said with a probability was right, over all examinations.
 
-    python bench/reliability.py [--picture docs/pictures/reliability.png]
+    python studies/reliability.py [--picture docs/pictures/reliability.png]
 
 Read from the pages of the examinations on data that nobody simulated with the suite, whose sets
 decided nothing. A name beside an effect that is hidden counts as wrong.
@@ -23,8 +23,9 @@ from scipy.stats import binomtest
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_hidden import HIDDEN
-from bench.lottery_world import EFFECTS
+from bench.quick import parsed
+from studies.discovery_hidden import HIDDEN
+from studies.lottery_world import EFFECTS
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 PAGES = ('discovery_hidden.md', 'discovery_foreign.md', 'discovery_lottery.md')
@@ -131,7 +132,7 @@ def main() -> None:
     """Print the classes, and draw them."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--picture', type=Path)
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     pages = [DOCS / name for name in PAGES if (DOCS / name).exists()]
     said = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
     found = classes(said)

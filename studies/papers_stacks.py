@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench import closed_loops as loops
-from bench import compensation_plants as plants
-from bench.papers_page import Draw, Entry, finish, loop, panels
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.waveforms import Sine, Waveform, from_spec
+from studies import closed_loops as loops
+from studies import compensation_plants as plants
+from studies.papers_page import Draw, Entry, finish, loop, panels
 
 FLAP_FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 

@@ -3,17 +3,24 @@
 Of each record the first 70 % is fitted and the rest judges; further files judge the model that was
 fitted to all of it. Discovery begins with the fine bank of plays, the better of the two chains.
 
-    python bench/choice.py TRAIN.csv [--judge TEST.csv]
+    python studies/choice.py TRAIN.csv [--judge TEST.csv]
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.choice.choose import choose_model
 from piezo_hysteresis.discovery.choice.policy import CHOICE
@@ -24,6 +31,7 @@ from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import MEMORIES
 from piezo_hysteresis.records import Record, load
+from studies.stand_ins import records_in
 
 
 def left(
@@ -53,13 +61,15 @@ def by_choice(records: Sequence[Record], judges: Sequence[Record]) -> None:
               f'{left(found.model, found.values, found.sampling_offset, record)}')  # fmt: skip
 
 
-def by_discovery(records: Sequence[Record], judges: Sequence[Record], name: str) -> None:
+def by_discovery(
+    records: Sequence[Record], judges: Sequence[Record], name: str, limit: float
+) -> None:
     """Print what discovery from a named chain comes to."""
     cuts = [max(round(CHOICE.trained * len(record)), 2) for record in records]
     parts = [record.section(0, cut) for record, cut in zip(records, cuts, strict=True)]
     begun = time.process_time()
     try:
-        found = discover(parts, named(name))
+        found = discover(parts, named(name), time_limit=limit)
     except PiezoError as error:
         print(f'discovery from {name}: {error}')
         return
@@ -71,7 +81,7 @@ def by_discovery(records: Sequence[Record], judges: Sequence[Record], name: str)
         words = left(final.model, final.values, final.sampling_offset, record, cut)
         print(f'  rest of {record.name}: {words}')
     if judges:
-        final = discover(records, named(name)).final
+        final = discover(records, named(name), time_limit=limit).final
         for record in judges:
             words = left(final.model, final.values, final.sampling_offset, record)
             print(f'  {record.name}: {words}')
@@ -80,13 +90,23 @@ def by_discovery(records: Sequence[Record], judges: Sequence[Record], name: str)
 def main() -> None:
     """Compare both on the files that were named."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('data', nargs='+')
-    parser.add_argument('--judge', nargs='*', default=[], help='records not fitted to')
-    options = parser.parse_args()
-    records = load(options.data)
-    judges = load(options.judge) if options.judge else []
+    parser.add_argument('data', nargs='*', type=Path, help='records to fit to')
+    parser.add_argument('--judge', nargs='*', type=Path, default=[], help='records not fitted to')
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    options = parsed(parser, time_limit=3.0)
+    if options.data or not options.quick:
+        compare(options.data, options.judge, options.time_limit)
+        return
+    with records_in(None, ('train.csv',)) as folder:
+        compare([folder / 'train.csv'], options.judge, options.time_limit)
+
+
+def compare(data: Sequence[Path], judge: Sequence[Path], limit: float) -> None:
+    """Print what both come to."""
+    records = load(data)
+    judges = load(judge) if judge else []
     by_choice(records, judges)
-    by_discovery(records, judges, MEMORIES[-1])
+    by_discovery(records, judges, MEMORIES[-1], limit)
 
 
 if __name__ == '__main__':

@@ -1,8 +1,9 @@
 """Every table and figure of the five papers that can be reproduced, ours beside the paper's.
 
-    python bench/papers.py [--quick] [--out out/papers] [--page docs/papers.md]
+    python studies/papers.py [--out out/papers] [--page docs/papers.md]
 
-Leaves the pictures, ``papers.md`` that shows them, and ``numbers.json`` in the folder.
+Leaves the pictures, ``papers.md`` that shows them, and ``numbers.json`` in the folder. `--quick`
+leaves most frequencies out and draws one picture of each paper.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench import papers_fujii, papers_loops, papers_stacks, papers_tatebatake, papers_xiao
-from bench.papers_bimorph import FULL, QUICK
-from bench.papers_page import Entry, page, save
+from bench.quick import parsed
+from studies import papers_fujii, papers_loops, papers_stacks, papers_tatebatake, papers_xiao
+from studies.papers_bimorph import FULL, QUICK
+from studies.papers_page import Entry, page, save
 
 
 def reproduce(quick: bool = False) -> list[Entry]:
@@ -36,22 +39,28 @@ def reproduce(quick: bool = False) -> list[Entry]:
     ]
 
 
+def first_of_each(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the first entry of each paper."""
+    return list({entry.paper: entry for entry in reversed(entries)}.values())
+
+
 def main() -> int:
     """Reproduce everything and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='few frequencies, short runs')
     parser.add_argument('--out', type=Path, default=Path('out/papers'))
     parser.add_argument(
         '--page', type=Path, help='write the page there, too, and its pictures beside'
     )
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     begun = time.perf_counter()
     entries = reproduce(arguments.quick)
     arguments.out.mkdir(parents=True, exist_ok=True)
     for entry in entries:
-        save(entry, arguments.out)
         print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)
-    (arguments.out / 'papers.md').write_text(page(entries, '.'))
+    shown = first_of_each(entries) if arguments.quick else entries
+    for entry in shown:
+        save(entry, arguments.out)
+    (arguments.out / 'papers.md').write_text(page(shown, '.'))
     numbers = {f'{entry.paper} {entry.name}': entry.numbers for entry in entries}
     (arguments.out / 'numbers.json').write_text(json.dumps(numbers, indent=2) + '\n')
     if arguments.page is not None:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.discovery_effects import KNOBS
-from bench.discovery_worlds import PRESET, Hidden, draw
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import ModelFile, named
@@ -16,6 +14,8 @@ from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import Waveform
 from piezo_sim.plant import Plant
 from piezo_sim.sweep import grid, simulate
+from studies.discovery_effects import KNOBS
+from studies.discovery_worlds import PRESET, Hidden, draw
 
 # Time at rest between two experiments [s].
 PAUSE = 0.3

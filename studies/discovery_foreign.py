@@ -1,14 +1,15 @@
 """Known effects hidden in actuators that somebody else described: Maxwell, Duhem, LuGre, leakage.
 
-    python bench/discovery_foreign.py --seed 21 --page docs/discovery_foreign.md
+    python studies/discovery_foreign.py --seed 21 --page docs/discovery_foreign.md
 
-As `bench/discovery_hidden.py`, but the records come from `bench/foreign_worlds.py`. A baseline
+As `studies/discovery_hidden.py`, but the records come from `studies/foreign_worlds.py`. A baseline
 that cannot be exact there is identified on six untouched records; effects hide in six others.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -18,9 +19,10 @@ import numpy as np
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.discovery_hidden import Case, Row, examined, page
-from bench.foreign_worlds import WORLDS, recorded
+from bench.quick import parsed
 from piezo_hysteresis.records import write_bag
+from studies.discovery_hidden import HIDDEN, Case, Row, Search, examined, page
+from studies.foreign_worlds import WORLDS, recorded
 
 FITTED = tuple((a, f) for f in (1.0, 7.0, 23.0) for a in (0.5, 1.0))
 JUDGED = tuple((a, f) for f in (2.0, 5.0, 17.0) for a in (0.6, 0.9))
@@ -38,12 +40,12 @@ HEAD = (
     'Four actuators from textbook equations (elastoslides after Goldfarb and Celanovic 1997,',
     'Duhem after Coleman and Hodgson 1986, two modes with friction after Canudas de Wit 1995,',
     'leaking charge), in continuous time by SciPy, share nothing with the suite',
-    '(`bench/foreign_worlds.py`). A baseline that cannot be exact was identified on six sines; an',
-    'effect of random size was put into six others, and `discover` got these and the',
+    '(`studies/foreign_worlds.py`). A baseline that cannot be exact was identified on six sines;',
+    'an effect of random size was put into six others, and `discover` got these and the',
     '`model.yaml`. The search was frozen before any of these records existed; this is how it came',
     'out.',
     '',
-    '    python bench/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
+    '    python studies/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
 )
 SIZES = (
     'Sizes run from 0.25 to 1, where 1 is a delay or lag of 4 ms, a curve of 2.5 % at the ends,',
@@ -52,15 +54,15 @@ SIZES = (
 )
 
 
-def records_into(folder: Path, seed: int) -> list[Case]:
-    """Write the records of every world as bags and return the cases that name them."""
+def records_into(folder: Path, seed: int, worlds: int, seconds: float) -> list[Case]:
+    """Write the records of the first worlds as bags and return the cases that name them."""
     cases = []
-    for place, (name, world) in enumerate(WORLDS.items()):
+    for place, (name, world) in enumerate(list(WORLDS.items())[:worlds]):
         random = np.random.default_rng([seed, place, 99])
         files = (f'{place}_fitted', f'{place}_judged')
         for file, drives in zip(files, (FITTED, JUDGED), strict=True):
-            write_bag(folder / file, recorded(world, drives, SECONDS, random))
-        cases.append(Case(name, files[0], np.inf, files[1:], (BASELINES[name],), SECONDS, 4e-3))
+            write_bag(folder / file, recorded(world, drives, seconds, random))
+        cases.append(Case(name, files[0], np.inf, files[1:], (BASELINES[name],), seconds, 4e-3))
     return cases
 
 
@@ -70,12 +72,18 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--workers', type=int, default=1)
     parser.add_argument('--page', type=Path)
-    arguments = parser.parse_args()
+    parser.add_argument('--worlds', type=int, default=len(WORLDS), help='so many of them')
+    parser.add_argument('--effects', type=int, default=len(HIDDEN), help='so many, and none')
+    parser.add_argument('--seconds', type=float, default=SECONDS, help='of every record')
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    arguments = parsed(parser, worlds=1, effects=2, seconds=1.0, time_limit=2.0)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as made:
-        for place, case in enumerate(records_into(Path(made), arguments.seed)):
+        given = arguments.seed, arguments.worlds, arguments.seconds
+        how = Search(arguments.workers, arguments.time_limit, arguments.effects)
+        for place, case in enumerate(records_into(Path(made), *given)):
             seed = arguments.seed, place
-            rows += examined(case, case.baselines[0], Path(made), seed, arguments.workers)
+            rows += examined(case, case.baselines[0], Path(made), seed, how)
     text = page(rows, arguments.seed, HEAD, SIZES)
     print(text)
     if arguments.page:

@@ -3,7 +3,7 @@
 Every model is identified from sweeps of the simulated actuator before it is inverted. Tracking
 errors are of the measured displacement, noise and quantisation included.
 
-    python bench/compensation.py [--only bimorph convergence robustness plants] [--step HZ]
+    python studies/compensation.py [--only bimorph convergence robustness plants] [--step HZ]
 """
 
 from __future__ import annotations
@@ -20,9 +20,7 @@ if not __package__:
 
 import numpy as np
 
-from bench import closed_loops as loops
-from bench.compensation_plants import measure_plants
-from bench.goals import Goals
+from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
@@ -35,6 +33,9 @@ from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms import Sequence as Parts
 from piezo_hysteresis.waveforms import Sine
+from studies import closed_loops as loops
+from studies.compensation_plants import measure_plants
+from studies.goals import Goals
 
 DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS
 HARMONIC = {14.0: 5, **dict.fromkeys(map(float, range(18, 29)), 3)}
@@ -172,16 +173,17 @@ def bimorph_rise(gain: LinearGain, frequency: float) -> float:
     return abs(gain(frequency)) / abs(gain(0.0))
 
 
-def measure_convergence(goals: Goals, workers: int) -> None:
+def measure_convergence(goals: Goals, rows: int, workers: int) -> None:
     """Time until one harmonic falls to a tenth, from a right model and from a wrong sign."""
     goals.heading('One harmonic of the bimorph to a tenth, switched on in the steady state')
-    tasks = [(frequency, sign) for sign in (1.0, -1.0) for frequency in HARMONIC]
+    frequencies = list(HARMONIC)[:rows]
+    tasks = [(frequency, sign) for sign in (1.0, -1.0) for frequency in frequencies]
     with ProcessPoolExecutor(workers) as pool:
-        rows = list(pool.map(convergence, tasks))
-    half = len(HARMONIC)
+        found = list(pool.map(convergence, tasks))
+    half = len(frequencies)
     for words, part, bound in (
-        ('right model', rows[:half], 1.0),
-        ('wrong sign', rows[half:], 2.0),
+        ('right model', found[:half], 1.0),
+        ('wrong sign', found[half:], 2.0),
     ):
         goals.note(
             words + ': ' + ', '.join(f'{f:.0f} Hz {t:.2f} s {db:.0f} dB' for f, t, db in part)
@@ -206,15 +208,16 @@ def detuned(task: tuple[float, str, float]) -> tuple[float, str, float, float, f
     return frequency, name, factor, error, float(np.abs(result.voltage).max())
 
 
-def measure_robustness(goals: Goals, workers: int) -> None:
+def measure_robustness(goals: Goals, rows: int, workers: int) -> None:
     """Wrong parameters, loud noise and steps of the frequency."""
     goals.heading('Bimorph with one parameter wrong by 10 %, rms error 12 to 20 s [um]')
     names = ('A1', 'A', 'beta', 'gamma', 'natural_frequency', 'damping_ratio')
-    tasks = [(f, n, x) for f in (14.0, 23.0, 50.0) for n in names for x in (0.9, 1.1)]
+    frequencies = (14.0, 23.0, 50.0)[:rows]
+    tasks = [(f, n, x) for f in frequencies for n in names for x in (0.9, 1.1)]
     with ProcessPoolExecutor(workers) as pool:
-        rows = list(pool.map(detuned, tasks))
-    for frequency in (14.0, 23.0, 50.0):
-        part = [row for row in rows if row[0] == frequency]
+        found = list(pool.map(detuned, tasks))
+    for frequency in frequencies:
+        part = [row for row in found if row[0] == frequency]
         goals.note(
             f'{frequency:.0f} Hz: '
             + ', '.join(f'{n} {100 * (x - 1):+.0f} % {e * 1e6:.3f}' for _, n, x, e, _ in part)
@@ -240,17 +243,19 @@ def main() -> int:
     parser.add_argument('--only', nargs='+', choices=parts, default=parts)
     parser.add_argument('--step', type=float, default=1.0, help='between frequencies [Hz]')
     parser.add_argument('--workers', type=int, default=2)
-    arguments = parser.parse_args()
+    parser.add_argument('--rows', type=int, default=99, help='so many of every other table')
+    arguments = parsed(parser, step=50.0, rows=1)
     goals = Goals()
     if 'bimorph' in arguments.only:
         measure_bimorph(goals, arguments.step, arguments.workers)
     if 'convergence' in arguments.only:
-        measure_convergence(goals, arguments.workers)
+        measure_convergence(goals, arguments.rows, arguments.workers)
     if 'robustness' in arguments.only:
-        measure_robustness(goals, arguments.workers)
+        measure_robustness(goals, arguments.rows, arguments.workers)
     if 'plants' in arguments.only:
-        measure_plants(goals)
-    return goals.finish()
+        measure_plants(goals, arguments.rows)
+    missed = goals.finish()
+    return 0 if arguments.quick else missed
 
 
 if __name__ == '__main__':

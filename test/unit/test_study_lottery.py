@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.discovery_lottery import Row, page, sets
-from bench.lottery_world import (
+from studies.discovery_lottery import Row, page, sets
+from studies.lottery_world import (
     EFFECTS,
     Actuator,
     Conditions,
@@ -18,7 +18,7 @@ from bench.lottery_world import (
     recorded,
     with_hidden,
 )
-from bench.reliability import classes, said_in
+from studies.reliability import classes, said_in
 
 ACTUATOR = Actuator(10.0, 1e-5, 0.3, 1.0, 0.2, 0.05, 0.05)
 CONDITIONS = Conditions(

@@ -1,6 +1,6 @@
 """Discovery on records that we did not simulate, beside PySINDy and SysIdentPy.
 
-    python bench/discovery_measured.py --data ../shared/data --workers 2
+    python studies/discovery_measured.py --data ../shared/data --workers 2
 
 Two records: the training multisine of the Bouc-Wen benchmark with the baseline ``linear_mode``,
 and a measured piezo stack (150 V, 1 Hz) with the baseline ``classical``. Every tool sees the first
@@ -13,13 +13,18 @@ fitted. Packages and records that are not there are left out.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
+from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT
@@ -28,6 +33,7 @@ from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load
+from studies.stand_ins import records_in
 
 LAGS = 2
 DEGREE = 3
@@ -208,12 +214,24 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--out', type=Path, default=Path('out/discovery_measured.md'))
-    arguments = parser.parse_args(words)
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    arguments = parsed(parser, words, data=None, time_limit=2.0)
+    first, _, more = CASES[0]
+    files = [first, *(str(Path(first).with_name(name)) for name, _ in more)]
+    with records_in(arguments.data, files) as data:
+        page = compared(data, arguments)
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text('\n'.join(page) + '\n', encoding='utf-8')
+    return 0
+
+
+def compared(data: Path, arguments: argparse.Namespace) -> list[str]:
+    """Give every record that is there to every tool that is there; return the tables."""
     page: list[str] = []
     for file, baseline, others in CASES:
-        path = arguments.data / file
+        path = data / file
         if not path.exists():
-            print(f'{file} is not in {arguments.data}: left out')
+            print(f'{file} is not in {data}: left out')
             continue
         (record,) = load([path])
         tests = [(load([path.parent / name])[0], steady) for name, steady in others]
@@ -232,15 +250,14 @@ def main(words: Sequence[str] | None = None) -> int:
             name=baseline,
             seed=arguments.seed,
             workers=arguments.workers,
+            time_limit=arguments.time_limit,
         )
         lines = [f'### {path.stem}', '', found.verdict.summary, '']
         if found.verdict.unexplained.significant:
             lines += [found.verdict.unexplained.description, '']
         page += [*lines, *table([*ours(found, tests), *rows]), '']
         print('\n'.join(['', *page]), flush=True)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text('\n'.join(page) + '\n', encoding='utf-8')
-    return 0
+    return page
 
 
 if __name__ == '__main__':

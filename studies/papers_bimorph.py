@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench import closed_loops as loops
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
@@ -26,6 +25,7 @@ from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms import Sine
+from studies import closed_loops as loops
 
 DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS
 THIRD = tuple(float(f) for f in range(18, 29))

@@ -1,6 +1,6 @@
 """Known effects hidden in measured records: the model fitted before, its name told after.
 
-    python bench/discovery_hidden.py --data ../shared/data --seed 7 --page docs/discovery_hidden.md
+    python studies/discovery_hidden.py --data ../shared/data --page docs/discovery_hidden.md
 
 A baseline is identified on untouched records of a measured actuator and saved. Then an effect of
 random size is put into the measured displacement, by code that shares nothing with the suite, and
@@ -8,21 +8,26 @@ random size is put into the measured displacement, by code that shares nothing w
 With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
 a sine, and the effect hides in the rest of it. Records are those of
-`bench/discovery_measured.py`; what is not there is left out.
+`studies/discovery_measured.py`; what is not there is left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 from scipy.signal import lfilter
 
+from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import Verdict, discover
@@ -30,6 +35,7 @@ from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.records import Record, load
+from studies.stand_ins import records_in
 
 #: Held-out error, over that of the control, up to which an effect was taken out again.
 AS_CONTROL = 1.2
@@ -142,6 +148,15 @@ HIDDEN: dict[str, tuple[Hide, str]] = {
 
 
 @dataclass(frozen=True)
+class Search:
+    """How `discover` is asked, and how many of `HIDDEN` are."""
+
+    workers: int = 1
+    limit: float = math.inf
+    effects: int = len(HIDDEN)
+
+
+@dataclass(frozen=True)
 class Row:
     """One examination."""
 
@@ -245,20 +260,22 @@ def compared(
 
 
 def examined(
-    case: Case, word: str, data: Path, seed: Sequence[int], workers: int, reference: str = ''
+    case: Case, word: str, data: Path, seed: Sequence[int], how: Search, reference: str = ''
 ) -> list[Row]:
     """Return one row per effect, and that of the control."""
     if reference:
-        known, records, case = compared(case, word, data, reference, seed, workers)
+        known, records, case = compared(case, word, data, reference, seed, how.workers)
     else:
         known, records = baseline_of(case, word, data), load([data / f for f in case.judged])
     generator = np.random.default_rng(seed)
     rows: list[Row] = []
     control = float('nan')
-    for kind in HIDDEN:
+    for kind in list(HIDDEN)[: how.effects]:
         size = float(np.exp(generator.uniform(np.log(0.25), 0.0)))
         begun = time.perf_counter()
-        verdict = discover(hide(records, kind, size, case), known, workers=workers).verdict
+        changed = hide(records, kind, size, case)
+        found = discover(changed, known, workers=how.workers, time_limit=how.limit)
+        verdict = found.verdict
         if kind == 'nothing':
             control = verdict.held_out.gap_before_rms_m
         seconds = time.perf_counter() - begun
@@ -276,9 +293,9 @@ HEAD = (
     'the `model.yaml`. The numbers that decide had been set on other sizes in these very',
     'records, with three of these four baselines: the sizes are new, the actuators are not.',
     'A draw before it was stopped, see [discovery](discovery.md). What hides is in',
-    '`bench/discovery_hidden.py` and uses no block of the suite.',
+    '`studies/discovery_hidden.py` and uses no block of the suite.',
     '',
-    '    python bench/discovery_hidden.py --data DATA --seed {seed} \\',
+    '    python studies/discovery_hidden.py --data DATA --seed {seed} \\',
     '        --page docs/discovery_hidden.md',
 )
 REFERENCE_HEADS = {
@@ -289,7 +306,7 @@ REFERENCE_HEADS = {
         'white noise of their own, as large as that at rest: what an actuator does otherwise',
         'from one day to the next is not in it. `discover` got both, and the name of a baseline.',
         '',
-        '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
+        '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
     ),
     'parts': (
         '## With `--reference`: the beginning of a record',
@@ -298,7 +315,7 @@ REFERENCE_HEADS = {
         'an effect was put into the rest of it, which begins in motion with a memory that nobody',
         'knows. A drift and a loss reach their size at its end.',
         '',
-        '    python bench/discovery_hidden.py --data DATA --seed {seed} --reference parts',
+        '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference parts',
     ),
 }
 SIZES = (
@@ -346,6 +363,18 @@ def page(
     return '\n'.join(lines) + '\n'
 
 
+def everything(arguments: argparse.Namespace, data: Path) -> list[Row]:
+    """Examine every actuator whose records are there."""
+    how = Search(arguments.workers, arguments.time_limit, arguments.effects)
+    rows: list[Row] = []
+    for case in CASES:
+        if all((data / file).exists() for file in (case.fitted, *case.judged)):
+            for place, word in enumerate(case.baselines[: arguments.baselines]):
+                drawn = arguments.seed, CASES.index(case), place
+                rows += examined(case, word, data, drawn, how, arguments.reference)
+    return rows
+
+
 def main() -> None:
     """Examine, print and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
@@ -354,14 +383,13 @@ def main() -> None:
     parser.add_argument('--workers', type=int, default=1)
     parser.add_argument('--reference', choices=sorted(REFERENCE_HEADS), default='')
     parser.add_argument('--page', type=Path)
-    arguments = parser.parse_args()
-    rows: list[Row] = []
-    for case in CASES:
-        if all((arguments.data / file).exists() for file in (case.fitted, *case.judged)):
-            for place, word in enumerate(case.baselines):
-                drawn = arguments.seed, CASES.index(case), place
-                given = arguments.data, drawn, arguments.workers, arguments.reference
-                rows += examined(case, word, *given)
+    parser.add_argument('--baselines', type=int, help='so many of each actuator')
+    parser.add_argument('--effects', type=int, default=len(HIDDEN), help='so many, and none')
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    arguments = parsed(parser, data=None, baselines=1, effects=2, time_limit=2.0)
+    files = {file for case in CASES[:1] for file in (case.fitted, *case.judged)}
+    with records_in(arguments.data, sorted(files)) as data:
+        rows = everything(arguments, data)
     if not rows:
         sys.exit(f'no measured record in {arguments.data}')
     text = page(rows, arguments.seed, REFERENCE_HEADS.get(arguments.reference, HEAD))

@@ -1,15 +1,16 @@
 """Effects hidden in an actuator of its own, recorded under conditions that are drawn by lot.
 
-    python bench/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
+    python studies/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
 
-What hides and how it is recorded is in `bench/lottery_world.py`, which shares no physics with the
-suite. `discover` gets the records and the name of a baseline, nothing else.
+What hides and how it is recorded is in `studies/lottery_world.py`, which shares no physics with
+the suite. `discover` gets the records and the name of a baseline, nothing else.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -22,7 +23,12 @@ from numpy.random import Generator
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.lottery_world import (
+from bench.quick import parsed
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.verdict.verdict import Verdict
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import named
+from studies.lottery_world import (
     EFFECTS,
     OUTSIDERS,
     Conditions,
@@ -31,10 +37,6 @@ from bench.lottery_world import (
     recorded,
     with_hidden,
 )
-from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.verdict.verdict import Verdict
-from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.models import named
 
 BASELINE = 'bouc_wen_mode'
 SINGLES, PAIRS, NULLS, OTHERS = 33, 10, 20, 6
@@ -45,10 +47,10 @@ HEAD = (
     'one that no block describes. Start (rest, step, mid-period, remanent), noise (white or',
     'coloured, equal or with the amplitude), zeros, 8 to 16 bits, 0.2 to 20 kHz, kinds of',
     'records and what they cover are drawn by seed; the world shares no code with the suite',
-    '(`bench/lottery_world.py`). `discover` got the records and the name `bouc_wen_mode`. The',
+    '(`studies/lottery_world.py`). `discover` got the records and the name `bouc_wen_mode`. The',
     'search was frozen before; this is how it came out.',
     '',
-    '    python bench/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
+    '    python studies/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
 )
 
 
@@ -116,7 +118,13 @@ def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:
     ]
 
 
-def examined(kind: str, hidden: tuple[str, ...], seed: Sequence[int], workers: int = 1) -> Row:
+def examined(
+    kind: str,
+    hidden: tuple[str, ...],
+    seed: Sequence[int],
+    workers: int = 1,
+    limit: float = math.inf,
+) -> Row:
     """Draw one set, ask for its verdict and compare."""
     random: Generator = np.random.default_rng(seed)
     conditions, plain = drawn_conditions(random), drawn_actuator(random)
@@ -125,7 +133,8 @@ def examined(kind: str, hidden: tuple[str, ...], seed: Sequence[int], workers: i
     begun = time.perf_counter()
     verdict, refused = None, ''
     try:
-        verdict = discover(records, named(BASELINE), seed=1, workers=workers).verdict
+        found = discover(records, named(BASELINE), seed=1, workers=workers, time_limit=limit)
+        verdict = found.verdict
     except PiezoError as error:
         refused = str(error)
     return Row(kind, hidden, conditions, verdict, refused, time.perf_counter() - begun)
@@ -201,10 +210,12 @@ def main() -> None:
     parser.add_argument('--workers', type=int, default=1)
     parser.add_argument('--count', type=json.loads, default=[SINGLES, PAIRS, NULLS, OTHERS])
     parser.add_argument('--page', type=Path)
-    arguments = parser.parse_args()
+    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    arguments = parsed(parser, count=[1, 0, 0, 0], time_limit=2.0)
     rows: list[Row] = []
     for place, (kind, hidden) in enumerate(sets(arguments.count)):
-        rows.append(examined(kind, hidden, (arguments.seed, place), arguments.workers))
+        how = arguments.workers, arguments.time_limit
+        rows.append(examined(kind, hidden, (arguments.seed, place), *how))
         row = rows[-1]
         sign = '' if row.right else ' WRONG'
         print(f'{kind} {hidden}{sign}: {row.told} ({row.seconds:.0f} s)', flush=True)

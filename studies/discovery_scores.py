@@ -153,7 +153,7 @@ def page(rows: Sequence[Row], table: str) -> str:
     return (
         '# Blind proof of the discovery\n\n'
         f'{len(rows)} sets, seed {", ".join(seeds)}, commit {", ".join(commits) or "unknown"}; '
-        'made by `bench/discovery.py --page`. What the words mean and what the worlds are is told '
-        'in [discovery.md](discovery.md).\n\n'
+        'made by `studies/discovery.py --page`. What the words mean and what the worlds are is '
+        'told in [discovery.md](discovery.md).\n\n'
         f'```text\n{table}\n```\n'
     )

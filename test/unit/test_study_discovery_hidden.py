@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import foreign_worlds as foreign
-from bench.discovery_hidden import CASES, HIDDEN, Row, compared, hide, noisy, page
 from piezo_hysteresis.discovery.verdict.verdict import (
     Alternative,
     HeldOut,
@@ -19,6 +17,8 @@ from piezo_hysteresis.discovery.verdict.verdict import (
 )
 from piezo_hysteresis.models import EFFECT_NAMES
 from piezo_hysteresis.records import Record, write_csv
+from studies import foreign_worlds as foreign
+from studies.discovery_hidden import CASES, HIDDEN, Row, compared, hide, noisy, page
 
 DT, STROKE = 1e-3, 2e-5
 
