@@ -136,6 +136,7 @@ def truth(model, p, u):
             readings = block.respond(readings, mine, DT, state=state, frequency=17.0)
         else:
             path = np.empty(fine.size - 1)
+            assert block.along is not None
             block.along(fine[1:], path, state, mine, DT, 17.0, FINER)
             readings = path[FINER - 1 :: FINER]
     return readings

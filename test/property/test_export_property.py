@@ -4,7 +4,9 @@ import ctypes
 import functools
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -140,7 +142,7 @@ def h_infinity():
 
 
 GAINS = PidGains(100.0, 3e4, 1.0)
-LAWS = {
+LAWS: dict[str, Callable[[], Any]] = {
     'afc': lambda: attenuation(method='afc', orders=(0, 1, 2, 3, 5), span=0.1, settle=0.05),
     'afc with a resonance': lambda: attenuation(orders=(1,), resonance=68.0, span=0.1),
     'rls': lambda: attenuation(method='rls', orders=(3,)),

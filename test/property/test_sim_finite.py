@@ -38,7 +38,7 @@ COMMANDS = st.lists(
 
 def _finite(plant):
     state = plant.snapshot().state
-    for name in state.dtype.names:
+    for name in state.dtype.names or ():
         values = state[name]
         if values.dtype.kind == 'f':
             assert np.all(np.isfinite(values)), name

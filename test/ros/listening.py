@@ -83,7 +83,7 @@ class Listener:
 
         self.until(told)
 
-    def until(self, condition: Callable[[], Any], timeout: float = 90.0) -> None:
+    def until(self, condition: Callable[..., Any], timeout: float = 90.0) -> None:
         """Serve until `condition` holds.
 
         Raises
@@ -99,7 +99,7 @@ class Listener:
             assert time.monotonic() < end, 'the awaited condition did not come true'
             self._executor.spin_once(timeout_sec=0.05)
 
-    def wait_briefly(self, condition: Callable[[], Any], seconds: float) -> None:
+    def wait_briefly(self, condition: Callable[..., Any], seconds: float) -> None:
         """Serve until `condition` holds or the time is over."""
         end = time.monotonic() + seconds
         while not condition() and time.monotonic() < end:

@@ -32,7 +32,8 @@ def test_a_node_starts_answers_and_ends(
 ) -> None:
     voltage = np.sin(2 * np.pi * 5.0 * np.arange(20000) * 1e-3)
     write_bag(tmp_path / 'bag', [Record('a', 1e-3, voltage, 1e-4 * voltage)])
-    node = processes.start(PACKAGES[name], name, NEEDED.get(name, lambda _: {})(tmp_path))
+    settings = NEEDED[name](tmp_path) if name in NEEDED else {}
+    node = processes.start(PACKAGES[name], name, settings)
     for each in INSIDE.get(name, (name,)):
         answer = listener.call(ListParameters, f'{each}/list_parameters', ListParameters.Request())
         assert answer.result.names

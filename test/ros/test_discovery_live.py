@@ -121,7 +121,8 @@ def settled_gap(listener: Listener, seconds: float = 2.0) -> Gap:
     listener.until(
         lambda: gaps and states and min(gaps[-1].sample, states[-1].sample) >= end, timeout=120.0
     )
-    return gaps[-1]
+    gap: Gap = gaps[-1]
+    return gap
 
 
 def tracking_error(listener: Listener) -> float:

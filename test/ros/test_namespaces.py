@@ -48,15 +48,13 @@ def test_two_chains_side_by_side(processes: NodeProcesses, listener: Listener) -
         processes.start('piezo_sim', 'simulator', settings, namespace=stage)
         processes.start('piezo_hysteresis', 'feedforward', {'gain': gain}, namespace=stage)
         processes.start('piezo_hysteresis', 'attenuation', {'enabled': False}, namespace=stage)
+    kinds: dict[str, type[ActuatorState | VoltageCommand]] = {
+        'voltage/feedforward': VoltageCommand,
+        'voltage/command': VoltageCommand,
+        'actuator/state': ActuatorState,
+    }
     words = {
-        stage: {
-            topic: listener.listen(kind, f'{stage}/{topic}')
-            for kind, topic in (
-                (VoltageCommand, 'voltage/feedforward'),
-                (VoltageCommand, 'voltage/command'),
-                (ActuatorState, 'actuator/state'),
-            )
-        }
+        stage: {topic: listener.listen(kind, f'{stage}/{topic}') for topic, kind in kinds.items()}
         for stage in GAINS
     }
     publishers = {

@@ -7,8 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from listening import Listener
 from rclpy.action import ActionClient
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from piezo_hysteresis.runtime.sweep_plan import Sweep
@@ -35,11 +37,13 @@ SETTINGS = {
 }
 
 
-def nanoseconds(stamp) -> int:
+def nanoseconds(stamp: Time) -> int:
     return stamp.sec * 10**9 + stamp.nanosec
 
 
-def answer(listener: Listener, states, publisher, count: int) -> int:
+def answer(
+    listener: Listener, states: list[ActuatorState], publisher: Publisher, count: int
+) -> int:
     """Command -1 V for the tick behind every state; return the last tick that was commanded."""
     first = done = len(states)
     while done < first + count:

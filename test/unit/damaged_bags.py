@@ -26,7 +26,7 @@ NAME = '/piezo/actuator/state'
 
 
 def make(n=1000, name='a', **info):
-    ticks = np.arange(n)
+    ticks = np.arange(n, dtype=np.float64)
     return Record(name, 1e-3, ticks / 256, 1e-9 * ticks, info=RecordInfo(**info))
 
 

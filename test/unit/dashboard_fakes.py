@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from piezo_hysteresis.dashboard.backend import Answer
@@ -15,9 +17,9 @@ class Backend:
 
     def __init__(self, names=('stage',)):
         self.names = list(names)
-        self.lives = {}
-        self.sent = []
-        self.orders = []
+        self.lives: dict[str, Live] = {}
+        self.sent: list[Any] = []
+        self.orders: list[Any] = []
 
     def actuators(self):
         return self.names or ['']

@@ -45,7 +45,7 @@ def test_logarithmic_creep_is_a_line_over_log_time():
 
 
 def test_drift_and_warming():
-    t = np.arange(500) * DT
+    t = np.arange(500.0) * DT
     zero = np.zeros(500)
     np.testing.assert_allclose(respond('drift', zero, {'drift_rate': 1e-6}), 1e-6 * t)
     warm = respond('warming', zero, {'warming_shift': 2e-6, 'warming_time': 1.5})

@@ -41,7 +41,7 @@ def refused(words: str, capsys, program=main) -> str:
     assert said.out == ''
     (line,) = said.err.strip().splitlines()
     assert line.startswith('error: ')
-    return line
+    return str(line)
 
 
 @pytest.mark.parametrize(

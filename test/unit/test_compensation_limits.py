@@ -140,7 +140,7 @@ class Spy:
 
     def __init__(self, share):
         self.share = share
-        self.seen = []
+        self.seen: list[tuple[int, float, Measured | None]] = []
 
     def step(self, point, received, measured=None):
         self.seen.append((point.sample, received, measured))

@@ -214,7 +214,7 @@ def test_values_that_all_records_tell_better_are_named() -> None:
     def known(**std: float) -> CandidateFit:
         model = SimpleNamespace(free_names=tuple(std))
         fitted = SimpleNamespace(std=std)
-        return cast(Any, SimpleNamespace(model=model, fitted=fitted))
+        return cast(CandidateFit, SimpleNamespace(model=model, fitted=fitted))
 
     text = explained_together(known(a=1.0, b=1.0, c=1.0), known(a=0.9, b=0.1, c=0.5))
     assert '(b, c)' in text

@@ -50,7 +50,8 @@ BIMORPH = chain('bouc_wen', 'mode', 'offset', A0=0.0)
 
 
 def sine(frequency: float, seconds: float, amplitude: float = 1.0) -> np.ndarray:
-    return amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
+    wave = np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
+    return np.asarray(amplitude * wave)
 
 
 def simulated(

@@ -28,7 +28,7 @@ def plant(u: np.ndarray, seed: int = 0) -> np.ndarray:
 
 
 def sine(frequency: float, seconds: float) -> np.ndarray:
-    return np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
+    return np.asarray(np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT))))
 
 
 def by_the_book(u: np.ndarray, y: np.ndarray, s: RlsSettings) -> np.ndarray:

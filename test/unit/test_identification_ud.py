@@ -17,7 +17,8 @@ NOISE = 20e-9
 
 
 def sine(frequency: float, seconds: float, amplitude: float = 1.0) -> np.ndarray:
-    return amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
+    wave = np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
+    return np.asarray(amplitude * wave)
 
 
 # one sine alone fits two shapes of loop nearly equally well

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ class Actuator:
 
     def __init__(self, lasts=100, **effects):
         self.plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
-        self.lasts, self.used, self.clock = lasts, [], 0.3
+        self.lasts, self.clock = lasts, 0.3
+        self.used: list[Any] = []
 
     def run(self, experiment, bag):
         if self.lasts == 0:

@@ -64,7 +64,7 @@ def drawn(names: tuple[str, ...], seed: int) -> tuple[Model, np.ndarray]:
 def drive(count: int = 1200) -> np.ndarray:
     t = np.arange(count) * DT
     slow = np.sin(2 * np.pi * 7.0 * t) * np.minimum(5 * t, 1.0)
-    return slow + 0.3 * np.sin(2 * np.pi * 31.0 * t)
+    return np.asarray(slow + 0.3 * np.sin(2 * np.pi * 31.0 * t))
 
 
 def central(model: Model, p: np.ndarray, place: int, u: np.ndarray, share: float) -> np.ndarray:
@@ -84,7 +84,7 @@ def central(model: Model, p: np.ndarray, place: int, u: np.ndarray, share: float
                 signal, moved[stage.columns], DT, state=state, frequency=0.0, **grid
             )
         answers.append(signal)
-    return (answers[0] - answers[1]) / (above[place] - below[place])
+    return np.asarray((answers[0] - answers[1]) / (above[place] - below[place]))
 
 
 @pytest.mark.component

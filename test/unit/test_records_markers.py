@@ -103,8 +103,8 @@ def test_references_that_do_not_cover_a_record_are_left_out(tmp_path):
         columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
         for k, row in enumerate(cdr.encode(FIELDS, TICKS * 1_000_000, columns)):
             recorder.write(state, row.tobytes(), k * 1_000_000)
-        columns = dict.fromkeys([name for name, _ in fields], 0.0) | {'sample': TICKS[:290]}
-        for row in cdr.encode(fields, TICKS[:290] * 1_000_000, columns):
+        wished = dict.fromkeys([name for name, _ in fields], 0.0) | {'sample': TICKS[:290]}
+        for row in cdr.encode(fields, TICKS[:290] * 1_000_000, wished):
             recorder.write(wish, row.tobytes(), 0)
     found = survey([tmp_path / 'bag'])
     assert found.records[0].reference is None
