@@ -243,6 +243,7 @@ class Unloadable(Gain):
         return exec, ('import no_such_module',)
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('fault', ['import', 'start'])
 def test_no_worker_can_start_is_said(data, tmp_path, monkeypatch, fault):
     def refuse(*_):

@@ -137,6 +137,7 @@ def test_tangents_of_a_nonlinear_mode_respond_with_the_bits_of_its_kernel(fricti
     np.testing.assert_allclose(rows[0], expected, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.component
 def test_breaking_away_against_an_ode_solver():
     w, zeta, friction, presliding, more, slow = 2 * np.pi * 40.0, 0.05, 2e-6, 1e-6, 0.8, 2e-3
     dt, n = 2e-4, 1000

@@ -121,6 +121,7 @@ def test_afc_reaches_a_tenth_within_a_second_from_a_right_model(frequency):
     assert ratio < 10 ** (-40 / 20)
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('frequency', [14.0, 22.0, 23.0, 28.0])
 def test_afc_finds_out_that_the_sign_is_wrong_within_two_seconds(frequency):
     order = 5 if frequency == 14.0 else 3
@@ -214,6 +215,7 @@ def test_filtered_reference_rls_is_deepest_where_the_model_is_right():
     assert 0.005 < line.correction_amplitude < 0.05
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     ('frequency', 'fit'),
     [

@@ -55,6 +55,7 @@ def test_study_reports_each_run_and_what_every_link_gains(files, tmp_path, capsy
     assert 'with attenuation' in capsys.readouterr().out
 
 
+@pytest.mark.component
 def test_a_perfect_model_leaves_nothing(files, tmp_path):
     out = tmp_path / 'out'
     words = ['compensate', '--model', files[1], '--plant', files[1], '--attenuation', 'none']
@@ -131,6 +132,7 @@ def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
     assert mine['with fuzzy PID'] < 0.95 * own['with fuzzy PID']  # all of the integral, always
 
 
+@pytest.mark.component
 def test_no_two_runs_of_a_report_have_one_colour(files, tmp_path):
     study(files, tmp_path, '--pid', '0', '3e3', '0', '--together')
     page = (tmp_path / 'out' / 'report.html').read_text()
@@ -177,6 +179,7 @@ def test_the_laws_of_the_papers_are_chosen_by_name(files, tmp_path):
     assert summary['law'] == 'zhou2021'
 
 
+@pytest.mark.component
 def test_slow_drives_have_a_model_of_their_own(files, tmp_path):
     """The fast model is wrong, the slow one right: up to the switch it is as good as that."""
     words = ('--attenuation', 'none', '--slow-model', files[3])
@@ -235,6 +238,7 @@ def test_a_plant_that_ends_is_told_of(tmp_path):
         ProcessPlant([str(tmp_path / 'nowhere')])
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     ('words', 'says'),
     [

@@ -100,10 +100,11 @@ def build(case):
 
 
 # Inverses that are found numerically, sample by sample.
-NUMERIC = ('everything', 'power', 'creep_pair')
+NUMERIC = ('everything', 'power', 'creep_pair', 'part_of_a_tick', 'lag_before_mode')
 MARKED = [pytest.param(case, marks=pytest.mark.slow if case in NUMERIC else []) for case in CASES]
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('case', MARKED)
 def test_the_inverse_undoes_its_model(case):
     model, values, kind, bound = build(case)
@@ -115,7 +116,8 @@ def test_the_inverse_undoes_its_model(case):
     assert np.abs(answer - wanted.value)[1400:].max() < bound
 
 
-@pytest.mark.parametrize('case', CASES)
+@pytest.mark.component
+@pytest.mark.parametrize('case', MARKED)
 def test_array_and_step_give_the_same_bits(case):
     model, values, _, _ = build(case)
     link = inverse_for(model, values, DT)
@@ -289,6 +291,7 @@ def test_delayed_law_is_rakotondrabes_multiplicative_form():
         assert ours == pytest.approx(u, abs=1e-14)
 
 
+@pytest.mark.component
 def test_analytic_play_inverse_agrees_with_the_numeric_one():
     model, values, _, _ = build('plays')
     wanted = reference(7.0)

@@ -130,11 +130,13 @@ def test_a_rebinding_page_gets_no_websocket(server):
     connect(server, Host=own, Origin=f'http://{own}')
 
 
+@pytest.mark.component
 def test_a_foreign_page_may_not_even_ask(server):
     assert ask(server, '/', Origin='http://rebound.example')[0] == 403
     assert ask(server, '/', Origin=f'http://localhost:{server.port}')[0] == 200
 
 
+@pytest.mark.component
 def test_configured_names_open_the_page(serve):
     server = serve(origins=['bench:5006', 'Lab.example'])
     assert ask(server, '/', 'bench:5006')[0] == 200

@@ -165,6 +165,7 @@ def test_a_sweep_is_ordered_and_mistakes_are_said():
     assert not by_name('sweep.cancel').disabled
 
 
+@pytest.mark.component
 def test_several_readers_have_pages_of_their_own():
     backend = Backend()
     filled(backend)

@@ -101,6 +101,7 @@ def test_play_bank_online_behind_a_frozen_mode() -> None:
     assert found.model_file().values['natural_frequency'] == 68.0
 
 
+@pytest.mark.component
 def test_searches_are_seeded() -> None:
     one, same, other = (
         identify(RECORDS, named('classical'), method='pso', seed=s, max_evaluations=300).values

@@ -147,6 +147,7 @@ CASES = [
 ]
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(('name', 'begin', 'noises'), CASES)
 def test_a_model_is_recovered(name: str, begin: str, noises: str) -> None:
     model = model_of(name)

@@ -25,6 +25,7 @@ def identified(model: str, rate: float, **more: float) -> Identification:
     return identify(records, named('bouc_wen_mode'), count=2)
 
 
+@pytest.mark.component
 def test_a_mode_that_no_record_shows_is_left_out_and_said() -> None:
     found = identified('classical', 2000.0)
     assert found.model.name == 'classical'
@@ -44,6 +45,7 @@ def test_a_mode_that_records_show_stays() -> None:
     assert found.values['natural_frequency'] == pytest.approx(62.0, rel=0.01)
 
 
+@pytest.mark.component
 def test_of_values_that_only_do_something_together_one_is_held() -> None:
     found = identified('classical+amplifier_lag', 1000.0, lag_time=0.02)
     (words,) = found.left_out

@@ -60,6 +60,7 @@ def private_uses(tree):
         yield from (n for n in names if n.startswith('_') and not n.startswith('__'))
 
 
+@pytest.mark.component
 def test_tests_use_what_is_public():
     of_tuples = {'_replace', '_asdict', '_fields'}
     found = {}

@@ -26,6 +26,7 @@ def flat(text: str) -> str:
     return ' '.join(text.split())
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('name', ALL)
 @pytest.mark.parametrize('words', [['--help'], ['--ros-args', '-p', 'rate:=5.0', '-h']])
 def test_an_executable_tells_its_parameters(name: str, words: list[str]) -> None:

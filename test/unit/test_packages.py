@@ -34,6 +34,7 @@ def imported(folder):
                 yield str(node.module).split('.')[0]
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_every_import_is_a_named_dependency(package):
     text = (SOURCES / package / 'package.xml').read_text()
@@ -66,6 +67,7 @@ def metadata(package, monkeypatch, words=('setup.py',)):
     return said
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_pip_brings_what_a_package_imports(package, monkeypatch):
     required = metadata(package, monkeypatch)['install_requires']

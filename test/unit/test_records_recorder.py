@@ -70,6 +70,7 @@ def test_what_was_handed_over_is_in_the_bag_byte_for_byte(tmp_path, split):
     assert total < 1_000_000  # nothing of the reserved room is left
 
 
+@pytest.mark.component
 def test_memory_does_not_grow_with_what_was_written(tmp_path):
     """The index of a file that is recorded for hours is read back from it, not kept."""
     import tracemalloc

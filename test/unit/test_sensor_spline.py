@@ -85,6 +85,7 @@ def fitted(variant: str, evaluator: FreeEvaluator, start: CandidateFit) -> Candi
     return fit
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     'curve',
     [lambda y: y + 0.15 * y * np.abs(y), lambda y: y + 0.1 * np.tanh(3.0 * y)],

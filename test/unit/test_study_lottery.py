@@ -32,6 +32,7 @@ def hidden(**sizes: float) -> list[np.ndarray]:
     return [y for _, y in clean(replace(ACTUATOR, sizes=named), CONDITIONS)]
 
 
+@pytest.mark.component
 def test_a_delay_comes_later_and_a_falling_gain_falls() -> None:
     plain, late, falling = hidden(), hidden(delay=3.0), hidden(falling_gain=0.2)
     assert late[0][3:] == pytest.approx(plain[0][:-3])
@@ -70,6 +71,7 @@ def test_records_start_where_they_say(start: str) -> None:
         assert (abs(stroke[0]) > 0.1) == (start == 'mid-period')
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('name', ['creep', 'tone', 'lag'])
 def test_what_hides_can_be_seen_and_a_seed_draws_the_same(name: str) -> None:
     def drawn() -> tuple[Actuator, Conditions]:
