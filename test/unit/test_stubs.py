@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+pytest.importorskip('piezo_interfaces', reason='the workspace is not built: run "make setup"')
+
 ROOT = Path(__file__).resolve().parents[2]
 STUBS = ROOT / 'tools' / 'stubs'
 MODULES = sorted(path for path in STUBS.rglob('*.pyi') if path.stem != '__init__')
