@@ -64,7 +64,7 @@ def said(*command: str | Path) -> str:
 def measured(folder: Path, path: Path, asked: argparse.Namespace) -> dict[str, Any]:
     """Return every figure of a run."""
     steps: dict[str, Any] = {}
-    for k, (name, words) in enumerate(list(ROWS.items())[-asked.laws :]):
+    for k, (name, words) in enumerate(list(ROWS.items())[: asked.laws]):
         bench = built(folder / f'lib{k}', path, asked.rate, words)
         steps[name] = json.loads(said(bench, '0', str(asked.steps)))
     clock = json.loads(said(bench, str(asked.seconds)))
@@ -109,11 +109,11 @@ def shown(found: Mapping[str, Any]) -> str:
 
 
 def _example(errors: Sequence[float], rate: float) -> list[str]:
-    none, forward, both = errors
+    words = ('rms without compensation', 'with feedforward', 'with `afc` of five orders and PID')
+    parts = [f'{error:.4f} µm {how}' for error, how in zip(errors, words, strict=False)]
     return [
         f'`make run` tracks 23 Hz at {rate:g} Hz against the plant that is off by 0.2 %:',
-        f'{none:.4f} µm rms without compensation, {forward:.4f} µm with feedforward,',
-        f'{both:.4f} µm with `afc` of five orders and PID.',
+        *(',\n'.join(parts) + '.').splitlines(),
         '',
     ]
 
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--steps', type=int, default=10_000_000)
     parser.add_argument('--seconds', type=float, default=60.0)
     parser.add_argument('--rate', type=float, default=20000.0)
-    parser.add_argument('--laws', type=int, default=len(ROWS), help='so many, the last ones')
+    parser.add_argument('--laws', type=int, default=len(ROWS), help='so many of the table')
     parser.add_argument(
         '--samples', type=int, default=8000, help='of the loops beside it; 0: none'
     )
