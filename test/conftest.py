@@ -1,7 +1,9 @@
-"""What holds for all tests: the same examples in every run, no skip and no rerun in silence."""
+"""What holds for all tests: repeatable examples, reported skips and reruns, short unit tests."""
 
 from __future__ import annotations
 
+import functools
+import importlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,3 +75,34 @@ def pytest_configure(config: pytest.Config) -> None:
     """Let the process that reports keep the ledger; the workers of xdist report to it."""
     if not hasattr(config, 'workerinput'):
         config.pluginmanager.register(Ledger(config), 'ledger')
+
+
+# A unit test may take so much processor time, its children included [s].
+MOST = 1.0
+SLOWER = ('component', 'slow')
+UNIT = Path(__file__).with_name('unit')
+
+
+@functools.cache
+def _import_large_packages() -> None:
+    """Import what takes long to import, so that no test is charged for being the first."""
+    for name in ('bokeh.plotting', 'matplotlib.pyplot', 'scipy.optimize', 'scipy.signal'):
+        importlib.import_module(name)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Fail a unit test that takes too much processor time and is not marked as longer."""
+    if UNIT not in item.path.parents:
+        yield
+        return
+    _import_large_packages()
+    begun = sum(os.times()[:4])
+    yield
+    spent = sum(os.times()[:4]) - begun
+    item.user_properties.append(('processor_s', f'{spent:.2f}'))
+    if spent > MOST and not any(map(item.get_closest_marker, SLOWER)):
+        pytest.fail(
+            f'{spent:.1f} s of processor time: a unit test takes {MOST:g} s at the most. Make it '
+            'smaller, or mark it as component (part of make test) or slow (make studies)'
+        )

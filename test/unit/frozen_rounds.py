@@ -88,7 +88,7 @@ def hidden(y: FloatArray, kind: str, stroke: float) -> FloatArray:
         'gain': 0.1 * y,
         'curve': 0.1 * y**2 / stroke,
     }
-    return y + added.get(kind, 0.0)
+    return np.asarray(y + added.get(kind, 0.0))
 
 
 def records(kind: str, actuator: Any, drives: Sequence[tuple[float, float]]) -> list[Record]:

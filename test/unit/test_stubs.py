@@ -87,6 +87,7 @@ WRONG = {
 }
 
 
+@pytest.mark.component
 def test_mypy_refuses_a_field_that_is_not_there(tmp_path: Path) -> None:
     """Every wrong line is refused, and nothing else is."""
     program = tmp_path / 'program.py'
