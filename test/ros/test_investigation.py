@@ -55,17 +55,12 @@ def test_it_finds_an_effect_is_cancelled_goes_on_and_shows_the_gap_shrink(
     assert again.stop.reason == 'sure'
 
 
-@pytest.fixture(scope='module')
-def bench(
-    shared_processes: LiveNodes,
-    shared_listener: Listener,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Bench:
-    model = write_model(tmp_path_factory.mktemp('investigation'))
-    return Bench(shared_processes, shared_listener, model)
+@pytest.fixture
+def bench(processes: LiveNodes, listener: Listener, tmp_path: Path) -> Bench:
+    return Bench(processes, listener, write_model(tmp_path))
 
 
-def test_limits_that_cannot_be_move_nothing(bench: Bench) -> None:
+def test_limits_that_cannot_be_move_nothing_and_a_spent_budget_ends_at_rest(bench: Bench) -> None:
     listener = bench.listener
     commands = listener.listen(VoltageCommand, 'voltage/command')
     for wrong in ((0.3, -0.3), (-0.3, nan), (0.0, -0.3), (-30.0, 30.0)):
@@ -81,9 +76,11 @@ def test_limits_that_cannot_be_move_nothing(bench: Bench) -> None:
     assert 'allow more seconds' in refused.result.message
     assert not (bench.folder / 'out').exists()
     assert commands == []  # nothing has moved
+    spends_its_budget(bench)
 
 
-def test_a_budget_that_is_spent_leaves_the_actuator_at_rest(bench: Bench) -> None:
+def spends_its_budget(bench: Bench) -> list[int]:
+    """Investigate for two seconds; return the numbers of the experiments."""
     feedback: list[Any] = []
     spent = bench.ended(bench.ask(feedback, budget=2.0)).result
     assert spent.success, spent.message
@@ -93,13 +90,12 @@ def test_a_budget_that_is_spent_leaves_the_actuator_at_rest(bench: Bench) -> Non
     assert feedback[-1].answer
     bench.rests()
     bench.safe()
-    done = [line['number'] for line in Journal.read(bench.folder / 'out').lines]
-    assert done
+    return [line['number'] for line in Journal.read(bench.folder / 'out').lines]
 
 
 @pytest.mark.slow
 def test_a_larger_budget_goes_on(bench: Bench) -> None:
-    done = [line['number'] for line in Journal.read(bench.folder / 'out').lines]
+    done = spends_its_budget(bench)
     again = bench.ended(bench.ask([], budget=2.0)).result
     assert (again.stop, again.experiments) == ('budget', len(done))
     feedback: list[Any] = []

@@ -17,7 +17,7 @@ from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal
 from piezo_ros_common.processes import NodeProcess
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.fixture(scope='module')
