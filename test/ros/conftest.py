@@ -18,18 +18,19 @@ from listening import Listener  # noqa: E402
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.
 LONG = (
+    'test_nothing_compiles',
+    'test_dashboard_live',
+    'test_sweep_records',
     'test_slow_kernels',
     'test_demo',
-    'test_sweep_records',
-    'test_investigation',
-    'test_investigation_restarts',
-    'test_nothing_compiles',
     'test_restarts',
     'test_fault_campaign',
-    'test_record_and_play',
+    'test_investigation',
     'test_excitation',
-    'test_faults',
-    'test_chain',
+    'test_record_and_play',
+    'test_lock_step',
+    'test_discovery_live',
+    'test_ends',
 )
 
 

@@ -13,10 +13,9 @@ from urllib.parse import urlsplit
 import pytest
 from dashboard_browser import BROWSER, Browser
 from diagnostic_msgs.msg import DiagnosticStatus
-from in_process import LiveNodes
 from listening import Listener
 
-from piezo_ros_common.processes import NodeProcess
+from piezo_ros_common.processes import NodeProcess, NodeProcesses
 
 pytestmark = [
     pytest.mark.ros,
@@ -42,7 +41,7 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
     page.close()
 
 
-def start_all(processes: LiveNodes, listener: Listener, folder: Path) -> NodeProcess:
+def start_all(processes: NodeProcesses, listener: Listener, folder: Path) -> NodeProcess:
     drive = {
         'frequency': 5.0, 'voltage.amplitude': 0.5, 'ramp': 0.1,
         'deadline': 120.0,
@@ -50,10 +49,10 @@ def start_all(processes: LiveNodes, listener: Listener, folder: Path) -> NodePro
     dashboard = processes.start(
         'piezo_hysteresis', 'dashboard', {'port': 0, 'folder': str(folder)}
     )
-    processes.serve('simulator', SIMULATOR, namespace=SPACE)
-    processes.serve('discovery', {'folder': str(folder)}, namespace=SPACE)
+    processes.start('piezo_sim', 'simulator', SIMULATOR, namespace=SPACE)
+    processes.start('piezo_hysteresis', 'discovery', {'folder': str(folder)}, namespace=SPACE)
     listener.matched(f'/{SPACE}/actuator/state', 120.0)
-    processes.serve('excitation', drive, namespace=SPACE)
+    processes.start('piezo_hysteresis', 'excitation', drive, namespace=SPACE)
     return dashboard
 
 
@@ -96,7 +95,7 @@ def words(browser: Browser, name: str) -> str:
 
 
 def test_the_page_over_live_processes(
-    processes: LiveNodes, listener: Listener, browser: Browser, tmp_path: Path
+    processes: NodeProcesses, listener: Listener, browser: Browser, tmp_path: Path
 ) -> None:
     dashboard = start_all(processes, listener, tmp_path)
     listener.says(listener.watch_health(), 'dashboard', DiagnosticStatus.OK, 'serves http')
@@ -166,7 +165,7 @@ def test_the_page_over_live_processes(
     # A node that is lost is told of, and taken up again.
     processes.forget(processes.nodes[1])
     browser.until("model('banner').text.includes('Stale')")
-    processes.serve('simulator', SIMULATOR, namespace=SPACE)
+    processes.start('piezo_sim', 'simulator', SIMULATOR, namespace=SPACE)
     assert listener.set_one(node, 'mode', 'voltage') == ''
     browser.until("model('banner').text === ''")
 
@@ -184,12 +183,14 @@ def test_the_page_over_live_processes(
 
 
 def test_a_foreign_site_that_points_to_this_machine_gets_nothing(
-    processes: LiveNodes, tmp_path: Path
+    processes: NodeProcesses, tmp_path: Path
 ) -> None:
     rule = '--host-resolver-rules=MAP rebound.example 127.0.0.1'
     browser = Browser(tmp_path, rule)
     try:
-        dashboard = processes.serve('dashboard', {'port': 0, 'folder': str(tmp_path)})
+        dashboard = processes.start(
+            'piezo_hysteresis', 'dashboard', {'port': 0, 'folder': str(tmp_path)}
+        )
         port = urlsplit(address_of(dashboard, browser)).port
         browser.command('Page.navigate', url=f'http://rebound.example:{port}/')
         browser.until("document.body.textContent.includes('not known by that name')")
