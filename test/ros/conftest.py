@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import pytest
 
-from piezo_ros_common.processes import NodeProcesses
+# As nodes that are processes have it: who has another range is not found.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup"')
 
+from in_process import LiveNodes  # noqa: E402
 from listening import Listener  # noqa: E402
 
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.
 LONG = (
+    'test_nothing_compiles',
+    'test_dashboard_live',
+    'test_sweep_records',
     'test_slow_kernels',
     'test_demo',
-    'test_sweep_records',
-    'test_investigation_live',
-    'test_investigation_restarts',
-    'test_nothing_compiles',
     'test_restarts',
     'test_fault_campaign',
-    'test_record_and_play',
+    'test_investigation_live',
     'test_excitation',
-    'test_faults',
-    'test_chain',
+    'test_record_and_play',
+    'test_lock_step',
+    'test_discovery_live',
+    'test_ends',
 )
 
 
@@ -37,26 +41,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def processes() -> Iterator[NodeProcesses]:
-    with NodeProcesses() as group:
+def processes() -> Iterator[LiveNodes]:
+    with LiveNodes() as group:
         yield group
 
 
 @pytest.fixture
-def listener(processes: NodeProcesses) -> Iterator[Listener]:
+def listener(processes: LiveNodes) -> Iterator[Listener]:
     ear = Listener(processes)
     yield ear
     ear.close()
 
 
 @pytest.fixture(scope='module')
-def shared_processes() -> Iterator[NodeProcesses]:
-    with NodeProcesses() as group:
+def shared_processes() -> Iterator[LiveNodes]:
+    with LiveNodes() as group:
         yield group
 
 
 @pytest.fixture(scope='module')
-def shared_listener(shared_processes: NodeProcesses) -> Iterator[Listener]:
+def shared_listener(shared_processes: LiveNodes) -> Iterator[Listener]:
     ear = Listener(shared_processes)
     yield ear
     ear.close()
@@ -68,7 +72,7 @@ def pytest_runtest_makereport(item, call):
     report = yield
     if report.failed:
         for group in getattr(item, 'funcargs', {}).values():
-            if isinstance(group, NodeProcesses):
+            if isinstance(group, LiveNodes):
                 for node in group.nodes:
                     title = f'{node.name} (code {node.returncode})'
                     report.sections.append((title, node.tail(20).replace(' | ', '\n')))

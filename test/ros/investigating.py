@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from in_process import LiveNodes, NodeThread
 from listening import Listener
 from rclpy.action import ActionClient
 
+from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import named
 from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 from piezo_sim.sweep import grid, simulate
 
 PRESET = 'generic_bouc_wen'
@@ -34,9 +37,19 @@ def write_model(folder: Path) -> Path:
 
 
 class Bench:
-    """A loop in lock-step with a discovery node; every state of the actuator is kept."""
+    """A loop in lock-step with a discovery node; every state of the actuator is kept.
 
-    def __init__(self, processes: NodeProcesses, listener: Listener, model: Path) -> None:
+    Nodes that are to be `killed` are processes.
+    """
+
+    def __init__(
+        self,
+        processes: LiveNodes,
+        listener: Listener,
+        model: Path,
+        killed: Sequence[str] = (),
+    ) -> None:
+        self.killed = killed
         self.processes, self.listener, self.model = processes, listener, model
         self.folder = model.parent
         self.states: list[ActuatorState] = listener.listen(ActuatorState, 'actuator/state')
@@ -47,7 +60,7 @@ class Bench:
         self.client = ActionClient(listener.node, Investigate, 'investigate')
         listener.until(self.client.server_is_ready)
 
-    def start(self, name: str) -> NodeProcess:
+    def start(self, name: str) -> NodeProcess | NodeThread:
         """Start a node with the settings that it has here."""
         model: dict[str, object] = {'model_file': str(self.model)}
         world = {'clock': 'lock_step', 'preset': PRESET, 'effects.creep': True, 'wait_for': 2}
@@ -58,8 +71,9 @@ class Bench:
             'excitation': {'actuator': PRESET},
             'discovery': {'folder': str(self.folder), **model},
         }
-        package = 'piezo_sim' if name == 'simulator' else 'piezo_hysteresis'
-        return self.processes.start(package, name, settings[name])
+        if name in self.killed:
+            return self.processes.start(PACKAGES[name], name, settings[name])
+        return self.processes.serve(name, settings[name])
 
     def ask(self, feedback: list[Any], **words: Any) -> Any:
         """Ask for an investigation; return the handle of the goal."""

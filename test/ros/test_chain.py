@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from in_process import LiveNodes
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from listening import Listener
@@ -21,7 +22,7 @@ from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_sim.plant import Plant
 
@@ -50,21 +51,21 @@ STEEP = AMPLITUDE / 1e-4 * 2 * math.pi * FREQUENCY * DT
 
 
 class Chain:
-    """Three links as processes; this test is the actuator and the excitation.
+    """Three links; this test is the actuator and the excitation.
 
-    It so decides at which tick something changes: the links wait for it.
+    It so decides at which tick something changes: the links wait for it. The one in the middle is
+    a process, which can be killed.
     """
 
-    def __init__(self, processes: NodeProcesses, listener: Listener) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener) -> None:
         self.listener, self.processes = listener, processes
         node = listener.node
         self._commands = listener.listen(VoltageCommand, 'voltage/command')
         self._references = node.create_publisher(Reference, 'reference', LOOP)
         self._states = node.create_publisher(ActuatorState, 'actuator/state', LOOP)
-        processes.start('piezo_hysteresis', 'feedforward', {'transition': 0.1, 'gain': GAIN})
+        processes.serve('feedforward', {'transition': 0.1, 'gain': GAIN})
         self.attenuation = self.start_attenuation()
-        processes.start(
-            'piezo_hysteresis',
+        processes.serve(
             'feedback',
             {'transition': 0.1},
             remap={'voltage/feedforward': 'voltage/attenuated'},
@@ -134,7 +135,7 @@ class Chain:
 
 
 @pytest.fixture(scope='module')
-def chain(shared_processes: NodeProcesses, shared_listener: Listener) -> Chain:
+def chain(shared_processes: LiveNodes, shared_listener: Listener) -> Chain:
     return Chain(shared_processes, shared_listener)
 
 

@@ -15,7 +15,8 @@ from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.records import Record, write_bag
 from piezo_ros_common.processes import NodeProcesses
 
-pytestmark = pytest.mark.ros
+# `test_ends` starts all of them at once in a tenth of the time.
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 # What a node cannot do without; the page takes any port that is free.
 NEEDED: dict[str, Callable[[Path], dict[str, object]]] = {

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from in_process import LiveNodes
 from listening import Listener
 
 from piezo_hysteresis.models import ModelFile, named
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import InjectFault
-from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
@@ -30,7 +30,7 @@ LINK = {
 class Bench:
     """Plays the actuator and the excitation, and says what it likes, tick by tick."""
 
-    def __init__(self, processes: NodeProcesses, listener: Listener, folder: Path) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener, folder: Path) -> None:
         self.listener = listener
         node = listener.node
         self.commands = listener.listen(VoltageCommand, 'voltage/command')
@@ -42,11 +42,11 @@ class Bench:
         model = named('classical')
         file = folder / 'model.yaml'
         ModelFile(model, model.defaults()).save(file)
-        processes.start('piezo_hysteresis', 'control_loop', {**LINK, 'model_file': str(file)})
-        processes.start('piezo_hysteresis', 'identification')
-        processes.start('piezo_hysteresis', 'gap_monitor', {'model_file': str(file)})
-        processes.start('piezo_hysteresis', 'recorder', {'out': str(folder / 'bag')})
-        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'}, namespace='elsewhere')
+        processes.serve('control_loop', {**LINK, 'model_file': str(file)})
+        processes.serve('identification')
+        processes.serve('gap_monitor', {'model_file': str(file)})
+        processes.serve('recorder', {'out': str(folder / 'bag')})
+        processes.serve('simulator', {'clock': 'lock_step'}, namespace='elsewhere')
         self.tick = 0
         listener.until(lambda: self.references.get_subscription_count() == 2)
         listener.until(lambda: self.states.get_subscription_count() == 4)
@@ -111,7 +111,7 @@ class Bench:
 
 @pytest.fixture(scope='module')
 def bench(
-    shared_processes: NodeProcesses,
+    shared_processes: LiveNodes,
     shared_listener: Listener,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Bench:

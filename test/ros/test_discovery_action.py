@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
+from in_process import LiveNodes
 from listening import Listener
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import write_bag
 from piezo_interfaces.action import Discover
-from piezo_ros_common.processes import NodeProcesses
 from piezo_sim.sweep import simulate
 
 pytestmark = pytest.mark.ros
@@ -27,9 +27,7 @@ def send(listener: Listener, client: ActionClient, goal: Any, feedback: list[flo
     return future.result()
 
 
-def test_a_discovery_over_ros(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
-) -> None:
+def test_a_discovery_over_ros(processes: LiveNodes, listener: Listener, tmp_path: Path) -> None:
     plan = [
         {'kind': 'sine', 'frequency': f, 'amplitude': a, 'duration': 2.0}
         for a in (1.0, 0.5)
@@ -37,7 +35,7 @@ def test_a_discovery_over_ros(
     ]
     hidden = {'effects.sensor_nonlinearity': True}
     write_bag(tmp_path / 'bag', simulate('generic_bouc_wen', plan, hidden, 4))
-    processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
+    processes.serve('discovery', {'folder': str(tmp_path)})
     client = ActionClient(listener.node, Discover, 'discover')
     listener.until(client.server_is_ready)
     health = listener.watch_health()

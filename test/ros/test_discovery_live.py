@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from in_process import LiveNodes
 from listening import Listener
 
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.reporting.discovery_folder import write_discovery
 from piezo_interfaces.msg import ActuatorState, Gap, LoopStatus, Reference
-from piezo_ros_common.processes import NodeProcesses
 from piezo_sim.sweep import simulate
 
 pytestmark = pytest.mark.ros
@@ -53,25 +53,23 @@ def loaded(path: Path) -> dict[str, Any]:
 
 
 def test_the_gap_closes_in_running_nodes(
-    processes: NodeProcesses, listener: Listener, found: Path
+    processes: LiveNodes, listener: Listener, found: Path
 ) -> None:
     listener.listen(Gap, 'gap')
     listener.listen(ActuatorState, 'actuator/state')
     listener.listen(Reference, 'reference')
     listener.listen(LoopStatus, 'loop/status', latched=True)
-    processes.start(
-        'piezo_sim',
+    processes.serve(
         'simulator',
         {'clock': 'lock_step', 'preset': 'generic_bouc_wen', 'wait_for': 3},
     )
-    processes.start('piezo_hysteresis', 'feedforward', {'start': 0.2})
-    processes.start('piezo_hysteresis', 'attenuation', {'enabled': False})
-    processes.start('piezo_hysteresis', 'gap_monitor', {'window': WINDOW})
+    processes.serve('feedforward', {'start': 0.2})
+    processes.serve('attenuation', {'enabled': False})
+    processes.serve('gap_monitor', {'window': WINDOW})
     assert load(listener, 'gap_monitor', found / 'params.yaml')
     assert load(listener, 'feedforward', found / 'params.yaml')
     listener.matched('actuator/state')
-    processes.start(
-        'piezo_hysteresis',
+    processes.serve(
         'excitation',
         {
             'mode': 'reference',

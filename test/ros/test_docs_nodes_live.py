@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from in_process import LiveNodes
 from listening import Listener
 
 from piezo_common import topics
 from piezo_common.sheet import NodeSheet
-from piezo_ros_common.processes import NodeProcesses
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 
@@ -46,14 +46,14 @@ def resolved(names: Iterable[str], node: str) -> set[str]:
     'page', [n for n in NODES if n.executable != 'player'], ids=lambda n: n.executable
 )
 def test_the_page_tells_what_a_node_offers(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path, page: NodeSheet
+    processes: LiveNodes, listener: Listener, tmp_path: Path, page: NodeSheet
 ) -> None:
     name = page.executable
     settings: dict[str, dict[str, object]] = {
         'recorder': {'out': str(tmp_path / 'bag')},
         'dashboard': {'port': 0},
     }
-    processes.start(page.package, name, settings.get(name))
+    processes.serve(name, settings.get(name))
     graph = listener.node
     nodes = INSIDE.get(name, (name,))
     private = [n for n in NODES if n.executable in INSIDE.get(name, ())]

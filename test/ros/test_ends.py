@@ -1,22 +1,25 @@
-"""A node that ends leaves nothing to end beside the process."""
+"""Every executable starts with nothing but what it needs, answers, and ends with nothing left."""
 
 from __future__ import annotations
 
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_prefix
+from in_process import LiveNodes
 from listening import Listener
+from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
 
-from piezo_hysteresis.parameters.sheets import SHEETS
-from piezo_hysteresis.records import Record, write_bag
+from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.records import Record, read_bag, write_bag
 from piezo_interfaces.action import Discover
-from piezo_ros_common.processes import NodeProcesses
+from piezo_interfaces.msg import ActuatorState, LoopStatus
 from piezo_sim.sweep import simulate
 
 pytestmark = pytest.mark.ros
@@ -41,14 +44,19 @@ OF_THE_PROCESS = {'dds.shm.wdog', 'MainThread', 'owner'}
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    time = np.arange(500) * 1e-3
-    write_bag(tmp_path / 'bag', [Record('r', 1e-3, np.sin(30 * time), 1e-4 * np.sin(30 * time))])
-    return tmp_path / 'bag'
+    return short_bag(tmp_path, 500)
+
+
+def short_bag(folder: Path, samples: int) -> Path:
+    time = np.arange(samples) * 1e-3
+    record = Record('r', 1e-3, np.sin(30 * time), 1e-4 * np.sin(30 * time))
+    write_bag(folder / 'bag', [record])
+    return folder / 'bag'
 
 
 def start(name: str, options: list[str], environment: dict[str, str]) -> subprocess.Popen[str]:
     """Start a node that tells at its end which threads are left."""
-    package = 'piezo_sim' if name == 'simulator' else 'piezo_hysteresis'
+    package = PACKAGES[name]
     path = Path(get_package_prefix(package)) / 'lib' / package / name
     return subprocess.Popen(
         [sys.executable, '-c', RUNS, str(path), '--ros-args', *options],
@@ -66,41 +74,89 @@ def left_by(process: subprocess.Popen[str]) -> set[str]:
     assert process.returncode == 0, text
     assert 'left:' in text, text
     assert 'Traceback' not in text, text
+    assert 'FATAL' not in text, text
     return set(text.rpartition('left:')[2].split()) - OF_THE_PROCESS
 
 
-def test_nothing_outlives_its_node(
-    processes: NodeProcesses, listener: Listener, bag: Path, tmp_path: Path
-) -> None:
-    parameters: dict[str, dict[str, object]] = {
-        'recorder': {'out': tmp_path / 'recorded'},
-        'player': {'bag': bag, 'loop': True},
-        'dashboard': {'port': 0},
-    }
-    health = listener.watch_health()
-    running = {}
-    for name in ('simulator', *SHEETS):
-        given = [f'{key}:={value}' for key, value in parameters.get(name, {}).items()]
-        options = [word for each in given for word in ('-p', each)]
-        if name == 'control_loop':  # three nodes, with the names of those that run alone
-            options += ['-r', '__ns:=/together']
-        running[name] = start(name, options, processes.environment)
-    try:
-        served = {'simulator', *SHEETS, 'together/feedback'} - {'control_loop'}
-        listener.until(lambda: served <= set(health), 60.0)
-        for process in running.values():
-            process.send_signal(signal.SIGINT)
-        for name, process in running.items():
-            assert not left_by(process), name
-    finally:
-        for process in running.values():
+# What a node cannot do without; the page takes any port that is free.
+NEEDED: dict[str, Callable[[Path], str]] = {
+    'recorder': lambda folder: f'out:={folder / "recorded"}',
+    'player': lambda folder: f'bag:={short_bag(folder, 300_000)}',
+    'dashboard': lambda folder: 'port:=0',
+}
+# The links one behind the other, and three more with the same names elsewhere.
+NAMES = {
+    'attenuation': ['voltage/command:=voltage/attenuated'],
+    'feedback': ['voltage/feedforward:=voltage/attenuated'],
+    'control_loop': ['__ns:=/together'],
+}
+LINKS = ('feedforward', 'attenuation', 'feedback')
+
+
+class Everything:
+    """Every executable, started with nothing but what it needs."""
+
+    def __init__(self, processes: LiveNodes, listener: Listener, folder: Path) -> None:
+        self.listener, self.folder = listener, folder
+        self.health = listener.watch_health()
+        self.states = listener.listen(ActuatorState, 'actuator/state')
+        self.running = {}
+        for name in PACKAGES:
+            words = ['-p', NEEDED[name](folder)] if name in NEEDED else []
+            words += [word for each in NAMES.get(name, ()) for word in ('-r', each)]
+            self.running[name] = start(name, words, processes.environment)
+
+    def close(self) -> None:
+        for process in self.running.values():
             process.kill()
             process.wait()
 
 
+@pytest.fixture(scope='module')
+def everything(
+    shared_processes: LiveNodes,
+    shared_listener: Listener,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Everything]:
+    nodes = Everything(shared_processes, shared_listener, tmp_path_factory.mktemp('nodes'))
+    yield nodes
+    nodes.close()
+
+
+@pytest.mark.parametrize('name', sorted(PACKAGES))
+def test_a_node_starts_and_answers(everything: Everything, name: str) -> None:
+    inside = [f'together/{link}' for link in LINKS] if name == 'control_loop' else [name]
+    for each in inside:
+        answer = everything.listener.call(
+            ListParameters, f'{each}/list_parameters', ListParameters.Request()
+        )
+        assert answer.result.names
+        everything.listener.until(lambda each=each: each in everything.health)
+
+
+def test_every_node_ends_on_either_signal_while_the_loop_runs_and_leaves_nothing(
+    everything: Everything,
+) -> None:
+    listener, states = everything.listener, everything.states
+    assert listener.set_one('simulator', 'speed_factor', 0.2) == ''
+    assert listener.set_one('excitation', 'frequency', 10.0) == ''
+    assert listener.set_one('excitation', 'mode', 'reference') == ''
+    listener.until(lambda: states and abs(states[-1].voltage) > 0.0)
+    first = states[-1].sample
+    listener.until(lambda: states[-1].sample > first + 50)
+    written = listener.listen(LoopStatus, 'recorder/status', latched=True)
+    listener.until(lambda: written)
+    for k, process in enumerate(everything.running.values()):
+        process.send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
+    for name, process in everything.running.items():
+        assert not left_by(process), name
+    records = read_bag(everything.folder / 'recorded')
+    assert sum(len(record) for record in records) >= 0.5 * len(states)
+
+
 @pytest.mark.parametrize('lock_step', [True, False])
 def test_a_player_that_waits_for_a_listener_ends_at_once(
-    processes: NodeProcesses, listener: Listener, bag: Path, lock_step: bool
+    processes: LiveNodes, listener: Listener, bag: Path, lock_step: bool
 ) -> None:
     waits = [f'bag:={bag}', f'lock_step:={str(lock_step).lower()}', 'wait:=3600.0']
     options = [part for each in waits for part in ('-p', each)]
@@ -116,7 +172,7 @@ def test_a_player_that_waits_for_a_listener_ends_at_once(
 
 
 def test_a_discovery_under_way_ends_with_its_node(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     plan = [
         {'kind': 'sine', 'frequency': f, 'amplitude': 1.0, 'duration': 2.0} for f in (2, 7, 23)

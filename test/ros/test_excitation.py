@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
+from in_process import LiveNodes
 from listening import Listener
+from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from std_msgs.msg import Header
 
@@ -17,7 +19,7 @@ from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_hysteresis.waveforms import from_spec
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
@@ -27,25 +29,24 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 
 class Loop:
-    """A simulator and an excitation, and what a user does with them."""
+    """A simulator that can be killed, an excitation, and what a user does with them."""
 
-    def __init__(self, processes: NodeProcesses, listener: Listener) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener) -> None:
         self.listener = listener
         self.states = listener.listen(ActuatorState, 'actuator/state')
         self.markers = listener.listen(RecordMarker, 'record/marker')
         self.health = listener.watch_health()
+        self.log = listener.listen(Log, '/rosout')
         self.feedback: list[RunSweep.Feedback] = []
         self.simulator = self.start_simulator(processes)
-        self.excitation = processes.start(
-            'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'deadline': 2.0}
-        )
+        self.excitation = processes.serve('excitation', {'actuator': 'bender', 'deadline': 2.0})
         self._client = ActionClient(listener.node, RunSweep, 'run_sweep')
         listener.matched('actuator/state')
         listener.matched('record/marker')
         listener.until(self._client.server_is_ready)
 
     @staticmethod
-    def start_simulator(processes: NodeProcesses) -> NodeProcess:
+    def start_simulator(processes: LiveNodes) -> NodeProcess:
         return processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2})
 
     def genuine(self) -> list[ActuatorState]:
@@ -89,7 +90,7 @@ class Loop:
 
 
 @pytest.fixture(scope='module')
-def loop(shared_processes: NodeProcesses, shared_listener: Listener) -> Loop:
+def loop(shared_processes: LiveNodes, shared_listener: Listener) -> Loop:
     return Loop(shared_processes, shared_listener)
 
 
@@ -169,8 +170,9 @@ def test_one_thing_at_a_time(loop: Loop) -> None:
     ],
 )
 def test_impossible_sweeps_are_refused(loop: Loop, wrong: dict[str, Any]) -> None:
+    count = len(loop.log)
     assert not loop.send(**{**GOAL, **wrong}).accepted
-    assert 'sweep refused: ' in loop.excitation.tail(1)
+    loop.listener.until(lambda: any('sweep refused: ' in line.msg for line in loop.log[count:]))
 
 
 def test_an_amplitude_beyond_the_actuator_is_refused_before_the_first_sample(loop: Loop) -> None:
@@ -282,7 +284,7 @@ def test_states_of_others_do_not_move_an_experiment(loop: Loop) -> None:
 
 
 def test_a_dead_simulator_ends_the_sweep_with_the_reason(
-    loop: Loop, shared_processes: NodeProcesses
+    loop: Loop, shared_processes: LiveNodes
 ) -> None:
     handle = loop.send(**{**GOAL, 'seconds': 60.0})
     count = len(loop.states)

@@ -6,17 +6,18 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
+from in_process import LiveNodes, NodeThread
 from listening import Listener
 
 from piezo_hysteresis.records.bag_content import read_content
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import STATE
 from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -34,12 +35,28 @@ SEED = 20
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 
 
+class Threads(LiveNodes):
+    """Serves by threads what is asked for as processes."""
+
+    def start(self, package: str, executable: str, *words: Any, **names: Any) -> NodeThread:
+        return self.serve(executable, *words, **names)
+
+
 @pytest.fixture(scope='module')
-def campaign(
-    shared_processes: NodeProcesses, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Campaign]:
-    observer = Observer(shared_processes)
-    loop = Loop(shared_processes, tmp_path_factory.mktemp('campaign'), Setting())
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Campaign]:
+    with Threads() as nodes:
+        yield from campaign_of(nodes, tmp_path_factory.mktemp('campaign'))
+
+
+@pytest.fixture
+def deadly(processes: LiveNodes, tmp_path: Path) -> Iterator[Campaign]:
+    """Return a campaign whose nodes can be killed."""
+    yield from campaign_of(processes, tmp_path)
+
+
+def campaign_of(nodes: LiveNodes, folder: Path) -> Iterator[Campaign]:
+    observer = Observer(nodes)
+    loop = Loop(nodes, folder, Setting())
     watch = Watch(observer.seen, loop.setting)
     random = np.random.default_rng(SEED)
     running = Campaign(loop, observer, Rogue(observer), watch, random)
@@ -98,25 +115,26 @@ def test_the_sensor_fails_and_comes_back(campaign: Campaign) -> None:
     assert as_it_should_be(trial), trial
 
 
-def test_every_node_is_killed_once_and_the_loop_is_back(campaign: Campaign) -> None:
+@pytest.mark.slow
+def test_every_node_is_killed_once_and_the_loop_is_back(deadly: Campaign) -> None:
     """All at random moments, each while the one before is not yet up again; the recorder last."""
-    loop, watch = campaign.loop, campaign.watch
+    loop, watch = deadly.loop, deadly.watch
     first = watch.mark()
-    for name in campaign.random.permutation([n for n in NODES if n != 'recorder']):
-        number = signal.SIGKILL if campaign.random.random() < 0.5 else signal.SIGTERM
+    for name in deadly.random.permutation([n for n in NODES if n != 'recorder']):
+        number = signal.SIGKILL if deadly.random.random() < 0.5 else signal.SIGTERM
         code, text = loop.end(str(name), number)
         assert code == (0 if number == signal.SIGTERM else -number)
         assert 'Traceback' not in text
         begun = loop.start(str(name))
         assert begun.returncode is None
-    since = campaign.observer.seen.states[-1].arrived
+    since = deadly.observer.seen.states[-1].arrived
     back, heard = watch.back(since, 'feedback', 90.0)
     assert back is not None
     assert heard is not None
     beyond, jump, _ = watch.voltage(first)
     assert beyond == 0.0
     assert jump <= 1.0 + 1e-9
-    states = campaign.observer.seen.states
+    states = deadly.observer.seen.states
     assert wait_until(lambda: states[-1].life == 1, 30.0), 'the actuator was not started anew'
     asked = states[-1].arrived
     code, text = loop.end('recorder', signal.SIGTERM)
@@ -125,7 +143,7 @@ def test_every_node_is_killed_once_and_the_loop_is_back(campaign: Campaign) -> N
 
 
 def test_a_recorder_that_is_ended_keeps_all_that_has_reached_it(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     """What came while it was not scheduled waits in the middleware; a signal must not lose it."""
     publisher = listener.node.create_publisher(ActuatorState, topics.STATE, LOOP)

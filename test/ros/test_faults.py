@@ -8,53 +8,72 @@ import time
 from typing import Any
 
 import pytest
+from in_process import LiveNodes
 from listening import Listener
 
+from piezo_hysteresis.cli.node import PACKAGES
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcesses, ProcessError
+from piezo_ros_common.processes import ProcessError
 
 pytestmark = pytest.mark.ros
 
 # What each node is started with, and a word of the reason for which it must refuse.
-WRONG: list[tuple[str, str, dict[str, Any], str]] = [
-    ('piezo_sim', 'simulator', {'preset': 'no_such_actuator'}, 'fdk_pzba_00030'),
-    ('piezo_sim', 'simulator', {'structure.damping_ratio': -1.0}, 'structure.damping_ratio'),
-    ('piezo_sim', 'simulator', {'amplifier.range_low': 6.0}, 'amplifier.range'),
-    ('piezo_sim', 'simulator', {'rate': 'fast'}, 'rate'),
-    ('piezo_hysteresis', 'excitation', {'frequency': 500.0}, 'sampled'),
-    ('piezo_hysteresis', 'feedforward', {'limits.low': 2.0}, 'limits.low'),
-    ('piezo_hysteresis', 'feedforward', {'model_file': 'no_such.yaml'}, 'no_such.yaml'),
-    ('piezo_hysteresis', 'attenuation', {'orders': [3, -1]}, 'orders'),
-    ('piezo_hysteresis', 'feedback', {'pid.integral': '.nan'}, 'pid.integral'),
-    ('piezo_hysteresis', 'identification', {'harmonic': 4}, 'harmonic'),
-    ('piezo_hysteresis', 'recorder', {}, 'out'),
-    ('piezo_hysteresis', 'player', {'bag': '[half a list'}, 'arguments'),
-]  # fmt: skip
+WRONG: list[tuple[str, dict[str, Any], str]] = [
+    ('simulator', {'preset': 'no_such_actuator'}, 'fdk_pzba_00030'),
+    ('simulator', {'structure.damping_ratio': -1.0}, 'structure.damping_ratio'),
+    ('simulator', {'amplifier.range_low': 6.0}, 'amplifier.range'),
+    ('simulator', {'rate': 'fast'}, 'rate'),
+    ('excitation', {'frequency': 500.0}, 'sampled'),
+    ('feedforward', {'limits.low': 2.0}, 'limits.low'),
+    ('feedforward', {'model_file': 'no_such.yaml'}, 'no_such.yaml'),
+    ('attenuation', {'orders': [3, -1]}, 'orders'),
+    ('feedback', {'pid.integral': '.nan'}, 'pid.integral'),
+    ('identification', {'harmonic': 4}, 'harmonic'),
+    ('recorder', {}, 'out'),
+    ('player', {}, 'bag'),
+]
+# The same of processes: one whose node refuses, one that has not come to that.
+WRONG_PROCESSES = [WRONG[0], ('player', {'bag': '[half a list'}, 'arguments')]
 
 
-def test_what_cannot_start_says_why_in_one_line(processes: NodeProcesses) -> None:
-    # A few at a time: they mostly wait for the disk.
-    for first in range(0, len(WRONG), 6):
-        started = [
-            (processes.start(package, name, values), values, word)
-            for package, name, values, word in WRONG[first : first + 6]
-        ]
-        for node, values, word in started:
-            code = node.wait(60.0)
-            text = node.log.read_text()
-            assert code == 2, f'{node.name} {values}: {code}: {text}'
-            own = [line for line in text.strip().splitlines() if '[rcl]' not in line]
-            assert len(own) == 1, text
-            assert word in text
-            processes.forget(node)
+def says_why(text: str, word: str) -> None:
+    own = [line for line in text.strip().splitlines() if '[rcl]' not in line]
+    assert len(own) == 1, text
+    assert word in text
+
+
+@pytest.mark.parametrize(('name', 'values', 'word'), WRONG)
+def test_what_cannot_start_says_why_in_one_line(
+    processes: LiveNodes,
+    capfd: pytest.CaptureFixture[str],
+    name: str,
+    values: dict[str, Any],
+    word: str,
+) -> None:
+    capfd.readouterr()
+    node = processes.serve(name, values)
+    assert node.wait(0.0) == 2, node.tail()
+    says_why(''.join(capfd.readouterr()), word)
+    processes.forget(node)
+
+
+def test_a_process_that_cannot_start_says_why_in_one_line(processes: LiveNodes) -> None:
+    started = [
+        (processes.start(PACKAGES[name], name, values), word)
+        for name, values, word in WRONG_PROCESSES
+    ]
+    for node, word in started:
+        assert node.wait(60.0) == 2, node.tail()
+        says_why(node.log.read_text(), word)
+        processes.forget(node)
 
 
 def test_a_dead_link_ends_the_experiment_and_leaves_nothing_running() -> None:
-    with NodeProcesses() as processes:
+    with LiveNodes() as processes:
         listener = Listener(processes)
         states = listener.listen(ActuatorState, 'actuator/state')
-        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 3})
-        processes.start('piezo_hysteresis', 'feedforward')
+        processes.serve('simulator', {'clock': 'lock_step', 'wait_for': 3})
+        processes.serve('feedforward')
         victim = processes.start('piezo_hysteresis', 'attenuation')
         settings = {'mode': 'reference', 'exit_when_done': True, 'deadline': 60.0, 'wait_for': 2}
         listener.matched('actuator/state')
@@ -72,7 +91,7 @@ def test_a_dead_link_ends_the_experiment_and_leaves_nothing_running() -> None:
         assert 'Traceback' not in text
         (error,) = [line for line in text.splitlines() if 'ERROR' in line]
         assert 'a link of the chain is not running' in error
-        pids = [node.pid for node in processes.nodes]
+        pids = [node.pid for node in (victim, excitation)]
         listener.close()
     for pid in pids:
         with pytest.raises(ProcessLookupError):
@@ -93,7 +112,7 @@ STARTS = [
 
 
 def test_a_node_that_is_interrupted_while_it_starts_ends_in_silence(
-    processes: NodeProcesses,
+    processes: LiveNodes,
 ) -> None:
     for package, name, moment in STARTS:
         node = processes.start(package, name)

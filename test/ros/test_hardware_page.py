@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import LiveNodes
 from listening import Listener
 from rclpy.action import ActionClient
 
 from piezo_common.stamps import nanoseconds_of
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, RecordMarker, VoltageCommand
-from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
@@ -47,7 +47,7 @@ def run_a_sweep(listener: Listener) -> list[RecordMarker]:
 
 
 def start_driver(
-    page: Path, folder: Path, processes: NodeProcesses, listener: Listener
+    page: Path, folder: Path, processes: LiveNodes, listener: Listener
 ) -> subprocess.Popen[bytes]:
     """Run the first Python block of a page as it stands there."""
     code = re.search(r'```python\n(.*?)```', page.read_text(), re.DOTALL)
@@ -62,7 +62,7 @@ def start_driver(
     ('page', 'rate'), [(PAGE, 1000.0), (TUTORIAL, 500.0)], ids=['page', 'tutorial']
 )
 def test_a_driver_refuses_what_is_no_number_and_turns_every_jump_into_a_ramp(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path, page: Path, rate: float
+    processes: LiveNodes, listener: Listener, tmp_path: Path, page: Path, rate: float
 ) -> None:
     driver = start_driver(page, tmp_path, processes, listener)
     try:
@@ -105,13 +105,13 @@ def refuses_and_ramps(listener: Listener, step: float, ramp: float) -> None:
 
 
 def test_the_driver_of_the_page_serves_an_excitation(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     driver = start_driver(PAGE, tmp_path, processes, listener)
     try:
         settings = {'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 3.0, 'ramp': 0.1}
         states = listener.heard['actuator/state']
-        processes.start('piezo_hysteresis', 'excitation', settings)
+        processes.serve('excitation', settings)
         listener.until(lambda: any(abs(s.voltage) == 1.2 for s in states), 60.0)
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
+from in_process import LiveNodes
 from investigating import PATIENCE, Bench, write_model
 from listening import Listener
 
@@ -17,13 +18,13 @@ from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal
 from piezo_hysteresis.records import load
 from piezo_interfaces.msg import VoltageCommand
-from piezo_ros_common.processes import NodeProcesses
 
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_it_finds_an_effect_is_cancelled_goes_on_and_shows_the_gap_shrink(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     bench = Bench(processes, listener, write_model(tmp_path))
     feedback: list[Any] = []
@@ -54,25 +55,32 @@ def test_it_finds_an_effect_is_cancelled_goes_on_and_shows_the_gap_shrink(
     assert again.stop.reason == 'sure'
 
 
-def test_a_budget_that_is_spent_leaves_the_actuator_at_rest_and_a_larger_one_goes_on(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
-) -> None:
-    bench = Bench(processes, listener, write_model(tmp_path))
+@pytest.fixture
+def bench(processes: LiveNodes, listener: Listener, tmp_path: Path) -> Bench:
+    return Bench(processes, listener, write_model(tmp_path))
+
+
+def test_limits_that_cannot_be_move_nothing_and_a_spent_budget_ends_at_rest(bench: Bench) -> None:
+    listener = bench.listener
     commands = listener.listen(VoltageCommand, 'voltage/command')
     for wrong in ((0.3, -0.3), (-0.3, nan), (0.0, -0.3), (-30.0, 30.0)):
         refused = bench.ended(bench.ask([], low=wrong[0], high=wrong[1]))
         assert refused.status == GoalStatus.STATUS_ABORTED
         assert 'the voltage limits' in refused.result.message
     verb = [sys.executable, '-m', 'piezo_hysteresis', 'investigate', '--low=-0.3']
-    told = subprocess.run(verb, env=processes.environment, capture_output=True, text=True)
+    told = subprocess.run(verb, env=bench.processes.environment, capture_output=True, text=True)
     assert told.returncode == 2
     assert 'highest voltage is not given' in told.stderr
     refused = bench.ended(bench.ask([], budget=0.5))
     assert refused.status == GoalStatus.STATUS_ABORTED
     assert 'allow more seconds' in refused.result.message
-    assert not (tmp_path / 'out').exists()
+    assert not (bench.folder / 'out').exists()
     assert commands == []  # nothing has moved
+    spends_its_budget(bench)
 
+
+def spends_its_budget(bench: Bench) -> list[int]:
+    """Investigate for two seconds; return the numbers of the experiments."""
     feedback: list[Any] = []
     spent = bench.ended(bench.ask(feedback, budget=2.0)).result
     assert spent.success, spent.message
@@ -82,12 +90,17 @@ def test_a_budget_that_is_spent_leaves_the_actuator_at_rest_and_a_larger_one_goe
     assert feedback[-1].answer
     bench.rests()
     bench.safe()
-    done = [line['number'] for line in Journal.read(tmp_path / 'out').lines]
+    return [line['number'] for line in Journal.read(bench.folder / 'out').lines]
+
+
+@pytest.mark.slow
+def test_a_larger_budget_goes_on(bench: Bench) -> None:
+    done = spends_its_budget(bench)
     again = bench.ended(bench.ask([], budget=2.0)).result
-    assert (again.stop, again.experiments) == ('budget', spent.experiments)
-    feedback.clear()
+    assert (again.stop, again.experiments) == ('budget', len(done))
+    feedback: list[Any] = []
     handle = bench.ask(feedback)
-    listener.until(lambda: any(f.stage == 'run' for f in feedback), timeout=PATIENCE)
+    bench.listener.until(lambda: any(f.stage == 'run' for f in feedback), timeout=PATIENCE)
     assert next(f.number for f in feedback if f.stage == 'run') == len(done) + 1
     handle.cancel_goal_async()
     assert bench.ended(handle).status == GoalStatus.STATUS_CANCELED

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from in_process import LiveNodes
 from investigating import LIMITS, PATIENCE, Bench, write_model
 from listening import Listener
 
 from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.fixture(scope='module')
@@ -25,9 +26,10 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def bench(processes: NodeProcesses, listener: Listener, model: Path, tmp_path: Path) -> Bench:
+def bench(processes: LiveNodes, listener: Listener, model: Path, tmp_path: Path) -> Bench:
     (tmp_path / 'model.yaml').write_bytes(model.read_bytes())
-    return Bench(processes, listener, tmp_path / 'model.yaml')
+    killed = ('excitation', 'feedforward', 'simulator', 'discovery')
+    return Bench(processes, listener, tmp_path / 'model.yaml', killed)
 
 
 def node(bench: Bench, name: str) -> NodeProcess:

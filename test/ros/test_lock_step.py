@@ -1,4 +1,4 @@
-"""The loop of processes gives the numbers of the offline function, time after time."""
+"""The loop of nodes gives the numbers of the offline function, time after time."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import signal
 
 import numpy as np
 import pytest
+from in_process import LiveNodes, NodeThread
 from listening import Listener
 
+from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
@@ -21,7 +23,7 @@ from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.tables import ATTENUATION
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 from piezo_sim.plant import Plant
 
 pytestmark = pytest.mark.ros
@@ -68,22 +70,26 @@ def offline() -> LoopResult:
     return closed_loop(reference, links, plant, limits, 1.0 / RATE)
 
 
-@pytest.mark.parametrize('_repetition', [1, 2])
-def test_processes_give_the_numbers_of_the_offline_loop(
-    processes: NodeProcesses, listener: Listener, tmp_path, _repetition: int
+@pytest.mark.parametrize('where', ['threads', 'processes'])
+def test_nodes_give_the_numbers_of_the_offline_loop(
+    processes: LiveNodes, listener: Listener, tmp_path, where: str
 ) -> None:
+    def start(name: str, settings: dict[str, object]) -> NodeProcess | NodeThread:
+        if where == 'threads':
+            return processes.serve(name, settings)
+        return processes.start(PACKAGES[name], name, settings)
+
     model = tmp_path / 'model.yaml'
     ModelFile(named('extended'), MODEL).save(model)
     listener.listen(ActuatorState, 'actuator/state')
     listener.listen(ModelEstimate, 'model/estimate', latched=True)
-    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'seed': 7, 'wait_for': 4})
-    processes.start('piezo_hysteresis', 'feedforward', {'model_file': str(model)})
-    processes.start('piezo_hysteresis', 'attenuation', {**MODE, 'method': 'rls', 'orders': [3]})
-    processes.start('piezo_hysteresis', 'identification', {'publish_every': SAMPLES})
+    start('simulator', {'clock': 'lock_step', 'seed': 7, 'wait_for': 4})
+    start('feedforward', {'model_file': str(model)})
+    start('attenuation', {**MODE, 'method': 'rls', 'orders': [3]})
+    start('identification', {'publish_every': SAMPLES})
     listener.matched('actuator/state')
     listener.matched('model/estimate')
-    excitation = processes.start(
-        'piezo_hysteresis',
+    excitation = start(
         'excitation',
         {
             'mode': 'reference',
@@ -114,29 +120,38 @@ def test_processes_give_the_numbers_of_the_offline_loop(
     assert np.max(np.abs(voltage)) > 0.3
 
 
+@pytest.mark.parametrize(
+    'killed',
+    [
+        ('attenuation', 'simulator'),
+        pytest.param(
+            ('attenuation', 'simulator', 'attenuation', 'attenuation'), marks=pytest.mark.slow
+        ),
+    ],
+    ids=['once', 'often'],
+)
 def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
-    processes: NodeProcesses, listener: Listener
+    processes: LiveNodes, listener: Listener, killed: tuple[str, ...]
 ) -> None:
     slew: dict[str, object] = {'limits.slew': 60.0}
     per_tick = 60.0 / RATE
-    settings: dict[str, tuple[str, dict[str, object]]] = {
-        'simulator': ('piezo_sim', {'clock': 'lock_step', 'wait_for': 3}),
-        'feedforward': ('piezo_hysteresis', slew),
-        'attenuation': ('piezo_hysteresis', {**slew, **MODE}),
-        'excitation': (
-            'piezo_hysteresis',
-            {'mode': 'reference', 'frequency': 7.0, 'reference.amplitude': 1e-4, 'ramp': 0.2},
-        ),
+    settings: dict[str, dict[str, object]] = {
+        'simulator': {'clock': 'lock_step', 'wait_for': 3},
+        'attenuation': {**slew, **MODE},
     }
 
     def start(name: str) -> NodeProcess:
-        package, words = settings[name]
-        return processes.start(package, name, words)
+        return processes.start(PACKAGES[name], name, settings[name])
 
     states = listener.listen(ActuatorState, 'actuator/state')
     running = {name: start(name) for name in settings}
+    processes.serve('feedforward', slew)
+    processes.serve(
+        'excitation',
+        {'mode': 'reference', 'frequency': 7.0, 'reference.amplitude': 1e-4, 'ramp': 0.2},
+    )
     listener.until(lambda: states and states[-1].sample > 700)
-    for name in ('attenuation', 'simulator', 'attenuation', 'attenuation'):
+    for name in killed:
         running[name].signal(signal.SIGKILL)
         processes.forget(running[name])
         listener.serve(0.3)  # nothing moves

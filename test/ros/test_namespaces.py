@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from in_process import LiveNodes
 from listening import Listener
 
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
-from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
@@ -16,12 +16,12 @@ pytestmark = pytest.mark.ros
 SCENARIO = Path(__file__).parents[2] / 'config' / 'scenarios' / 'hidden_effect.yaml'
 
 
-def test_two_actuators_side_by_side(processes: NodeProcesses, listener: Listener) -> None:
+def test_two_actuators_side_by_side(processes: LiveNodes, listener: Listener) -> None:
     x = listener.listen(ActuatorState, 'stage_x/actuator/state')
     y = listener.listen(ActuatorState, 'stage_y/actuator/state')
     for stage in ('stage_x', 'stage_y'):
         settings = {'clock': 'lock_step', 'wait_for': 1}
-        processes.start('piezo_sim', 'simulator', settings, namespace=stage, files=[SCENARIO])
+        processes.serve('simulator', settings, namespace=stage, files=[SCENARIO])
     publisher = listener.node.create_publisher(VoltageCommand, 'stage_x/voltage/command', LOOP)
     listener.matched('stage_x/actuator/state')
     listener.matched('stage_y/actuator/state')
@@ -41,13 +41,13 @@ def test_two_actuators_side_by_side(processes: NodeProcesses, listener: Listener
 GAINS = {'stage_x': 1e-4, 'stage_y': 2e-4}
 
 
-def test_two_chains_side_by_side(processes: NodeProcesses, listener: Listener) -> None:
+def test_two_chains_side_by_side(processes: LiveNodes, listener: Listener) -> None:
     """References of one stage move that stage alone, by its own links and its own gain."""
     for stage, gain in GAINS.items():
         settings = {'clock': 'lock_step', 'wait_for': 2}
-        processes.start('piezo_sim', 'simulator', settings, namespace=stage)
-        processes.start('piezo_hysteresis', 'feedforward', {'gain': gain}, namespace=stage)
-        processes.start('piezo_hysteresis', 'attenuation', {'enabled': False}, namespace=stage)
+        processes.serve('simulator', settings, namespace=stage)
+        processes.serve('feedforward', {'gain': gain}, namespace=stage)
+        processes.serve('attenuation', {'enabled': False}, namespace=stage)
     kinds: dict[str, type[ActuatorState | VoltageCommand]] = {
         'voltage/feedforward': VoltageCommand,
         'voltage/command': VoltageCommand,

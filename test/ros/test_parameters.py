@@ -1,16 +1,16 @@
-"""Every parameter of every node over its service, while the loop runs; then a clean end."""
+"""Every parameter of every node over its service, while the loop runs."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import os
-import signal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from in_process import LiveNodes, NodeThread
 from listening import Listener
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
@@ -18,9 +18,8 @@ from rclpy.parameter import Parameter
 
 from piezo_common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters import tables
-from piezo_hysteresis.records import Record, read_bag, write_bag
-from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_hysteresis.records import Record, write_bag
+from piezo_interfaces.msg import ActuatorState
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 
@@ -53,7 +52,7 @@ TABLES: dict[str, ParameterTable] = {
 class Everything:
     """All nodes at once, tracking a sinusoid in real time."""
 
-    def __init__(self, processes: NodeProcesses, listener: Listener, folder: Path) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener, folder: Path) -> None:
         self.listener, self.processes, self.folder = listener, processes, folder
         self.states = listener.listen(ActuatorState, 'actuator/state')
         time = np.arange(500) * 1e-3
@@ -69,13 +68,10 @@ class Everything:
             'attenuation': {'voltage/command': 'voltage/attenuated'},
             'feedback': {'voltage/feedforward': 'voltage/attenuated'},
         }
-        self.nodes: dict[str, NodeProcess] = {}
+        self.nodes: dict[str, NodeThread] = {}
         self.kept_up: int | None = None
         for name in TABLES:
-            package = 'piezo_sim' if name == 'simulator' else 'piezo_hysteresis'
-            self.nodes[name] = processes.start(
-                package, name, settings.get(name), remap=remap.get(name)
-            )
+            self.nodes[name] = processes.serve(name, settings.get(name), remap=remap.get(name))
         listener.until(lambda: self.states and abs(self.states[-1].voltage) > 0.0, 90.0)
 
     def run_at(self, speed: float) -> None:
@@ -102,7 +98,7 @@ class Everything:
 
 @pytest.fixture(scope='module')
 def everything(
-    shared_processes: NodeProcesses,
+    shared_processes: LiveNodes,
     shared_listener: Listener,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Everything:
@@ -202,17 +198,3 @@ def test_the_loop_ran_on_without_a_gap(everything: Everything) -> None:
     assert all(b - a == 1 for a, b in itertools.pairwise(slow))
     numbers = np.array([(state.voltage, state.displacement) for state in everything.states])
     assert np.isfinite(numbers).all()
-
-
-def test_every_node_ends_cleanly_on_either_signal(everything: Everything) -> None:
-    written = everything.listener.listen(LoopStatus, 'recorder/status', latched=True)
-    everything.listener.until(lambda: written)
-    for k, node in enumerate(everything.nodes.values()):
-        node.signal(signal.SIGINT if k % 2 else signal.SIGTERM)
-    for name, node in everything.nodes.items():
-        assert node.wait(20.0) == 0, node.tail(30)
-        text = node.log.read_text()
-        assert 'Traceback' not in text, f'{name}: {text}'
-        assert 'FATAL' not in text, f'{name}: {text}'
-    records = read_bag(everything.folder / 'recorded')
-    assert sum(len(record) for record in records) >= 0.5 * len(everything.states)

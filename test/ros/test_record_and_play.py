@@ -5,12 +5,14 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from in_process import LiveNodes, NodeThread
 from listening import Listener
 from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
@@ -21,7 +23,6 @@ from piezo_hysteresis.records import Record, read_bag
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate
 from piezo_interfaces.srv import SaveModel
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
 
 pytestmark = pytest.mark.ros
 
@@ -32,6 +33,7 @@ GOAL: dict[str, Any] = {
     'seconds': SECONDS,
     'warm_up': 0.1,
 }
+IDENTIFICATION = {'publish_every': round(2000 * SECONDS)}
 
 
 def run_sweep(listener: Listener, goal: dict[str, Any]) -> None:
@@ -58,7 +60,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def online(
-    shared_processes: NodeProcesses, shared_listener: Listener, folder: Path
+    shared_processes: LiveNodes, shared_listener: Listener, folder: Path
 ) -> list[ModelEstimate]:
     """Run the sweep with an identification beside it; return what that published.
 
@@ -69,16 +71,13 @@ def online(
         listener.listen(LoopStatus, f'{name}/status', latched=True)
     states = listener.listen(ActuatorState, 'actuator/state')
     estimates = listener.listen(ModelEstimate, 'model/estimate', latched=True)
-    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 5, 'seed': 5})
-    processes.start(
-        'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'marker_listeners': 3}
-    )
-    processes.start(
-        'piezo_hysteresis',
+    processes.serve('simulator', {'clock': 'lock_step', 'wait_for': 5, 'seed': 5})
+    processes.serve('excitation', {'actuator': 'bender', 'marker_listeners': 3})
+    processes.serve(
         'identification',
-        {'publish_every': round(2000 * SECONDS), 'model_folder': str(folder)},
+        {**IDENTIFICATION, 'model_folder': str(folder)},
     )
-    closed = processes.start('piezo_hysteresis', 'recorder', {'out': str(folder / 'sweep')})
+    closed = processes.serve('recorder', {'out': str(folder / 'sweep')})
     killed = processes.start(
         'piezo_hysteresis', 'recorder', {'out': str(folder / 'killed')}, name='victim'
     )
@@ -99,6 +98,17 @@ def online(
     closed.stop()
     processes.forget(closed)
     return estimates
+
+
+@pytest.fixture(scope='module')
+def replayed(folder: Path) -> Iterator[tuple[LiveNodes, Listener, list[ModelEstimate]]]:
+    """Serve an identification in a domain that nobody was killed in: the dead are known long."""
+    with LiveNodes() as processes:
+        listener = Listener(processes)
+        estimates = listener.listen(ModelEstimate, 'model/estimate', latched=True)
+        processes.serve('identification', {**IDENTIFICATION, 'model_folder': str(folder)})
+        yield processes, listener, estimates
+        listener.close()
 
 
 def equal(a: list[Record], b: list[Record]) -> None:
@@ -148,51 +158,45 @@ def test_online_and_offline_identification_agree(online, folder: Path) -> None:
     assert estimate.free_run_rms > 0.0
 
 
-def play(processes: NodeProcesses, bag: Path, **settings: Any) -> NodeProcess:
-    return processes.start(
-        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, **settings}
-    )
+def play(processes: LiveNodes, bag: Path, **settings: Any) -> NodeThread:
+    return processes.serve('player', {'bag': str(bag), 'lock_step': True, **settings})
 
 
 @pytest.mark.parametrize(
     ('method', 'model'), [('rls_ud', 'classical'), ('pi_bank', 'prandtl_ishlinskii')]
 )
 def test_a_bag_played_in_lock_step_gives_the_numbers_of_identify(
-    online,
-    folder: Path,
-    shared_processes: NodeProcesses,
-    shared_listener: Listener,
-    method: str,
-    model: str,
+    online, replayed, folder: Path, method: str, model: str
 ) -> None:
+    processes, listener, estimates = replayed
     records = read_bag(folder / 'sweep')
     for name, value in {
         'voltage_range': max(float(np.max(np.abs(r.voltage))) for r in records),
         'displacement_range': max(float(np.ptp(r.displacement)) for r in records) / 2,
         'method': method,
     }.items():
-        assert shared_listener.set_one('identification', name, value) == ''
-    before = len(online)
-    node = play(shared_processes, folder / 'sweep')
-    assert shared_processes.wait_for(node, 60.0) == 0
-    shared_listener.until(lambda: len(online) > before)
-    assert len(online) == before + 1
-    agree(online[-1], offline(folder, method, model))
-    assert online[-1].method == method
-    assert online[-1].free_run_rms == online[-1].one_step_rms
+        assert listener.set_one('identification', name, value) == ''
+    before = len(estimates)
+    node = play(processes, folder / 'sweep')
+    assert processes.wait_for(node, 60.0) == 0
+    listener.until(lambda: len(estimates) > before)
+    assert len(estimates) == before + 1
+    agree(estimates[-1], offline(folder, method, model))
+    assert estimates[-1].method == method
+    assert estimates[-1].free_run_rms == estimates[-1].one_step_rms
 
 
-def test_an_estimate_is_saved_inside_the_folder_only(
-    online, folder: Path, shared_listener: Listener
-) -> None:
+def test_an_estimate_is_saved_inside_the_folder_only(online, replayed, folder: Path) -> None:
+    _, listener, estimates = replayed
+
     def save(path: str) -> Any:
         request = SaveModel.Request(path=path)
-        return shared_listener.call(SaveModel, 'identification/save', request)
+        return listener.call(SaveModel, 'identification/save', request)
 
     answer = save('model.yaml')
     assert answer.success, answer.message
     saved = ModelFile.load(folder / 'model.yaml')
-    estimate = online[-1]
+    estimate = estimates[-1]
     for name, value in zip(estimate.names, estimate.values, strict=True):
         assert saved.values[name] == pytest.approx(value, rel=1e-12, abs=1e-300)
     before = sorted(folder.parent.rglob('*'))
@@ -204,11 +208,11 @@ def test_an_estimate_is_saved_inside_the_folder_only(
 
 
 def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
-    online, folder: Path, processes: NodeProcesses, listener: Listener
+    online, folder: Path, processes: LiveNodes, listener: Listener
 ) -> None:
     health = listener.watch_health()
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-    with NodeProcesses(processes.domain) as others:  # that this one dies fails nobody
+    with LiveNodes(processes.domain) as others:  # that this one dies fails nobody
         node = play(others, folder / 'sweep', loop=True, wait=300.0)
         listener.says(health, 'player', warn, 'waits for a listener')
         hearer = processes.start('piezo_hysteresis', 'identification')
@@ -231,7 +235,7 @@ def went_back(states: list[ActuatorState]) -> Any:
 
 
 def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
-    online, folder: Path, processes: NodeProcesses, listener: Listener
+    online, folder: Path, processes: LiveNodes, listener: Listener
 ) -> None:
     states = listener.listen(ActuatorState, 'actuator/state')
     clock = listener.listen(Clock, '/clock')
@@ -259,7 +263,7 @@ def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
     assert np.count_nonzero(np.diff(times) < 0) <= np.count_nonzero(went_back(states)) + 1
 
 
-def test_playing_what_cannot_be_played_is_one_line(processes: NodeProcesses, tmp_path) -> None:
+def test_playing_what_cannot_be_played_is_one_line(processes: LiveNodes, tmp_path) -> None:
     for settings, words in (
         ({}, 'give the bag'),
         ({'bag': str(tmp_path / 'nothing')}, 'does not exist'),

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from in_process import LiveNodes
 from listening import Listener
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import Record, write_bag
 from piezo_interfaces.action import Discover
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 
 pytestmark = pytest.mark.ros
 
@@ -27,15 +28,15 @@ RATE = 200.0
 class Loop:
     """A loop in real time with its controllers in one process, and what else there is."""
 
-    def __init__(self, processes: NodeProcesses, listener: Listener, folder: Path) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener, folder: Path) -> None:
         self.processes, self.listener, self.folder = processes, listener, folder
         self.health = listener.watch_health()
         self.states = listener.listen(ActuatorState, 'actuator/state')
         rate = {'rate': RATE}
         ramp = {'ramp': 5.0}  # no command_slew: the links tell theirs
         drive = {'mode': 'reference', 'frequency': 1.0, 'reference.amplitude': 5e-5}
-        processes.start('piezo_sim', 'simulator', {**rate, **ramp, 'command_timeout': 0.5})
-        processes.start('piezo_hysteresis', 'excitation', {**rate, **drive, 'deadline': 3600.0})
+        processes.serve('simulator', {**rate, **ramp, 'command_timeout': 0.5})
+        processes.serve('excitation', {**rate, **drive, 'deadline': 3600.0})
         self.links = self.start_links()
         self.moves()
 
@@ -69,7 +70,7 @@ class Loop:
 
 @pytest.fixture(scope='module')
 def loop(
-    shared_processes: NodeProcesses,
+    shared_processes: LiveNodes,
     shared_listener: Listener,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Loop:
@@ -108,7 +109,7 @@ def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
     names = ('actuator/state', 'record/marker')
     remap = {f'/piezo/{name}': name for name in names}
     settings = {'bag': str(loop.folder / 'bag'), 'lock_step': True, 'wait': 60.0}
-    hearer = loop.processes.start('piezo_hysteresis', 'identification', namespace='apart')
+    hearer = loop.processes.serve('identification', namespace='apart')
     first = loop.processes.start(
         'piezo_hysteresis', 'player', settings, namespace='apart', remap=remap
     )
@@ -125,8 +126,7 @@ def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
 
 
 def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
-    def start() -> NodeProcess:
-        return loop.processes.start('piezo_hysteresis', 'discovery', {'folder': str(loop.folder)})
+    folder = {'folder': str(loop.folder)}
 
     def send(**goal: Any) -> Any:
         asked = client.send_goal_async(Discover.Goal(baseline='classical', **goal))
@@ -134,7 +134,7 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
         return asked.result()
 
     client = ActionClient(loop.listener.node, Discover, 'discover')
-    first = start()
+    first = loop.processes.start('piezo_hysteresis', 'discovery', folder)
     loop.listener.until(client.server_is_ready)
     assert send(data=['bag'], out='out', workers=1).accepted
     loop.listener.tells(loop.health, 'discovery', 'busy', 'True')
@@ -142,7 +142,7 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
     left = {path.name for path in (loop.folder / 'out').glob('*')}
     # on a fast machine it may have come to its end before it was heard to be busy
     assert not left or left >= {'verdict.json', 'report.html', 'model.yaml', 'params.yaml'}
-    second = start()
+    second = loop.processes.serve('discovery', folder)
     loop.listener.tells(loop.health, 'discovery', 'runs', '0')
     handle = send(data=['nowhere'], out='out')
     finished = handle.get_result_async()

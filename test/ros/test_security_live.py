@@ -10,11 +10,11 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
+from in_process import LiveNodes
 from listening import Listener
 
 from piezo_common import topics
 from piezo_interfaces.msg import Reference
-from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
@@ -24,7 +24,7 @@ NO_SECURITY = "doesn't have the security libraries"
 
 
 @pytest.fixture
-def secured(processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
+def secured(processes: LiveNodes, tmp_path: Path) -> LiveNodes:
     """Make processes keep to a keystore with an enclave for the feedforward alone."""
     if importlib.util.find_spec('sros2') is None:
         pytest.skip('sros2 is not installed: no keystore can be made')
@@ -55,7 +55,7 @@ def secured(processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
     return processes
 
 
-def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -> None:
+def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: LiveNodes) -> None:
     stranger = secured.start('piezo_sim', 'simulator', namespace='piezo')
     assert stranger.wait(60.0) == 2
     assert 'security' in stranger.log.read_text().lower()
@@ -78,10 +78,10 @@ def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -
 
 
 def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
-    processes: NodeProcesses, listener: Listener
+    processes: LiveNodes, listener: Listener
 ) -> None:
     """It hears the actuator only then, so that a loop at work does not show it."""
-    processes.start('piezo_hysteresis', 'feedforward')
+    processes.serve('feedforward')
     references = listener.node.create_publisher(Reference, topics.REFERENCE, LOOP)
     listener.until(references.get_subscription_count)
     references.publish(Reference(sample=0))

@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 import pytest
+from in_process import LiveNodes
 from listening import Driver, Listener
 from std_srvs.srv import Trigger
 
 from piezo_interfaces.msg import LoopStatus
 from piezo_interfaces.srv import InjectFault, LoadPreset
-from piezo_ros_common.processes import NodeProcesses
 from piezo_sim.plant import Plant
 
 pytestmark = pytest.mark.ros
@@ -23,9 +23,9 @@ STROKE = 1.3e-4
 class Twin:
     """The simulator process, and a plant in this process to which the same is done."""
 
-    def __init__(self, processes: NodeProcesses, listener: Listener) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener) -> None:
         settings = {'clock': 'lock_step', 'preset': PRESET, 'seed': SEED, 'effects.creep': True}
-        processes.start('piezo_sim', 'simulator', settings)
+        processes.serve('simulator', settings)
         self.listener = listener
         self.driver = Driver(listener)
         self.status = listener.listen(LoopStatus, 'loop/status', latched=True)
@@ -59,7 +59,7 @@ class Twin:
 
 
 @pytest.fixture(scope='module')
-def twin(shared_processes: NodeProcesses, shared_listener: Listener) -> Twin:
+def twin(shared_processes: LiveNodes, shared_listener: Listener) -> Twin:
     return Twin(shared_processes, shared_listener)
 
 

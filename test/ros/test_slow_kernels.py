@@ -10,17 +10,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import LiveNodes
 from listening import Listener
+from rcl_interfaces.msg import Log
 
 from piezo_hysteresis.records import Record, write_bag
 from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
+from piezo_ros_common.work_book import FRESH
 
 pytestmark = pytest.mark.ros
 
 SLOWLY = str(Path(__file__).parent / 'slow_kernels')
-SIMULATOR = 'run'  # the kernel of the plant
-FEEDFORWARD = 'invert_structure'
+SIMULATOR = 'settle'  # the plant at rest
+ATTENUATION = 'stepping.<locals>.step'  # of any law on harmonics
 
 
 def slowed(folder: Path, kernel: str, seconds: float) -> dict[str, str]:
@@ -38,19 +41,19 @@ def log(node: NodeProcess) -> str:
 
 
 def test_an_excitation_waits_for_an_actuator_that_compiles(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
-    processes.environment.update(slowed(tmp_path, SIMULATOR, 12.0))
+    processes.environment.update(slowed(tmp_path, SIMULATOR, 1.4 * FRESH))
+    said = listener.listen(Log, '/rosout')
     states = listener.listen(ActuatorState, 'actuator/state')
     health = listener.watch_health()
     simulator = processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
-    excitation = processes.start(
-        'piezo_hysteresis',
+    listener.tells(health, 'simulator', 'state', 'starting')
+    excitation = processes.serve(
         'excitation',
-        {'mode': 'voltage', 'voltage.amplitude': 0.5, 'duration': 0.5, 'deadline': 3.0,
+        {'mode': 'voltage', 'voltage.amplitude': 0.5, 'duration': 0.5, 'deadline': 2.0,
          'exit_when_done': True},
     )  # fmt: skip
-    listener.tells(health, 'simulator', 'state', 'starting')
     listener.says(health, 'simulator', None, 'starting: compiles its kernels')
     listener.says(
         health, 'excitation', None, 'waits for simulator: starting: compiles its kernels'
@@ -59,22 +62,22 @@ def test_an_excitation_waits_for_an_actuator_that_compiles(
     assert processes.wait_for(excitation, 120.0) == 0
     listener.until(lambda: len(states) >= 500)
     assert log(simulator).count('compiles its kernels, once') == 1
-    assert 'waits for simulator: starting' in log(excitation)
+    listener.until(lambda: any('waits for simulator: starting' in line.msg for line in said))
 
 
 def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     """The excitation counts a link that starts for one that works, and so does the simulator."""
     health = listener.watch_health()
-    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
-    processes.environment.update(slowed(tmp_path, 'rls_update', 8.0))
-    processes.start('piezo_hysteresis', 'feedforward')
+    processes.serve('simulator', {'clock': 'lock_step', 'lock_step_deadline': 1.0})
+    processes.environment.update(slowed(tmp_path, ATTENUATION, 4.0))
+    processes.serve('feedforward')
     processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls', 'orders': [3]})
-    excitation = processes.start(
-        'piezo_hysteresis',
+    listener.tells(health, 'attenuation', 'state', 'starting')
+    excitation = processes.serve(
         'excitation',
-        {'mode': 'reference', 'reference.amplitude': 1e-6, 'duration': 0.5, 'deadline': 3.0,
+        {'mode': 'reference', 'reference.amplitude': 1e-6, 'duration': 0.5, 'deadline': 2.0,
          'wait_for': 2, 'exit_when_done': True},
     )  # fmt: skip
     listener.says(health, 'excitation', None, 'waits for attenuation: starting: compiles')
@@ -82,19 +85,17 @@ def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
 
 
 def test_a_player_waits_for_a_listener_that_compiles(
-    processes: NodeProcesses, listener: Listener, tmp_path: Path
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     bag = tmp_path / 'bag'
     phase = np.arange(500) * 0.03
     write_bag(bag, [Record('short', 1e-3, np.sin(phase), 1e-6 * np.sin(phase - 0.2))])
     heard = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
-    processes.environment.update(slowed(tmp_path / 'kernels', 'update', 8.0))
+    processes.environment.update(slowed(tmp_path / 'kernels', 'update', 4.0))
     health = listener.watch_health()
     processes.start('piezo_hysteresis', 'identification', namespace='piezo')
     listener.tells(health, 'piezo/identification', 'state', 'starting')
-    player = processes.start(
-        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0}
-    )
+    player = processes.serve('player', {'bag': str(bag), 'lock_step': True, 'wait': 2.0})
     assert processes.wait_for(player, 120.0) == 0
     listener.until(lambda: bool(heard) and heard[-1].counts[0] == 500)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
+from in_process import LiveNodes, NodeThread
 from listening import Listener
 from rclpy.action import ActionClient
 
@@ -17,7 +18,7 @@ from piezo_hysteresis.records import read_bag, survey
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, RecordMarker
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_ros_common.processes import NodeProcess
 
 pytestmark = pytest.mark.ros
 
@@ -30,23 +31,32 @@ GOAL: dict[str, Any] = {'frequencies': [5.0, 20.0], 'amplitudes': [1.0], 'second
 class Bench:
     """A simulator, an excitation and whatever recorders a test starts."""
 
-    def __init__(self, processes: NodeProcesses, listener: Listener, folder: Path) -> None:
+    def __init__(self, processes: LiveNodes, listener: Listener, folder: Path) -> None:
         self.processes, self.listener, self.folder = processes, listener, folder
         self.states = listener.listen(ActuatorState, 'actuator/state')
         self.markers = listener.listen(RecordMarker, 'record/marker')
         self._client = ActionClient(listener.node, RunSweep, 'run_sweep')
         self._bags: dict[int, Path] = {}
 
-    def start(self, clock: str = 'lock_step', **excitation: Any) -> None:
+    def start(self, clock: str = 'lock_step', *, stops: bool = False, **excitation: Any) -> None:
+        """Start the loop; a simulator that `stops` is a process."""
         settings = {'clock': clock, 'preset': PRESET}
-        self.simulator = self.processes.start('piezo_sim', 'simulator', settings)
-        self.processes.start('piezo_hysteresis', 'excitation', excitation)
+        self.simulator: NodeProcess | NodeThread = (
+            self.processes.start('piezo_sim', 'simulator', settings)
+            if stops
+            else self.processes.serve('simulator', settings)
+        )
+        self.processes.serve('excitation', excitation)
         self.listener.until(self._client.server_is_ready)
 
-    def record(self, name: str) -> NodeProcess:
+    def record(self, name: str, *, stops: bool = False) -> NodeProcess | NodeThread:
         """Start a recorder and return as soon as the graph knows its name, not what it does."""
         settings = {'out': str(self.folder / name)}
-        node = self.processes.start('piezo_hysteresis', 'recorder', settings, name=name)
+        node: NodeProcess | NodeThread = (
+            self.processes.start('piezo_hysteresis', 'recorder', settings, name=name)
+            if stops
+            else self.processes.serve('recorder', settings, name=name)
+        )
         self._bags[id(node)] = self.folder / name
         self.listener.until(lambda: name in self.listener.node.get_node_names())
         return node
@@ -61,7 +71,7 @@ class Bench:
         self.listener.until(future.done)
         return future.result()
 
-    def close(self, node: NodeProcess) -> Path:
+    def close(self, node: NodeProcess | NodeThread) -> Path:
         """End a recorder; return its bag."""
         assert node.stop(30.0) == 0
         self.processes.forget(node)
@@ -74,7 +84,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(processes: NodeProcesses, listener: Listener, tmp_path: Path) -> Bench:
+def bench(processes: LiveNodes, listener: Listener, tmp_path: Path) -> Bench:
     return Bench(processes, listener, tmp_path)
 
 
@@ -112,8 +122,8 @@ def test_a_sweep_at_once_after_a_recorder_came_up_is_all_in_its_bag(
 def test_a_recorder_that_comes_during_a_sweep_gets_the_record_that_runs(
     bench: Bench, clock: str
 ) -> None:
-    bench.start(clock, deadline=60.0)
-    handle = bench.send(seconds=6.0)
+    bench.start(clock, stops=True, deadline=60.0)
+    handle = bench.send(seconds=3.0)
     bench.running()
     bench.simulator.signal(signal.SIGSTOP)  # time stands still until the recorder is there
     node = bench.record('recorder')
@@ -143,7 +153,7 @@ def test_a_cancelled_record_is_in_the_bag_as_such(bench: Bench) -> None:
 
 def test_a_recorder_that_does_not_confirm_is_named_within_the_deadline(bench: Bench) -> None:
     bench.start(deadline=2.0)
-    node = bench.record('stuck')
+    node = bench.record('stuck', stops=True)
     result = bench.result(bench.send()).result
     assert result.recorded_by[0] == '/stuck'
     node.signal(signal.SIGSTOP)
@@ -168,7 +178,7 @@ def test_nobody_who_records_is_no_reason_to_wait(bench: Bench) -> None:
 
 
 def play(bench: Bench, bag: Path, **settings: Any) -> Callable[[], int | None]:
-    node = bench.processes.start('piezo_hysteresis', 'player', {'bag': str(bag), **settings})
+    node = bench.processes.serve('player', {'bag': str(bag), **settings})
     return lambda: bench.processes.wait_for(node, 60.0)
 
 

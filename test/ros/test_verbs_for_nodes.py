@@ -13,17 +13,17 @@ import urllib.request
 
 import pytest
 import yaml
+from in_process import LiveNodes
 
 from piezo_hysteresis.cli.main import main
-from piezo_ros_common.processes import NodeProcesses
 
 pytestmark = pytest.mark.ros
 
 
 @pytest.fixture(scope='module')
 def excitation():
-    with NodeProcesses() as processes:
-        processes.start('piezo_hysteresis', 'excitation', namespace='stage')
+    with LiveNodes() as processes:
+        processes.serve('excitation', namespace='stage')
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv('ROS_DOMAIN_ID', str(processes.domain))
             patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

@@ -33,7 +33,7 @@ TABLE = [
     ('demo --data one.csv', 'out/demo/report.html'),
     ('completion bash', 'output: complete '),
 ]  # fmt: skip
-# Verbs for nodes: test/ros/test_defaults.py, test_verbs_for_nodes.py and the pages run them.
+# Verbs for nodes: test/ros/test_ends.py, test_verbs_for_nodes.py and the pages run them.
 LIVE = {'record', 'play', 'loop', 'node', 'param', 'dashboard', 'investigate'}
 
 

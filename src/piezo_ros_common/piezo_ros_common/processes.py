@@ -201,15 +201,7 @@ class NodeProcesses:
         files : sequence of Path
             Parameter files.
         """
-        arguments = ['--ros-args']
-        for file in files:
-            arguments += ['--params-file', str(file)]
-        for key, value in (parameters or {}).items():
-            arguments += ['-p', f'{key}:={_as_yaml(value)}']
-        special = {'__node': name, '__ns': f'/{namespace}' if namespace else ''}
-        renamed = {key: value for key, value in special.items() if value}
-        for old, new in {**(remap or {}), **renamed}.items():
-            arguments += ['-r', f'{old}:={new}']
+        arguments = ros_arguments(parameters, name, namespace, remap, files)
         log = Path(self._folder.name) / f'{len(self._running)}_{name or executable}.log'
         node = NodeProcess(package, executable, arguments, self.environment, log)
         self._running.append(node)
@@ -266,6 +258,26 @@ class NodeProcesses:
         codes = [node.stop() for node in self._running]
         self._running.clear()
         return codes
+
+
+def ros_arguments(
+    parameters: Mapping[str, object] | None = None,
+    name: str = '',
+    namespace: str = '',
+    remap: Mapping[str, str] | None = None,
+    files: Sequence[Path] = (),
+) -> list[str]:
+    """Return the arguments that give a node its parameters and names, as for `start`."""
+    arguments = ['--ros-args']
+    for file in files:
+        arguments += ['--params-file', str(file)]
+    for key, value in (parameters or {}).items():
+        arguments += ['-p', f'{key}:={_as_yaml(value)}']
+    special = {'__node': name, '__ns': f'/{namespace}' if namespace else ''}
+    renamed = {key: value for key, value in special.items() if value}
+    for old, new in {**(remap or {}), **renamed}.items():
+        arguments += ['-r', f'{old}:={new}']
+    return arguments
 
 
 def _as_yaml(value: object) -> str:

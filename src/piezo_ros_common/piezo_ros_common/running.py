@@ -7,9 +7,10 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 import rclpy
+from rclpy.context import Context
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -37,7 +38,7 @@ RCLError = rclpy_implementation.RCLError
 EXECUTORS = ('auto', 'events', 'default')
 
 
-def make_executor(choice: str) -> Executor:
+def make_executor(choice: str, context: Context | None = None) -> Executor:
     """Return the executor for `choice`: the events executor where it works, else the default.
 
     Raises
@@ -48,28 +49,29 @@ def make_executor(choice: str) -> Executor:
     if choice not in EXECUTORS:
         raise ValueError(f'executor must be one of {", ".join(EXECUTORS)}, got {choice!r}')
     if choice != 'default':
-        executor = _working_events_executor()
+        executor = _working_events_executor(context)
         if executor is not None:
             return executor
         if choice == 'events':
             raise ValueError('the events executor of this rclpy does not tick; use executor:=auto')
-    return SingleThreadedExecutor()
+    return SingleThreadedExecutor(context=context)
 
 
-def _working_events_executor() -> Executor | None:
+def _working_events_executor(context: Context | None) -> Executor | None:
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
         return None
-    executor: Executor = EventsExecutor()
-    return executor if _ticks(executor) else None
+    executor: Executor = EventsExecutor(context=context)
+    return executor if _ticks(executor, context) else None
 
 
-def _ticks(executor: Executor) -> bool:
+def _ticks(executor: Executor, context: Context | None) -> bool:
     """Return whether `executor` runs a timer at all (a self-test at start, some milliseconds)."""
     # Without the arguments of the process: they would give the probe the name of the node.
     probe = Node(
         'executor_probe',
+        context=context,
         enable_rosout=False,
         start_parameter_services=False,
         use_global_arguments=False,
@@ -83,6 +85,12 @@ def _ticks(executor: Executor) -> bool:
     timer.cancel()
     probe.destroy_node()
     return bool(ticked.done())
+
+
+class EndRequest(Protocol):
+    """Says whether a node is asked to end."""
+
+    requested: bool
 
 
 class Interrupt:
@@ -113,12 +121,11 @@ class Interrupt:
 
 def spin(
     nodes: Sequence[Node],
-    choice: str = 'auto',
+    executor: Executor,
     stop: Future | None = None,
-    interrupt: Interrupt | None = None,
+    interrupt: EndRequest | None = None,
 ) -> None:
-    """Serve `nodes` until they are shut down, interrupted or `stop` is done."""
-    executor = make_executor(choice)
+    """Serve `nodes` by `executor` until they are shut down, interrupted or `stop` is done."""
     for node in nodes:
         executor.add_node(node)
     ended = Future()
@@ -130,7 +137,7 @@ def spin(
 
     timer = wall_timer(nodes[0], LOOK, look)
     try:
-        while rclpy.ok() and not ended.done():
+        while nodes[0].context.ok() and not ended.done():
             executor.spin_until_future_complete(ended, timeout_sec=LONGEST_WAIT)
     finally:
         timer.cancel()
@@ -164,7 +171,7 @@ def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | N
         gc.collect()
         gc.freeze()
         choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
-        spin(nodes, choice, getattr(nodes[0], 'stop', None), interrupt)
+        spin(nodes, make_executor(choice), getattr(nodes[0], 'stop', None), interrupt)
     except ExternalShutdownException:
         pass
     except SystemExit as wanted:
@@ -172,7 +179,7 @@ def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | N
     finally:
         _close(nodes)
         interrupt.ignore()
-    return _exit_code(nodes)
+    return exit_code(nodes)
 
 
 def _init(options: list[str]) -> None:
@@ -195,19 +202,25 @@ def _refuse(error: Exception, remedy: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def _close(nodes: Sequence[Node]) -> None:
+def finish(nodes: Sequence[Node]) -> None:
+    """Let nodes end what they do, before they are destroyed."""
     for node in nodes:
         close = getattr(node, 'close', None)
         if close is not None:
             close()
+
+
+def _close(nodes: Sequence[Node]) -> None:
+    finish(nodes)
     sys.stdout.flush()
-    with EndsWithin(LONGEST_END, _exit_code(nodes)):
+    with EndsWithin(LONGEST_END, exit_code(nodes)):
         for node in nodes:
             destroy(node)
         rclpy.try_shutdown()
 
 
-def _exit_code(nodes: Sequence[Node]) -> int:
+def exit_code(nodes: Sequence[Node]) -> int:
+    """Return the exit code that the first node asks for."""
     return int(getattr(nodes[0], 'exit_code', 0)) if nodes else 0
 
 

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
@@ -83,8 +84,8 @@ Later = Callable[[float, Callable[[], None]], None]
 class Dashboard(Node):
     """Serves the page; is the `Backend` that it speaks to, from any thread."""
 
-    def __init__(self) -> None:
-        super().__init__('dashboard')
+    def __init__(self, **options: Any) -> None:
+        super().__init__('dashboard', **options)
         self._params = NodeParameters(self, DASHBOARD)
         self._folder = Path(self._params.text('folder')).expanduser()
         self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()

@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -45,8 +46,8 @@ KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: 
 class RecorderNode(Node):
     """Subscribes to what it is told as soon as it appears, and writes what comes."""
 
-    def __init__(self) -> None:
-        super().__init__('recorder')
+    def __init__(self, **options: Any) -> None:
+        super().__init__('recorder', **options)
         Diagnostics(self, self._judge)
         self._report = RecorderReport(self)
         self._params = NodeParameters(self, RECORDER)
@@ -175,12 +176,13 @@ class RecorderNode(Node):
         )
 
 
-def _create() -> RecorderNode:
+def create(**options: Any) -> RecorderNode:
+    """Return the node, ready to record from its first appearance on."""
     # Whoever sees the node in the graph may begin at once: what takes time is done before.
     for kind in KNOWN_TYPES.values():
         definition_of(kind)
         message_type(kind)
-    return RecorderNode()
+    return RecorderNode(**options)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -194,9 +196,9 @@ def run(arguments: Sequence[str]) -> int:
     ros = ['--ros-args', '-p', f'out:={options.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
     if options.namespace:
         ros += ['-r', f'__ns:=/{options.namespace.strip("/")}']
-    return run_node(_create, ros)
+    return run_node(create, ros)
 
 
 def main() -> None:
     """Run the node as a process."""
-    sys.exit(run_node(_create))
+    sys.exit(run_node(create))
