@@ -48,7 +48,9 @@ def domain() -> Iterator[dict[str, str]]:
 
 
 @pytest.mark.parametrize('page', list(followed()))
-def test_a_page_does_what_it_states(page: Path, tmp_path: Path, request) -> None:
+def test_a_page_does_what_it_states(
+    page: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     more: dict[str, str] = {}
     if request.node.get_closest_marker('ros'):
         more.update(request.getfixturevalue('domain'))

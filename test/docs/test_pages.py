@@ -8,6 +8,7 @@ import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -179,7 +180,7 @@ PARAMETER_FILES = [
 @pytest.mark.parametrize(
     ('page', 'block'), PARAMETER_FILES, ids=lambda each: getattr(each, 'name', '')
 )
-def test_parameter_files_in_pages_are_taken_by_the_nodes(page: Path, block) -> None:
+def test_parameter_files_in_pages_are_taken_by_the_nodes(page: Path, block: Any) -> None:
     assert faults(yaml.safe_load(block.text)) == []
 
 

@@ -1,6 +1,9 @@
 """Whatever comes in, what goes out is finite, in range, and no faster than allowed."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 from hypothesis import given, settings
@@ -18,7 +21,7 @@ moderate = st.floats(-1e-3, 1e-3)
 
 
 @given(st.lists(anything, max_size=60), st.floats(-5.0, 0.0), st.floats(0.1, 5.0))
-def test_limiter_is_safe_for_any_input(voltages, low, high):
+def test_limiter_is_safe_for_any_input(voltages: Any, low: Any, high: Any) -> None:
     limiter = Limiter(Limits(low, high, 300.0), DT)
     last = limiter.voltage
     for voltage in voltages:
@@ -36,7 +39,9 @@ def test_limiter_is_safe_for_any_input(voltages, low, high):
     st.floats(0.011, 10.0),
     st.lists(st.sampled_from([1e-3, 0.1, 7.0]), max_size=3),
 )
-def test_mean_power_never_exceeds_its_limit(voltages, power, capacitance, window, later):
+def test_mean_power_never_exceeds_its_limit(
+    voltages: Any, power: Any, capacitance: Any, window: Any, later: Any
+) -> None:
     limits, low = Limits(-2.0, 3.0, 1e9), power
     energy = EnergyLimits(power, capacitance, window, 5.0)
     limiter = Limiter(limits, DT, energy=energy)
@@ -56,7 +61,7 @@ def test_mean_power_never_exceeds_its_limit(voltages, power, capacitance, window
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(anything, anything, anything), min_size=1, max_size=40))
-def test_inverse_answers_a_finite_voltage_in_range_for_any_reference(rows):
+def test_inverse_answers_a_finite_voltage_in_range_for_any_reference(rows: Any) -> None:
     values = {'A1': 150e-6, 'A': 40e-6, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6}
     limits = Limits(-1.0, 1.0)
     links = [
@@ -79,7 +84,9 @@ def test_inverse_answers_a_finite_voltage_in_range_for_any_reference(rows):
     st.floats(-0.9, 0.9),
     st.lists(moderate, min_size=5, max_size=80),
 )
-def test_exact_inverse_undoes_the_model_wherever_the_slope_is_positive(a1, a, beta, gamma, path):
+def test_exact_inverse_undoes_the_model_wherever_the_slope_is_positive(
+    a1: Any, a: Any, beta: Any, gamma: Any, path: Any
+) -> None:
     from piezo_hysteresis.compensation.inverses.physical import least_slope
     from piezo_hysteresis.models.named import named
 

@@ -1,12 +1,16 @@
 """Every pair of blocks answers at the ticks as it does when run at 64 times the rate."""
 
+from __future__ import annotations
+
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
-from piezo_hysteresis.blocks.base import Between, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Slot
 from piezo_hysteresis.blocks.parallel import side_by_side
 from piezo_hysteresis.models import Model, answers_at_once
 
@@ -21,7 +25,7 @@ CASES = ((0.2, 6.0, 'sine'), (6.0, 0.2, 'steps'), (1.0, 50.0, 'triangle'), (50.0
 EXACT = 1e-4
 
 
-def voltage(kind):
+def voltage(kind: str) -> Any:
     t = np.arange(TICKS) * DT
     if kind == 'sine':
         return np.sin(2 * np.pi * 17.0 * t)
@@ -34,7 +38,7 @@ def voltage(kind):
     )
 
 
-def lively(block, ticks, u):
+def lively(block: Any, ticks: float, u: Any) -> dict[Any, Any]:
     """Values that show, with the times of the block at `ticks` of a tick."""
     reach = float(np.max(np.abs(u)))
     own = {
@@ -75,7 +79,7 @@ def lively(block, ticks, u):
     return values
 
 
-def chain_of(first, second):
+def chain_of(first: Any, second: Any) -> Model:
     # what stands beside a hysteresis is next to nothing alone
     blocks = [
         side_by_side(BLOCKS['bouc_wen_exact'], b) if b.beside else b for b in (first, second)
@@ -88,14 +92,14 @@ def chain_of(first, second):
     return Model('pair', tuple(blocks))
 
 
-def knows_the_tick(block):
+def knows_the_tick(block: Block) -> Any:
     """Tell whether a block asks for the rate of the tick or goes from tick to tick."""
     return block.between is Between.TICK or (
         block.between is Between.PATH and block.along is not None and block.name != 'stiction'
     )
 
 
-def packed(model, first, second, ticks, u):
+def packed(model: Model, first: Any, second: Any, ticks: list[float], u: Any) -> FloatArray:
     values: dict[str, float] = {}
     for block, each in ((first, ticks[0]), (second, ticks[1])):
         values |= {model.names_of(block)[k]: v for k, v in lively(block, each, u).items()}
@@ -106,14 +110,14 @@ def packed(model, first, second, ticks, u):
     return model.pack(values, checked=False)
 
 
-def finely(blocks, p, u):
+def finely(blocks: tuple[Block, ...], p: np.ndarray, u: Any) -> np.ndarray:
     """Return the output for an input held at 64 times the rate: one more value than that."""
     model = Model('part', tuple(blocks))
     y = model.respond(np.repeat(u, FINER), p, DT / FINER, frequency=17.0)
     return np.concatenate([[0.0], y]) if answers_at_once(model, {}, DT) else np.append(y, np.nan)
 
 
-def truth(model, p, u):
+def truth(model: Model, p: Any, u: Any) -> Any:
     """Return the output at the ticks, or where nothing has inertia at the ends of the ticks."""
     at_once = answers_at_once(model, {}, DT)
     counts = np.cumsum([0, *(len(b.parameters) for b in model.blocks)])
@@ -142,7 +146,7 @@ def truth(model, p, u):
     return readings
 
 
-def sensible(first, second):
+def sensible(first: Block, second: Block) -> bool:
     """Leave out what has no meaning, or not this one."""
     if ORDER[first.slot] > ORDER[second.slot] or first.slot is second.slot is Slot.HYSTERESIS:
         return False
@@ -161,7 +165,7 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(('first', 'second'), PAIRS)
-def test_a_pair_is_exact_between_the_ticks(first, second):
+def test_a_pair_is_exact_between_the_ticks(first: Any, second: Any) -> None:
     model = chain_of(first, second)
     for *ticks, kind in CASES:
         u = voltage(kind)
@@ -193,7 +197,7 @@ CHAINS = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize('names', CHAINS, ids='-'.join)
-def test_a_longer_chain_is_exact_between_the_ticks(names):
+def test_a_longer_chain_is_exact_between_the_ticks(names: Any) -> None:
     model = Model('chain', tuple(BLOCKS[name] for name in names))
     for *ticks, kind in (*CASES, (6.0, 6.0, 'sine'), (2.5, 9.0, 'steps')):
         values: dict[str, float] = {}

@@ -1,10 +1,12 @@
 """The C library answers what the kernels in Python answer: the same bits, whatever the input."""
 
+from __future__ import annotations
+
 import ctypes
 import functools
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from piezo_hysteresis.compensation.base import INVERSES, Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback import hinf
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.feedback.hinf import HInfinity
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
 from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.compensation.harmonics.attenuation import (
@@ -72,7 +75,7 @@ CHAINS = (
 )
 
 
-def models():
+def models() -> Iterator[Model]:
     """Return every named model, chains with paths between the ticks, all other blocks alone."""
     yield from map(named, NAMES)
     covered = {block.name for name in NAMES for block in named(name).blocks}.union(*CHAINS)
@@ -85,11 +88,11 @@ def models():
 MODELS = {model.name: model for model in models()}
 
 
-def values_of(model):
+def values_of(model: Any) -> dict[Any, Any]:
     return {**model.defaults(), **{k: v for k, v in VALUES.items() if k in model.parameter_names}}
 
 
-def library(doors):
+def library(doors: Any) -> Any:
     """Return a library that is loaded into this process."""
     folder = Path(tempfile.mkdtemp())
     (folder / 'all.o').write_bytes(object_code(doors, 'x86_64-linux'))
@@ -98,12 +101,12 @@ def library(doors):
     return ctypes.CDLL(str(folder / 'all.so'))
 
 
-def at(array):
+def at(array: Any) -> Any:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
 @functools.cache
-def plants():
+def plants() -> Any:
     """Return the free run of every model, and all of them as one library."""
     found = {
         name: plant_of(model, model.pack(values_of(model)), DT, MARK)
@@ -116,7 +119,7 @@ def plants():
 @pytest.mark.parametrize('name', MODELS)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.01, 1.0), frequency=st.floats(0.0, 50.0))
 @settings(max_examples=2)
-def test_a_free_run_has_the_same_bits(name, seed, size, frequency):
+def test_a_free_run_has_the_same_bits(name: Any, seed: Any, size: Any, frequency: Any) -> None:
     found, library_of_all = plants()
     place = list(found).index(name)
     step = getattr(library_of_all, f'p{place}_step')
@@ -135,7 +138,7 @@ def test_a_free_run_has_the_same_bits(name, seed, size, frequency):
         assert answer[0] == expected or (np.isnan(answer[0]) and np.isnan(expected))
 
 
-def h_infinity():
+def h_infinity() -> HInfinity:
     plant = hinf.transfer_function([115e-6], [1.0 / (2 * np.pi * 68.0) ** 2, 7e-5, 1.0])
     found = hinf.design(plant, HInfinityWeights(bandwidth=2.0), DT)
     return hinf.HInfinity(found.controller, DT, limits=LIMITS)
@@ -165,18 +168,18 @@ ENERGY = {'h_infinity with little power': EnergyLimits(1e-9, 1e-6, 0.05, 2.4)}
 BORDER = 31.0
 
 
-def slow_and_fast(slow, fast):
-    def link(model):
+def slow_and_fast(slow: str, fast: str) -> FrequencySwitch:
+    def link(model: Any) -> InverseLink:
         return inverse_for(model, values_of(model), DT, limits=LIMITS)
 
     return FrequencySwitch(link(MODELS[slow]), link(MODELS[fast]), BORDER, DT, limits=LIMITS)
 
 
-def attenuation(**chosen):
+def attenuation(**chosen: Any) -> HarmonicAttenuation:
     return HarmonicAttenuation(AttenuationSettings(**chosen), GAIN, DT)
 
 
-def inverses():
+def inverses() -> Iterator[Any]:
     """Return an inverse of every kind for named models, and for chains."""
     kinds = set()
     for law in INVERSES:
@@ -201,7 +204,7 @@ for _name, _model, _law in inverses():
 
 
 @functools.cache
-def loops():
+def loops() -> Any:
     """Return every law before a limiter, and all of them as one library."""
     found, nothing = {}, of_model(Model('', ()), np.zeros(0), ())
     for name, build in LAWS.items():
@@ -229,7 +232,7 @@ def loops():
     return found, library(doors)
 
 
-def in_turn(*waves):
+def in_turn(*waves: Any) -> Samples:
     """Return the samples of waveforms of 450 ticks each, one after another."""
     parts = [wave.sample(np.arange(450) * DT) for wave in waves]
     columns = zip(*(vars(part).values() for part in parts), strict=True)
@@ -243,7 +246,7 @@ def in_turn(*waves):
     amplitude=st.floats(1e-6, 200e-6),
 )
 @settings(max_examples=2)
-def test_a_law_has_the_same_bits(name, seed, frequency, amplitude):
+def test_a_law_has_the_same_bits(name: Any, seed: Any, frequency: Any, amplitude: Any) -> None:
     found, library_of_all = loops()
     place, loop = list(found).index(name), found[name]
     samples = in_turn(*(Sine(amplitude, f, 0.45, ramp=0.15) for f in (frequency, 62 - frequency)))

@@ -1,5 +1,9 @@
 """No experiment ever exceeds what its user allows, whatever that is."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -21,7 +25,9 @@ RANGES = st.sampled_from([(-1.0, 1.0), (0.0, 150.0), (-30.0, 150.0), (-0.2, 7.5)
     heat=st.floats(0.05, 500.0),
     rate=st.sampled_from([500.0, 1000.0, 4000.0]),
 )
-def test_no_voltage_slew_frequency_or_heat_beyond_the_limits(ends, slews, highest, heat, rate):
+def test_no_voltage_slew_frequency_or_heat_beyond_the_limits(
+    ends: Any, slews: Any, highest: Any, heat: Any, rate: Any
+) -> None:
     low, high = ends
     amplitude = 0.5 * (high - low)
     limits = ExperimentLimits(low, high, slews * amplitude, highest, heat=heat * amplitude**2)
@@ -47,7 +53,7 @@ def test_no_voltage_slew_frequency_or_heat_beyond_the_limits(ends, slews, highes
         assert moved.sum() / (2.0 * each.seconds) <= limits.heat * (1.0 + 1e-3)
 
 
-def test_the_heat_of_a_sine_is_frequency_times_amplitude_squared():
+def test_the_heat_of_a_sine_is_frequency_times_amplitude_squared() -> None:
     from piezo_hysteresis.investigation.limits import heat_of
 
     time = np.arange(10_000) / 10_000.0

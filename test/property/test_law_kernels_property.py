@@ -1,6 +1,10 @@
 """Laws that are kernels answer what the plain recursions of their papers do, to the last bit."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from hypothesis import given, settings
@@ -24,7 +28,7 @@ LIMITS = Limits(-1.2, 1.2, 200.0)
 TAPS = (-0.0625, 0.25, 0.625, 0.25, -0.0625)
 
 
-def walk(rng, ticks):
+def walk(rng: np.random.Generator, ticks: int) -> Iterator[Any]:
     """Return points whose frequency changes, with measurements late or missing at times."""
     phase = 0.0
     frequency = 0.3
@@ -40,7 +44,9 @@ def walk(rng, ticks):
         yield point, measured if k >= late and rng.random() > 0.05 else None
 
 
-def chosen_by_hand(slow, fast, border, transition, points):
+def chosen_by_hand(
+    slow: Any, fast: Any, border: Any, transition: float, points: list[Any]
+) -> Iterator[float]:
     """Return what two links and a transition give, one object each."""
     change, before = Transition(DT, transition, LIMITS.slew), None
     for k, (point, measured) in enumerate(points):
@@ -55,10 +61,12 @@ def chosen_by_hand(slow, fast, border, transition, points):
 
 @given(seed=st.integers(0, 2**32 - 1), border=st.sampled_from([0.5, 1.0, 10.0]))
 @settings(max_examples=10)
-def test_the_switch_between_slow_and_fast_models_has_the_bits_of_its_parts(seed, border):
+def test_the_switch_between_slow_and_fast_models_has_the_bits_of_its_parts(
+    seed: Any, border: Any
+) -> None:
     points = list(walk(np.random.default_rng(seed), 1500))
 
-    def links():
+    def links() -> list[Any]:
         return [
             inverse_for(named(name), named(name).defaults(), DT, limits=LIMITS)
             for name in ('classical', 'bouc_wen_mode')
@@ -74,7 +82,7 @@ def test_the_switch_between_slow_and_fast_models_has_the_bits_of_its_parts(seed,
     assert [link.step(p, 0.01 * (k % 3), m) for k, (p, m) in enumerate(points[:200])] == first
 
 
-def recalled(ring, newest, back):
+def recalled(ring: list[float], newest: Any, back: Any) -> float:
     """Return a ring some samples ago, low-passed, cubic between samples."""
     whole = int(np.floor(back))
     t = back - whole
@@ -92,7 +100,7 @@ def recalled(ring, newest, back):
     return total
 
 
-def repeated_by_hand(s, points):
+def repeated_by_hand(s: RepetitiveSettings, points: list[Any]) -> Iterator[float]:
     """Return odd repetitive control written out over dictionaries of Python's own numbers."""
     size = int(0.5 / (s.lowest_frequency * DT)) + 16
     learned, errors, past = [0.0] * size, [0.0] * size, (0.0, 0.0, 0.0, 0.0)
@@ -126,7 +134,9 @@ def repeated_by_hand(s, points):
     lead=st.floats(0.0, 30.0),
 )
 @settings(max_examples=10)
-def test_repetitive_control_has_the_bits_of_its_recursion(seed, frequency, lead):
+def test_repetitive_control_has_the_bits_of_its_recursion(
+    seed: Any, frequency: Any, lead: Any
+) -> None:
     points = list(walk(np.random.default_rng(seed), 1500))
     chosen = RepetitiveSettings(115e-6, frequency, 0.015, lead_ticks=lead)
     law = OddRepetitive(chosen, DT)
@@ -141,7 +151,7 @@ def test_repetitive_control_has_the_bits_of_its_recursion(seed, frequency, lead)
     starts=st.sets(st.integers(0, 80)),
     duration=st.sampled_from([0.0, 0.004, 0.05]),
 )
-def test_a_crossfade_has_the_bits_of_its_formula(shares, starts, duration):
+def test_a_crossfade_has_the_bits_of_its_formula(shares: Any, starts: Any, duration: Any) -> None:
     fade, elapsed, before, last = CrossFade(DT, duration), None, 0.0, None
     for k, raw in enumerate(shares):
         if k in starts:

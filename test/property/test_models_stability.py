@@ -1,5 +1,9 @@
 """Free runs stay finite and bounded for any bounded input and any parameters inside bounds."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, reject, settings
@@ -7,6 +11,7 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis import models
 from piezo_hysteresis.blocks import BLOCKS
+from piezo_hysteresis.blocks.base import Parameter
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models import ModelFile
 
@@ -22,7 +27,7 @@ EULER = {'bouc_wen', 'bouc_wen_power_euler', 'bouc_wen_rate_euler'}
 SHARE = st.floats(0.0, 1.0)
 
 
-def stable_recursion(radius, place):
+def stable_recursion(radius: Any, place: Any) -> Any:
     """Return coefficients whose poles are a pair within the unit circle and a real one."""
     radius *= 0.999
     real = radius * max(place, 1e-3)
@@ -30,7 +35,7 @@ def stable_recursion(radius, place):
     return -(radius**2 + 2.0 * real * third), radius**2 * third
 
 
-def drawn(q, share):
+def drawn(q: Parameter, share: Any) -> Any:
     """Return a parameter: signed over nine decades about its scale, inside the bounds."""
     low = max(q.low, -20 * q.scale if q.low < 0 else q.low)
     high = min(q.high, 20 * q.scale)
@@ -40,7 +45,7 @@ def drawn(q, share):
 
 
 @st.composite
-def inputs(draw, size=400):
+def inputs(draw: Any, size: Any = 400) -> Any:
     """Ramps, holds and jumps between drawn corners, 1 V at most."""
     corners = draw(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=12))
     where = np.linspace(0, size - 1, len(corners))
@@ -54,7 +59,7 @@ def inputs(draw, size=400):
 @pytest.mark.parametrize('name', BLOCKS)
 @SETTINGS
 @given(data=st.data())
-def test_free_run_is_finite(name, data):
+def test_free_run_is_finite(name: Any, data: Any) -> None:
     block = BLOCKS[name]
     x = data.draw(inputs(100 if name == 'bouc_wen_oscillator' else 400))
     if block.slot not in ('input', 'hysteresis') and name != 'bouc_wen_oscillator':
@@ -97,7 +102,7 @@ def test_free_run_is_finite(name, data):
 
 @SETTINGS
 @given(x=inputs(), beta=st.floats(0.01, 20.0), share=st.floats(-1.0, 1.0))
-def test_bouc_wen_stays_within_its_saturation(x, beta, share):
+def test_bouc_wen_stays_within_its_saturation(x: Any, beta: Any, share: Any) -> None:
     """|h| <= A / (beta + gamma) for |gamma| <= beta: the bound the inverse relies on."""
     gamma = share * beta
     block = BLOCKS['bouc_wen_exact']
@@ -116,12 +121,14 @@ def test_bouc_wen_stays_within_its_saturation(x, beta, share):
     gamma=st.floats(-20.0, 20.0),
     a0=st.floats(-2e-5, 2e-5),
 )
-def test_exact_step_does_not_care_where_it_is_cut(u, start, split, beta, gamma, a0):
+def test_exact_step_does_not_care_where_it_is_cut(
+    u: Any, start: Any, split: Any, beta: Any, gamma: Any, a0: Any
+) -> None:
     """One monotone move in one step or in two: the same h."""
     block = BLOCKS['bouc_wen_exact']
     p = np.array([0.0, 4e-5, a0, beta, gamma])
 
-    def final(path):
+    def final(path: list[Any]) -> Any:
         return block.respond(np.array(path), p, DT, state=block.initial_state(DT))[-1]
 
     whole = final([start, u])
@@ -136,7 +143,7 @@ def test_exact_step_does_not_care_where_it_is_cut(u, start, split, beta, gamma, 
     beta=st.floats(1e2, 1e5),
     share=st.floats(-0.9, 1.0),
 )
-def test_inverse_law_is_solved_exactly(x, a, beta, share):
+def test_inverse_law_is_solved_exactly(x: Any, a: Any, beta: Any, share: Any) -> None:
     """Putting the answer into the printed law of Xiao 2014 returns the voltage."""
     block = BLOCKS['inverse_bouc_wen']
     gamma = share * beta
@@ -158,7 +165,7 @@ def test_inverse_law_is_solved_exactly(x, a, beta, share):
 
 @SETTINGS
 @given(data=st.data())
-def test_yaml_round_trip_is_exact(data, tmp_path_factory):
+def test_yaml_round_trip_is_exact(data: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
     model = models.named(data.draw(st.sampled_from(models.NAMES)))
     values = {
         q.name: q.default if q.held else drawn(q, data.draw(st.floats(0.0, 1.0)))

@@ -3,13 +3,17 @@
 Never silence: where values differ from what was written, something must have been said.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import shutil
 import struct
 import tempfile
 import tracemalloc
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +35,7 @@ INFO = RecordInfo('bimorph', 'sine', 23.0, 50.0, 0.1)
 
 
 @pytest.fixture(scope='module')
-def originals():
+def originals() -> Iterator[dict[str, Path]]:
     with tempfile.TemporaryDirectory() as folder:
         record = Record('a', 1e-3, VOLTAGE, DISPLACEMENT, reference=DISPLACEMENT, info=INFO)
         paths = {}
@@ -41,7 +45,7 @@ def originals():
         yield paths
 
 
-def same(record):
+def same(record: Record) -> bool:
     return (
         np.array_equal(record.voltage, VOLTAGE)
         and np.array_equal(record.displacement, DISPLACEMENT)
@@ -54,11 +58,11 @@ def same(record):
     )
 
 
-def one_line(error):
+def one_line(error: ModelError | RecordError) -> None:
     assert '\n' not in str(error)
 
 
-def truth(record):
+def truth(record: Record) -> bool:
     """Tell whether a record of an unfinished recording is a stretch of what was written."""
     first = round(record.start * 1000)
     part = slice(first, first + len(record))
@@ -67,7 +71,7 @@ def truth(record):
     )
 
 
-def check(path, *, closed):
+def check(path: Any, *, closed: bool) -> None:
     """Read strictly and salvaging; a closed bag that is not refused must be the whole truth."""
     try:
         found = survey([path])
@@ -90,7 +94,7 @@ def check(path, *, closed):
         list(Player(path, rate=float('inf'), salvage=True))
 
 
-def damaged(original, change, *, closed=True):
+def damaged(original: Path, change: Callable[..., Any], *, closed: bool = True) -> None:
     """Read a copy of a bag whose files went through `change`."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / original.name
@@ -106,8 +110,8 @@ FLIPS = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @given(flips=FLIPS)
 @settings(max_examples=120, deadline=None)
-def test_flipped_bytes(originals, storage, flips):
-    def change(copy):
+def test_flipped_bytes(originals: dict[str, Path], storage: str, flips: Any) -> None:
+    def change(copy: Any) -> None:
         (file,) = (path for path in copy.iterdir() if path.suffix != '.yaml')
         data = bytearray(file.read_bytes())
         for place, mask in flips:
@@ -120,8 +124,10 @@ def test_flipped_bytes(originals, storage, flips):
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @given(flips=FLIPS, edge=st.sampled_from(['front', 'back']))
 @settings(max_examples=60, deadline=None)
-def test_flipped_bytes_where_the_structure_is(originals, storage, flips, edge):
-    def change(copy):
+def test_flipped_bytes_where_the_structure_is(
+    originals: dict[str, Path], storage: str, flips: Any, edge: Any
+) -> None:
+    def change(copy: Any) -> None:
         (file,) = (path for path in copy.iterdir() if path.suffix != '.yaml')
         data = bytearray(file.read_bytes())
         for place, mask in flips:
@@ -136,8 +142,8 @@ def test_flipped_bytes_where_the_structure_is(originals, storage, flips, edge):
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @given(part=st.floats(0, 1, exclude_max=True), tail=st.binary(max_size=64))
 @settings(max_examples=60, deadline=None)
-def test_truncated_files(originals, storage, part, tail):
-    def change(copy):
+def test_truncated_files(originals: dict[str, Path], storage: str, part: Any, tail: Any) -> None:
+    def change(copy: Any) -> None:
         (file,) = (path for path in copy.iterdir() if path.suffix != '.yaml')
         data = file.read_bytes()
         file.write_bytes(data[: int(part * len(data))] + tail)
@@ -147,8 +153,8 @@ def test_truncated_files(originals, storage, part, tail):
 
 @given(flips=FLIPS, part=st.floats(0, 1))
 @settings(max_examples=80, deadline=None)
-def test_damaged_metadata(originals, flips, part):
-    def change(copy):
+def test_damaged_metadata(originals: dict[str, Path], flips: Any, part: Any) -> None:
+    def change(copy: Any) -> None:
         path = copy / 'metadata.yaml'
         data = bytearray(path.read_bytes())
         for place, mask in flips:
@@ -161,7 +167,7 @@ def test_damaged_metadata(originals, flips, part):
 @given(data=st.binary(max_size=400), suffix=st.sampled_from(['.mcap', '.db3', '.csv']),
        magic=st.booleans())  # fmt: skip
 @settings(max_examples=100, deadline=None)
-def test_any_bytes(data, suffix, magic):
+def test_any_bytes(data: Any, suffix: Any, magic: Any) -> None:
     heads = {'.mcap': b'\x89MCAP0\r\n', '.db3': b'SQLite format 3\0', '.csv': b'time_s,'}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f'file{suffix}'
@@ -183,7 +189,7 @@ CELLS = st.one_of(
 
 @given(rows=st.lists(st.tuples(CELLS, CELLS, CELLS), max_size=60), salvage=st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_any_numbers_in_a_csv_file(rows, salvage):
+def test_any_numbers_in_a_csv_file(rows: Any, salvage: Any) -> None:
     lines = [','.join(map(str, row)) for row in rows]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'a.csv'
@@ -203,7 +209,7 @@ STEPS = st.lists(st.floats(-2e-3, 5e-3), min_size=1, max_size=80)
 
 @given(steps=STEPS)
 @settings(max_examples=100, deadline=None)
-def test_any_stamps_give_a_constant_rate_or_a_finding(steps):
+def test_any_stamps_give_a_constant_rate_or_a_finding(steps: Any) -> None:
     """A record returned without a finding lies on its grid to half a step."""
     time = np.round(np.concatenate([[0.0], np.cumsum(steps)]), 9)
     lines = [f'{t!r},{k % 3},{k % 5}' for k, t in enumerate(time.tolist())]
@@ -223,7 +229,9 @@ def test_any_stamps_give_a_constant_rate_or_a_finding(steps):
 
 @given(flips=FLIPS)
 @settings(max_examples=60, deadline=None)
-def test_a_recording_that_was_cut_off_and_then_damaged(tmp_path_factory, flips):
+def test_a_recording_that_was_cut_off_and_then_damaged(
+    tmp_path_factory: pytest.TempPathFactory, flips: Any
+) -> None:
     from piezo_hysteresis.records import bag_writer, cdr
     from piezo_hysteresis.records.definitions import STATE, definition_of
 
@@ -243,7 +251,7 @@ def test_a_recording_that_was_cut_off_and_then_damaged(tmp_path_factory, flips):
         recorder.close()
         assert survey([path]).notes
 
-    def change(copy):
+    def change(copy: Any) -> None:
         file = copy / 'growing_0.mcap'
         data = bytearray(file.read_bytes())
         for place, mask in flips:
@@ -256,7 +264,7 @@ def test_a_recording_that_was_cut_off_and_then_damaged(tmp_path_factory, flips):
 # --- data made to do harm -----------------------------------------------------------------------
 
 
-def mcap_of(folder, *chunks):
+def mcap_of(folder: Path, *chunks: tuple[Any, Any]) -> Path:
     """Write chunks of (stated size, packed bytes) as a file that claims to be in order."""
     parts = [mcap_format.MAGIC, mcap_format.record(mcap_format.HEADER, bytes(8))]
     for size, packed in chunks:
@@ -270,14 +278,16 @@ def mcap_of(folder, *chunks):
     return path
 
 
-def zeros(size):
+def zeros(size: int) -> bytes:
     from backports import zstd
 
     return zstd.compress(bytes(size))
 
 
 @pytest.mark.parametrize('size', [(1 << 64) - 1, 1 << 40, 1 << 29, 10, 3 << 20])
-def test_a_chunk_that_grows_costs_no_memory(tmp_path, monkeypatch, size):
+def test_a_chunk_that_grows_costs_no_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
     """3 MB of zeros in 100 bytes, where at most 1 MB is read at once."""
     for module in (compressed, mcap_format):
         for name, most in (('LARGEST', 1 << 20), ('MOST_OTHERS', 1000)):
@@ -297,12 +307,14 @@ def test_a_chunk_that_grows_costs_no_memory(tmp_path, monkeypatch, size):
 
 
 @pytest.mark.slow
-def test_many_chunks_that_grow_are_not_all_read(tmp_path, monkeypatch):
+def test_many_chunks_that_grow_are_not_all_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.SMALL', 1 << 20)
     read = []
     inflated = compressed.inflated
 
-    def counted(*given):
+    def counted(*given: Any) -> bytes:
         read.append(given)
         return inflated(*given)
 
@@ -332,7 +344,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize('bomb', BOMBS)
-def test_yaml_made_to_do_harm(tmp_path, bomb):
+def test_yaml_made_to_do_harm(tmp_path: Path, bomb: Any) -> None:
     path = tmp_path / 'model.yaml'
     path.write_text(BOMBS[bomb], 'utf-8', 'surrogateescape')
     with pytest.raises(ModelError) as caught:
@@ -364,7 +376,7 @@ TREES = st.recursive(
 )
 
 
-def replaced(content, place, value):
+def replaced(content: Any, place: Any, value: Any) -> Any:
     """Return a tree with something else at a place."""
     if not place:
         return value
@@ -373,7 +385,7 @@ def replaced(content, place, value):
 
 @given(place=st.sampled_from(PLACES), value=TREES)
 @settings(max_examples=80, deadline=None)
-def test_any_value_anywhere_in_a_model_file(place, value):
+def test_any_value_anywhere_in_a_model_file(place: Any, value: Any) -> None:
     import yaml
 
     text = yaml.safe_dump(replaced(MODEL, place, value))
@@ -383,7 +395,9 @@ def test_any_value_anywhere_in_a_model_file(place, value):
 
 @pytest.mark.parametrize('name', ['a.csv', 'a.mcap', 'a.db3', 'a.txt'])
 @pytest.mark.parametrize('kind', ['pipe', 'device', 'folder'])
-def test_what_is_no_file_is_not_waited_for(tmp_path, capsys, name, kind):
+def test_what_is_no_file_is_not_waited_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, kind: str
+) -> None:
     path = tmp_path / name
     if kind == 'pipe':
         os.mkfifo(path)

@@ -1,6 +1,9 @@
 """Whatever the parameters within their bounds and the commands: the state stays finite."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,13 +12,14 @@ from hypothesis import strategies as st
 
 from piezo_sim import Plant, PlantError
 from piezo_sim.parts.chain import GRID
+from piezo_sim.table import PlantParameter
 
 TABLE = Plant().parameter_table
 EFFECTS = [row.name for row in Plant().effect_table]
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
-def _inside(row):
+def _inside(row: PlantParameter) -> Any:
     """Values over the whole range of a parameter, near its default more often."""
     if row.low > 0.0 or row.low == 0.0:
         low, high = max(row.low, 1e-6 * (abs(row.default) or 1.0)), row.high
@@ -36,7 +40,7 @@ COMMANDS = st.lists(
 )
 
 
-def _finite(plant):
+def _finite(plant: Plant) -> None:
     state = plant.snapshot().state
     for name in state.dtype.names or ():
         values = state[name]
@@ -45,7 +49,7 @@ def _finite(plant):
     assert np.all(np.isfinite(plant.snapshot().history))
 
 
-def _install(plant, changes):
+def _install(plant: Plant, changes: dict[Any, Any]) -> bool:
     try:
         plant.set_parameters(changes)
     except PlantError:
@@ -55,7 +59,9 @@ def _install(plant, changes):
 
 @QUICK
 @given(first=SOME, second=SOME, on=ON, other=ON, commands=COMMANDS, seed=st.integers(0, 2**63))
-def test_the_state_never_becomes_nan(first, second, on, other, commands, seed):
+def test_the_state_never_becomes_nan(
+    first: Any, second: Any, on: Any, other: Any, commands: Any, seed: Any
+) -> None:
     plant = Plant(seed=seed)
     _install(plant, {**first, **{f'effects.{name}': True for name in on}})
     readings = [plant.exchange(v) for v in commands]
@@ -68,7 +74,9 @@ def test_the_state_never_becomes_nan(first, second, on, other, commands, seed):
 @QUICK
 @given(on=ON, commands=st.lists(st.floats(-1.2, 1.2), min_size=2, max_size=60),
        cut=st.integers(0, 60), seed=st.integers(0, 2**63))  # fmt: skip
-def test_arrays_and_single_samples_agree_for_any_set_of_effects(on, commands, cut, seed):
+def test_arrays_and_single_samples_agree_for_any_set_of_effects(
+    on: Any, commands: Any, cut: Any, seed: Any
+) -> None:
     plant = Plant(seed=seed)
     _install(plant, {f'effects.{name}': True for name in on})
     whole = plant.run(commands)
@@ -80,7 +88,7 @@ def test_arrays_and_single_samples_agree_for_any_set_of_effects(on, commands, cu
 
 @QUICK
 @given(delay=st.floats(0.0, 0.1), rate=st.sampled_from([100.0, 1000.0, 7777.0]))
-def test_any_delay_delays_by_itself(delay, rate):
+def test_any_delay_delays_by_itself(delay: Any, rate: Any) -> None:
     plant = Plant({'effects.transport_delay': True, 'amplifier.delay': delay}, rate=rate)
     count = math.ceil(delay * rate) + 2
     readings = plant.run(np.ones(count + 1))
@@ -91,7 +99,7 @@ def test_any_delay_delays_by_itself(delay, rate):
 @QUICK
 @given(values=st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=40),
        law=st.sampled_from(['play', 'preisach']))  # fmt: skip
-def test_every_closed_cycle_of_the_voltage_loses_energy_and_closes(values, law):
+def test_every_closed_cycle_of_the_voltage_loses_energy_and_closes(values: Any, law: Any) -> None:
     """A second run through the same cycle returns to the same point, with a loss."""
     plant = Plant({f'effects.{law}': True})
     cycle = [*values, values[0]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -67,13 +68,13 @@ def shared_listener(shared_processes: LiveNodes) -> Iterator[Listener]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item, call):
+def pytest_runtest_makereport(item: Any, call: Any) -> Any:
     """Show what the nodes printed where a test fails."""
     report = yield
     if report.failed:
         for group in getattr(item, 'funcargs', {}).values():
             if isinstance(group, LiveNodes):
-                for node in group.nodes:
+                for node in group.started:
                     title = f'{node.name} (code {node.returncode})'
                     report.sections.append((title, node.tail(20).replace(' | ', '\n')))
     return report

@@ -8,7 +8,7 @@ import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -18,7 +18,6 @@ from rclpy.task import Future
 from piezo_ros_common.middleware import joined
 from piezo_ros_common.processes import (
     TIMEOUT,
-    NodeProcess,
     NodeProcesses,
     ProcessError,
     ros_arguments,
@@ -112,7 +111,7 @@ class NodeThread:
         """What its process would have ended with, None while it runs."""
         return None if self._thread.is_alive() else self._code
 
-    def signal(self, _: int) -> None:
+    def signal(self, number: int) -> None:
         """Let the node end as on SIGINT; there is no other signal for a thread."""
         self._request.requested = True
 
@@ -163,7 +162,7 @@ class LiveNodes(NodeProcesses):
             self._context = joined(self.domain)
         arguments = ros_arguments(parameters, name, namespace, remap, files)
         node = NodeThread(executable, arguments, self._context)
-        self._running.append(cast(NodeProcess, node))  # it ends and answers as one does
+        self._running.append(node)
         return node
 
     def stop(self) -> list[int]:

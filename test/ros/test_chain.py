@@ -165,7 +165,9 @@ def test_a_changed_parameter_of_the_model_goes_over_too(chain: Chain) -> None:
     ('change', 'words'),
     [({'A1': -1e-4}, 'A1'), ({'c1': math.nan}, 'c1'), ({'beta': 1e9}, 'beta')],
 )
-def test_a_model_that_cannot_be_inverted_is_refused(chain: Chain, change, words: str) -> None:
+def test_a_model_that_cannot_be_inverted_is_refused(
+    chain: Chain, change: dict[str, Any], words: str
+) -> None:
     answer = chain.load({**MODEL, **change})
     assert not answer.success
     assert words in answer.message

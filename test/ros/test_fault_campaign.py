@@ -38,7 +38,9 @@ POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.x
 class Threads(LiveNodes):
     """Serves by threads what is asked for as processes."""
 
-    def start(self, package: str, executable: str, *words: Any, **names: Any) -> NodeThread:
+    def start(  # type: ignore[override]
+        self, package: str, executable: str, *words: Any, **names: Any
+    ) -> NodeThread:
         return self.serve(executable, *words, **names)
 
 

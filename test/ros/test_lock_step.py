@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,7 +73,7 @@ def offline() -> LoopResult:
 
 @pytest.mark.parametrize('where', ['threads', 'processes'])
 def test_nodes_give_the_numbers_of_the_offline_loop(
-    processes: LiveNodes, listener: Listener, tmp_path, where: str
+    processes: LiveNodes, listener: Listener, tmp_path: Path, where: str
 ) -> None:
     def start(name: str, settings: dict[str, object]) -> NodeProcess | NodeThread:
         if where == 'threads':

@@ -10,6 +10,7 @@ import pytest
 from in_process import LiveNodes
 from listening import Listener
 
+from piezo_common.table import ParameterTable
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.parameters.tables import ATTENUATION, FEEDBACK, IDENTIFICATION
@@ -19,7 +20,7 @@ from piezo_interfaces.srv import LoadModel
 pytestmark = pytest.mark.ros
 
 
-def choices(table, name):
+def choices(table: ParameterTable, name: str) -> tuple[str, ...]:
     return next(spec.choices for spec in table.specs if spec.name == name)
 
 

@@ -118,7 +118,9 @@ def equal(a: list[Record], b: list[Record]) -> None:
         np.testing.assert_array_equal(one.displacement, other.displacement)
 
 
-def test_a_live_sweep_becomes_records(online, folder: Path, shared_listener: Listener) -> None:
+def test_a_live_sweep_becomes_records(
+    online: list[ModelEstimate], folder: Path, shared_listener: Listener
+) -> None:
     records = read_bag(folder / 'sweep')
     assert [record.name for record in records] == ['sine_7Hz_1V', 'sine_20Hz_1V']
     assert {record.info.actuator for record in records} == {'bender'}
@@ -131,7 +133,9 @@ def test_a_live_sweep_becomes_records(online, folder: Path, shared_listener: Lis
         assert record.info.warm_up == 0.1
 
 
-def test_a_killed_recorder_leaves_what_was_flushed(online, folder: Path) -> None:
+def test_a_killed_recorder_leaves_what_was_flushed(
+    online: list[ModelEstimate], folder: Path
+) -> None:
     equal(read_bag(folder / 'killed'), read_bag(folder / 'sweep'))
 
 
@@ -147,7 +151,9 @@ def agree(estimate: ModelEstimate, expected: dict[str, float]) -> None:
         assert value == pytest.approx(expected[name], rel=1e-12, abs=1e-300), name
 
 
-def test_online_and_offline_identification_agree(online, folder: Path) -> None:
+def test_online_and_offline_identification_agree(
+    online: list[ModelEstimate], folder: Path
+) -> None:
     (estimate,) = online
     # the verb takes the offset from free runs over the records, which a node does not keep
     assert dict(zip(estimate.names, estimate.values, strict=True))['offset'] == 0.0
@@ -166,7 +172,11 @@ def play(processes: LiveNodes, bag: Path, **settings: Any) -> NodeThread:
     ('method', 'model'), [('rls_ud', 'classical'), ('pi_bank', 'prandtl_ishlinskii')]
 )
 def test_a_bag_played_in_lock_step_gives_the_numbers_of_identify(
-    online, replayed, folder: Path, method: str, model: str
+    online: list[ModelEstimate],
+    replayed: tuple[LiveNodes, Listener, list[ModelEstimate]],
+    folder: Path,
+    method: str,
+    model: str,
 ) -> None:
     processes, listener, estimates = replayed
     records = read_bag(folder / 'sweep')
@@ -186,7 +196,11 @@ def test_a_bag_played_in_lock_step_gives_the_numbers_of_identify(
     assert estimates[-1].free_run_rms == estimates[-1].one_step_rms
 
 
-def test_an_estimate_is_saved_inside_the_folder_only(online, replayed, folder: Path) -> None:
+def test_an_estimate_is_saved_inside_the_folder_only(
+    online: list[ModelEstimate],
+    replayed: tuple[LiveNodes, Listener, list[ModelEstimate]],
+    folder: Path,
+) -> None:
     _, listener, estimates = replayed
 
     def save(path: str) -> Any:
@@ -208,7 +222,7 @@ def test_an_estimate_is_saved_inside_the_folder_only(online, replayed, folder: P
 
 
 def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
-    online, folder: Path, processes: LiveNodes, listener: Listener
+    online: list[ModelEstimate], folder: Path, processes: LiveNodes, listener: Listener
 ) -> None:
     health = listener.watch_health()
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -235,7 +249,7 @@ def went_back(states: list[ActuatorState]) -> Any:
 
 
 def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
-    online, folder: Path, processes: LiveNodes, listener: Listener
+    online: list[ModelEstimate], folder: Path, processes: LiveNodes, listener: Listener
 ) -> None:
     states = listener.listen(ActuatorState, 'actuator/state')
     clock = listener.listen(Clock, '/clock')
@@ -263,7 +277,7 @@ def test_the_verb_plays_at_a_rate_in_a_loop_with_a_clock(
     assert np.count_nonzero(np.diff(times) < 0) <= np.count_nonzero(went_back(states)) + 1
 
 
-def test_playing_what_cannot_be_played_is_one_line(processes: LiveNodes, tmp_path) -> None:
+def test_playing_what_cannot_be_played_is_one_line(processes: LiveNodes, tmp_path: Path) -> None:
     for settings, words in (
         ({}, 'give the bag'),
         ({'bag': str(tmp_path / 'nothing')}, 'does not exist'),

@@ -116,7 +116,9 @@ def test_effects_are_switched_while_running_without_a_jump(twin: Twin) -> None:
         ('preset', 'no_such_actuator', ('no_such_actuator', PRESET)),
     ],
 )
-def test_what_cannot_be_is_refused_with_the_reason(twin: Twin, name, value, words) -> None:
+def test_what_cannot_be_is_refused_with_the_reason(
+    twin: Twin, name: str, value: float | str, words: Any
+) -> None:
     reason = twin.refusal(name, value)
     assert reason
     assert '\n' not in reason

@@ -10,6 +10,8 @@ import subprocess
 import sys
 import time
 import urllib.request
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -21,7 +23,7 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.fixture(scope='module')
-def excitation():
+def excitation() -> Any:
     with LiveNodes() as processes:
         processes.serve('excitation', namespace='stage')
         with pytest.MonkeyPatch.context() as patch:
@@ -30,14 +32,16 @@ def excitation():
             yield '/stage/excitation'
 
 
-def said(capsys, *words):
+def said(capsys: Any, *words: Any) -> Any:
     """Run a verb; return its exit code and everything it said."""
     code = main(['param', *words, '--timeout', '60'])
     printed = capsys.readouterr()
     return code, printed.err if code else printed.out
 
 
-def test_parameters_are_listed_read_set_and_refused(excitation, capsys, tmp_path):
+def test_parameters_are_listed_read_set_and_refused(
+    excitation: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     code, text = said(capsys, 'set', excitation, 'frequency', '14')
     assert (code, text.strip()) == (0, f'{excitation} frequency is 14')
     assert said(capsys, 'get', excitation, 'frequency') == (0, '14.0\n')
@@ -66,14 +70,16 @@ def test_parameters_are_listed_read_set_and_refused(excitation, capsys, tmp_path
         (('load', '/stage/excitation', 'nothing.yaml'), 'cannot be read'),
     ],
 )
-def test_what_cannot_be_is_one_line(excitation, capsys, words, reason):
+def test_what_cannot_be_is_one_line(
+    excitation: str, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], reason: str
+) -> None:
     assert main(['param', *words]) == 2
     lines = capsys.readouterr().err.splitlines()
     (line,) = (each for each in lines if each.startswith('error: '))
     assert reason in line
 
 
-def test_a_node_is_run_by_its_name():
+def test_a_node_is_run_by_its_name() -> None:
     done = subprocess.run(
         [sys.executable, '-m', 'piezo_hysteresis', 'node', 'attenuation', '--help'],
         capture_output=True, text=True, timeout=60, check=False,
@@ -82,7 +88,7 @@ def test_a_node_is_run_by_its_name():
     assert 'orders' in done.stdout
 
 
-def test_the_loop_serves_its_page_and_ends_whole(tmp_path):
+def test_the_loop_serves_its_page_and_ends_whole(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]
@@ -108,12 +114,12 @@ def test_the_loop_serves_its_page_and_ends_whole(tmp_path):
         time.sleep(0.1)
 
 
-def _children(pid):
+def _children(pid: int) -> list[Any]:
     text = subprocess.run(['ps', '--ppid', str(pid), '-o', 'pid='], capture_output=True, text=True)
     return [int(word) for word in text.stdout.split()]
 
 
-def _lives(pid):
+def _lives(pid: Any) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -1,6 +1,9 @@
 """Bags to damage, and what every refusal has to do."""
 
+from __future__ import annotations
+
 import warnings
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -19,18 +22,19 @@ from piezo_hysteresis.records import (
     write_bag,
 )
 from piezo_hysteresis.records.definitions import STATE, definition_of
+from piezo_hysteresis.records.load import Survey
 from piezo_hysteresis.records.recorder import Recorder
 
 FIELDS = bag_writer.fixed_fields(STATE)
 NAME = '/piezo/actuator/state'
 
 
-def make(n=1000, name='a', **info):
+def make(n: int = 1000, name: str = 'a', **info: Any) -> Record:
     ticks = np.arange(n, dtype=np.float64)
     return Record(name, 1e-3, ticks / 256, 1e-9 * ticks, info=RecordInfo(**info))
 
 
-def raw_bag(path, parts, topic=NAME, *, in_order=False):
+def raw_bag(path: Any, parts: Any, topic: Any = NAME, *, in_order: bool = False) -> Any:
     """Write states of (sample numbers, stamps [s], displacements) as a driver would send them."""
     with Recorder(path) as recorder:
         for part, (sample, stamp, displacement) in enumerate(parts):
@@ -46,7 +50,7 @@ def raw_bag(path, parts, topic=NAME, *, in_order=False):
     return path
 
 
-def refused(path, message):
+def refused(path: Any, message: Any) -> Survey:
     """Check that reading refuses in one sentence, and that salvaging counts something."""
     with pytest.raises(RecordError, match=message) as caught:
         load([path])
@@ -65,16 +69,16 @@ TICKS = np.arange(300)
 STROKE = 1e-9 * TICKS
 
 
-def mcap_of(tmp_path):
+def mcap_of(tmp_path: Any) -> Any:
     write_bag(tmp_path / 'bag', [make(100_000)])
     file = tmp_path / 'bag' / 'bag_0.mcap'
     return file, bytearray(file.read_bytes())
 
 
-def chunk_starts(data):
+def chunk_starts(data: Any) -> list[Any]:
     walk = mcap_format.walk(np.frombuffer(bytes(data[8:]), np.uint8))
     return [at + 8 for code, at, _ in walk.others.tolist() if code == mcap_format.CHUNK]
 
 
-def mcap_crc(content):
+def mcap_crc(content: Any) -> bytes:
     return crc32(content).to_bytes(4, 'little')

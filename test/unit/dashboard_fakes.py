@@ -15,50 +15,50 @@ from piezo_hysteresis.dashboard.signals import State
 class Backend:
     """Stands in for ROS: takes every value up to 500."""
 
-    def __init__(self, names=('stage',)):
+    def __init__(self, names: tuple[str, ...] = ('stage',)) -> None:
         self.names = list(names)
         self.lives: dict[str, Live] = {}
         self.sent: list[Any] = []
         self.orders: list[Any] = []
 
-    def actuators(self):
+    def actuators(self) -> list[Any]:
         return self.names or ['']
 
-    def allows(self, actuator):
+    def allows(self, actuator: Any) -> bool:
         return True
 
-    def live(self, actuator):
+    def live(self, actuator: str) -> Live:
         return self.lives.setdefault(actuator, live_at([0.0], actuator))
 
-    def set_parameters(self, actuator, node, values):
+    def set_parameters(self, actuator: Any, node: Any, values: Any) -> Answer:
         ((name, value),) = values.items()
         answer = Answer()
         self.sent.append((node, name, value, answer))
         return answer
 
-    def start_sweep(self, actuator, order):
+    def start_sweep(self, actuator: Any, order: Any) -> None:
         self.orders.append(order)
 
     start_discovery = start_investigation = start_sweep
 
-    def cancel_sweep(self, actuator):
+    def cancel_sweep(self, actuator: Any) -> None:
         self.orders.append('cancel')
 
     cancel_discovery = cancel_investigation = cancel_sweep
 
-    def bags(self, actuator):
+    def bags(self, actuator: Any) -> list[Any]:
         return ['first']
 
 
-def live_at(time, name='stage'):
+def live_at(time: list[Any], name: str = 'stage') -> Live:
     return Live(name, clock=lambda: time[0])
 
 
-def amplitude(value=1.0):
+def amplitude(value: float = 1.0) -> ParameterState:
     return ParameterState('excitation', 'voltage.amplitude', value, 'Amplitude.', 'V', 0.0, 500.0)
 
 
-def filled(backend, name='stage'):
+def filled(backend: Any, name: str = 'stage') -> Any:
     live = backend.live(name)
     turn = 2 * np.pi * 0.01 * np.arange(5000)
     live.signals.add_references(list(range(5000)), list(5e-5 * np.sin(turn)))

@@ -1,15 +1,27 @@
 """What the tests of the simulator measure in a reading; nothing here knows the plant."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 
-def sine(frequency, amplitude=1.0, seconds=2.0, rate=1000.0, offset=0.0):
+def sine(
+    frequency: Any,
+    amplitude: float = 1.0,
+    seconds: float = 2.0,
+    rate: Any = 1000.0,
+    offset: float = 0.0,
+) -> Any:
     """Commands and times of a sinusoid."""
     time = np.arange(round(seconds * rate)) / rate
     return time, offset + amplitude * np.sin(2 * np.pi * frequency * time)
 
 
-def harmonics(reading, frequency, orders=8, rate=1000.0, seconds=1.0):
+def harmonics(
+    reading: Any, frequency: Any, orders: int = 8, rate: Any = 1000.0, seconds: float = 1.0
+) -> np.ndarray:
     """Complex amplitudes of sin(n w t) over the last `seconds`, index 0 the mean."""
     count = round(seconds * rate)
     time = np.arange(len(reading) - count, len(reading)) / rate
@@ -21,18 +33,25 @@ def harmonics(reading, frequency, orders=8, rate=1000.0, seconds=1.0):
     return np.array(lines)
 
 
-def response(plant, frequency, amplitude=1.0, seconds=2.0, orders=8, tail=1.0):
+def response(
+    plant: Any,
+    frequency: Any,
+    amplitude: float = 1.0,
+    seconds: float = 2.0,
+    orders: int = 8,
+    tail: float = 1.0,
+) -> np.ndarray:
     """Harmonics of a plant from rest."""
     plant.reset()
     _, command = sine(frequency, amplitude, seconds, plant.rate)
     return harmonics(plant.run(command), frequency, orders, plant.rate, tail)
 
 
-def degrees(number):
+def degrees(number: Any) -> float:
     """Phase of a complex amplitude."""
     return float(np.degrees(np.angle(number)))
 
 
-def loop_area(command, reading):
+def loop_area(command: Any, reading: Any) -> float:
     """Area enclosed by the command and the reading over the samples given."""
     return float(abs(np.sum(reading * (np.roll(command, -1) - np.roll(command, 1)) / 2)))

@@ -1,7 +1,10 @@
 """Imports may only point one way; found by reading the source, nothing is imported."""
 
+from __future__ import annotations
+
 import ast
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,7 +55,7 @@ ROS = {
 }
 
 
-def imported(path):
+def imported(path: Any) -> Any:
     """Return the dotted names that a file imports, those within functions included.
 
     What only a checker of types imports is no arrow.
@@ -70,17 +73,17 @@ def imported(path):
             yield from (f'{node.module}.{alias.name}' for alias in node.names)
 
 
-def files_of(folder):
+def files_of(folder: Any) -> Any:
     return sorted(folder.rglob('*.py'))
 
 
-def test_the_rooms_are_those_of_the_design():
+def test_the_rooms_are_those_of_the_design() -> None:
     rooms = {path.name for path in CORE.iterdir() if (path / '__init__.py').exists()}
     assert rooms == set(ALLOWED)
 
 
 @pytest.mark.parametrize('room', ALLOWED)
-def test_imports_between_rooms_point_one_way(room):
+def test_imports_between_rooms_point_one_way(room: Any) -> None:
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
         for path in files_of(CORE / room)
@@ -93,7 +96,7 @@ def test_imports_between_rooms_point_one_way(room):
 
 
 @pytest.mark.parametrize('room', WITHIN_COMPENSATION)
-def test_the_rooms_of_compensation_know_only_what_they_share(room):
+def test_the_rooms_of_compensation_know_only_what_they_share(room: Any) -> None:
     folder = CORE / 'compensation'
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
@@ -106,7 +109,7 @@ def test_the_rooms_of_compensation_know_only_what_they_share(room):
     assert wrong == []
 
 
-def needing_ros(path):
+def needing_ros(path: Any) -> Any:
     """Return the names that a file imports within ``with ros_needed():``, inside a function."""
     for function in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if not isinstance(function, ast.FunctionDef):
@@ -118,7 +121,7 @@ def needing_ros(path):
                     yield from (each.module, *(f'{each.module}.{a.name}' for a in each.names))
 
 
-def test_verbs_import_nodes_only_where_a_missing_ros_is_told():
+def test_verbs_import_nodes_only_where_a_missing_ros_is_told() -> None:
     used = []
     for path in files_of(CORE / 'cli'):
         outside = list(imported(path))
@@ -131,7 +134,7 @@ def test_verbs_import_nodes_only_where_a_missing_ros_is_told():
 
 
 @pytest.mark.component
-def test_only_nodes_know_ros():
+def test_only_nodes_know_ros() -> None:
     wrong = []
     for path in files_of(CORE):
         if (CORE / 'nodes') in path.parents:
@@ -157,7 +160,7 @@ BY_NAME = {
 
 
 @pytest.mark.component
-def test_nothing_is_imported_by_name_round_the_arrows():
+def test_nothing_is_imported_by_name_round_the_arrows() -> None:
     users = [
         str(path.relative_to(CORE))
         for path in files_of(CORE)
@@ -176,7 +179,7 @@ def test_nothing_is_imported_by_name_round_the_arrows():
     assert sorted(users) == sorted(BY_NAME)
 
 
-def test_what_the_core_shares_with_the_nodes_knows_no_ros():
+def test_what_the_core_shares_with_the_nodes_knows_no_ros() -> None:
     files = files_of(ROOT / 'piezo_common' / 'piezo_common')
     assert files
     wrong = [
@@ -189,7 +192,7 @@ def test_what_the_core_shares_with_the_nodes_knows_no_ros():
 
 
 @pytest.mark.component
-def test_the_core_never_imports_the_simulator():
+def test_the_core_never_imports_the_simulator() -> None:
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
         for path in files_of(CORE)
@@ -199,7 +202,7 @@ def test_the_core_never_imports_the_simulator():
     assert wrong == []
 
 
-def test_the_simulator_imports_only_the_neutral_rooms():
+def test_the_simulator_imports_only_the_neutral_rooms() -> None:
     allowed = ('piezo_hysteresis.records', 'piezo_hysteresis.waveforms')
     files = files_of(ROOT / 'piezo_sim' / 'piezo_sim')
     assert files
@@ -213,7 +216,7 @@ def test_the_simulator_imports_only_the_neutral_rooms():
     assert wrong == []
 
 
-def test_the_simulator_knows_ros_only_in_its_nodes():
+def test_the_simulator_knows_ros_only_in_its_nodes() -> None:
     folder = ROOT / 'piezo_sim' / 'piezo_sim'
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
@@ -232,7 +235,7 @@ UNDER_FAILING_AS = ('hinf.py', 'hinf_synthesis.py')
 
 
 @pytest.mark.component
-def test_linear_algebra_that_can_fail_is_called_in_one_place():
+def test_linear_algebra_that_can_fail_is_called_in_one_place() -> None:
     wrong = []
     for path in files_of(CORE):
         if (CORE / 'numerics') in path.parents or path.name in UNDER_FAILING_AS:
@@ -254,7 +257,7 @@ def test_linear_algebra_that_can_fail_is_called_in_one_place():
     assert wrong == []
 
 
-def test_the_compiling_of_kernels_knows_nothing_of_the_rest():
+def test_the_compiling_of_kernels_knows_nothing_of_the_rest() -> None:
     files = files_of(ROOT / 'piezo_kernels' / 'piezo_kernels')
     assert files
     wrong = [

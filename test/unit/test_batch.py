@@ -61,10 +61,10 @@ class Gain:
     verb: ClassVar[str] = 'test'
     files: ClassVar[tuple[str, ...]] = ()
 
-    def settings(self):
+    def settings(self) -> dict[Any, Any]:
         return {'bias': self.bias}
 
-    def __call__(self, data, out):
+    def __call__(self, data: Any, out: Any) -> dict[Any, Any]:
         time.sleep(self.slow)
         (each,) = load(data)
         gain = each.voltage @ each.displacement / (each.voltage @ each.voltage)
@@ -76,7 +76,7 @@ NOTHING = {'verdict': 'none', 'effects': '', 'probability': None, 'before_in_flo
            'after_in_floors': 1.0}  # fmt: skip
 
 
-def same(one, other):
+def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Say whether rows agree; sums may be rounded in another order."""
     assert one.keys() == other.keys()
     for key in one.keys() - {'seconds', 'data', 'condition'}:
@@ -87,7 +87,9 @@ def same(one, other):
 
 
 @pytest.mark.component
-def test_one_row_each_and_a_bad_file_stops_nothing(data, tmp_path, capsys):
+def test_one_row_each_and_a_bad_file_stops_nothing(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / 'out'
     assert main(['batch', 'identify', str(data), '--model', 'classical', '--no-sampling-offset',
                  '--workers', '1', '--out', str(out)]) == 0  # fmt: skip
@@ -108,7 +110,7 @@ def test_one_row_each_and_a_bad_file_stops_nothing(data, tmp_path, capsys):
     assert float(rows['two']['A1']) > 1.5 * float(rows['one']['A1'])
 
 
-def test_parquet_holds_what_csv_holds(data, tmp_path):
+def test_parquet_holds_what_csv_holds(data: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip('pyarrow.parquet')
     run_batch(Gain(), [data], tmp_path / 'out')
     read = parquet.read_table(tmp_path / 'out' / 'results.parquet').to_pylist()
@@ -121,7 +123,9 @@ def test_parquet_holds_what_csv_holds(data, tmp_path):
             assert text == other[name]
 
 
-def test_without_pyarrow_there_is_csv_and_a_word(data, tmp_path, monkeypatch):
+def test_without_pyarrow_there_is_csv_and_a_word(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
     done = run_batch(Gain(), [data], tmp_path / 'out')
     assert 'pyarrow' in done.notes[0]
@@ -130,7 +134,7 @@ def test_without_pyarrow_there_is_csv_and_a_word(data, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_any_executor_gives_the_rows_of_the_serial_loop(data, tmp_path):
+def test_any_executor_gives_the_rows_of_the_serial_loop(data: Path, tmp_path: Path) -> None:
     given = [data / 'day1', data / 'bad.csv', data / 'three']
     serial = run_batch(TASK, given, tmp_path / 'serial')
     with ThreadPoolExecutor(2) as threads:
@@ -139,7 +143,9 @@ def test_any_executor_gives_the_rows_of_the_serial_loop(data, tmp_path):
     assert all(same(one, other) for one, other in zip(parallel.rows, serial.rows, strict=True))
 
 
-def test_what_is_finished_is_not_run_again_until_something_changes(data, tmp_path):
+def test_what_is_finished_is_not_run_again_until_something_changes(
+    data: Path, tmp_path: Path
+) -> None:
     out = tmp_path / 'out'
     assert run_batch(Gain(), [data], out).resumed == 0
     before = {path: path.stat().st_mtime_ns for path in out.glob('*/job.json')}
@@ -156,7 +162,7 @@ def test_what_is_finished_is_not_run_again_until_something_changes(data, tmp_pat
     assert run_batch(Gain(bias=1.0), [data], out).resumed == 0
 
 
-def test_files_of_others_are_not_deleted(data, tmp_path):
+def test_files_of_others_are_not_deleted(data: Path, tmp_path: Path) -> None:
     out = tmp_path / 'out'
     (out / 'one').mkdir(parents=True)
     (out / 'one' / 'thesis.txt').write_text('years of work')
@@ -171,7 +177,7 @@ def test_files_of_others_are_not_deleted(data, tmp_path):
     assert {path.name for path in (out / 'three').iterdir()} == {'job.json', 'remarks.txt'}
 
 
-def test_equal_names_get_folders_of_their_own(data, tmp_path):
+def test_equal_names_get_folders_of_their_own(data: Path, tmp_path: Path) -> None:
     write_csv(data / 'day1' / 'one.csv', record(1))
     jobs = jobs_of(Gain(), [data], tmp_path / 'out')
     assert len({job.folder for job in jobs}) == len(jobs) == 5
@@ -179,7 +185,7 @@ def test_equal_names_get_folders_of_their_own(data, tmp_path):
     assert len(jobs_of(Gain(), [data], data / 'day1')) == 3
 
 
-def test_no_data_is_one_sentence(tmp_path, capsys):
+def test_no_data_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'empty').mkdir()
     words = ['batch', 'identify', str(tmp_path / 'empty'), '--model', 'classical', '--out',
              str(tmp_path / 'out')]  # fmt: skip
@@ -191,7 +197,7 @@ def test_no_data_is_one_sentence(tmp_path, capsys):
 class Deadly(Gain):
     """Kills the process that works on what is called deadly, fails on what is called faulty."""
 
-    def __call__(self, data, out):
+    def __call__(self, data: Any, out: Any) -> dict[Any, Any]:
         if 'deadly' in data[0]:
             os.kill(os.getpid(), signal.SIGKILL)
         if 'faulty' in data[0]:
@@ -200,7 +206,7 @@ class Deadly(Gain):
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path):
+def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path: Path) -> None:
     for name in ('a', 'b', 'deadly', 'd', 'faulty', 'f'):
         write_csv(tmp_path / f'{name}.csv', record(len(name)))
     done = run_batch(Deadly(), [tmp_path], tmp_path / 'out', workers=2)
@@ -216,13 +222,15 @@ def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path):
     assert again == ['deadly', 'faulty']
 
 
-def test_by_default_there_is_a_worker_per_core(data, tmp_path, monkeypatch):
+def test_by_default_there_is_a_worker_per_core(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
 
     class Threads(ThreadPoolExecutor):
         """Stands for processes."""
 
-        def __init__(self, workers, **_):
+        def __init__(self, workers: Any, **_: Any) -> None:
             asked.append(workers)
             super().__init__(workers)
 
@@ -239,14 +247,16 @@ def test_by_default_there_is_a_worker_per_core(data, tmp_path, monkeypatch):
 class Unloadable(Gain):
     """A task whose import fails in every worker."""
 
-    def __reduce__(self):
+    def __reduce__(self) -> Any:
         return exec, ('import no_such_module',)
 
 
 @pytest.mark.component
 @pytest.mark.parametrize('fault', ['import', 'start'])
-def test_no_worker_can_start_is_said(data, tmp_path, monkeypatch, fault):
-    def refuse(*_):
+def test_no_worker_can_start_is_said(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    def refuse(*_: Any) -> None:
         raise BlockingIOError(11, 'Resource temporarily unavailable')
 
     if fault == 'start':
@@ -260,10 +270,10 @@ def test_no_worker_can_start_is_said(data, tmp_path, monkeypatch, fault):
 class Broken(Executor):
     """Does one job, then breaks."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.left = 1
 
-    def submit(self, function, /, *arguments, **options):
+    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> Any:
         if not self.left:
             raise BrokenProcessPool('gone')
         self.left -= 1
@@ -272,14 +282,16 @@ class Broken(Executor):
         return future
 
 
-def test_an_executor_that_breaks_is_said_and_what_was_done_stays(data, tmp_path):
+def test_an_executor_that_breaks_is_said_and_what_was_done_stays(
+    data: Path, tmp_path: Path
+) -> None:
     with pytest.raises(PiezoError, match='executor broke'):
         run_batch(Gain(), [data], tmp_path / 'out', executor=Broken())
     assert run_batch(Gain(), [data], tmp_path / 'out').resumed == 1
 
 
 @pytest.mark.slow
-def test_a_killed_batch_goes_on_where_it_was(tmp_path):
+def test_a_killed_batch_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, out = tmp_path / 'data', tmp_path / 'out'
     folder.mkdir()
     for k in range(12):
@@ -291,7 +303,7 @@ def test_a_killed_batch_goes_on_where_it_was(tmp_path):
     )
     child = subprocess.Popen([sys.executable, '-c', code])
 
-    def finished():
+    def finished() -> list[Any]:
         return [p for p in out.glob('*/job.json') if '"state": "done"' in p.read_text()]
 
     deadline = time.monotonic() + 240

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -13,7 +14,7 @@ from piezo_hysteresis.models import ModelFile, named
 pytestmark = pytest.mark.slow
 
 
-def test_the_library_tracks_like_compensate_on_the_same_actuator(tmp_path) -> None:
+def test_the_library_tracks_like_compensate_on_the_same_actuator(tmp_path: Path) -> None:
     model = named('bouc_wen_mode')
     path = tmp_path / 'model.yaml'
     ModelFile(model, {**model.defaults(), 'natural_frequency': 68.0}).save(path)

@@ -1,14 +1,19 @@
 """Hysteresis blocks against fine integration and against what defines them."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 
 DT = 1e-3
 
 
-def respond(name, x, values, dt=DT, frequency=0.0):
+def respond(name: Any, x: Any, values: Any, dt: Any = DT, frequency: float = 0.0) -> FloatArray:
     block = named_block(name)
     return block.respond(
         np.asarray(x, float), block.pack(values), dt, state=block.initial_state(dt),
@@ -16,13 +21,15 @@ def respond(name, x, values, dt=DT, frequency=0.0):
     )  # fmt: skip
 
 
-def fine_bouc_wen(x, values, parts, exponent=1.0):
+def fine_bouc_wen(
+    x: FloatArray, values: dict[str, float], parts: int, exponent: float = 1.0
+) -> np.ndarray:
     """Bouc-Wen by the midpoint rule in `parts` pieces per sample: an independent answer."""
     a, a0, beta, gamma = (values[k] for k in ('A', 'A0', 'beta', 'gamma'))
     height = (abs(a) + abs(a0)) / (beta + gamma)
     h, last, y = 0.0, 0.0, []
 
-    def rate(h, side):
+    def rate(h: Any, side: Any) -> Any:
         bend = max(abs(h / height), 1e-9) ** (exponent - 1.0) if exponent != 1.0 else 1.0
         return a * side + a0 - bend * (gamma * abs(h) * side + beta * h)
 
@@ -39,18 +46,18 @@ def fine_bouc_wen(x, values, parts, exponent=1.0):
 VALUES = {'A1': 1.5e-4, 'A': 4e-5, 'A0': 2e-6, 'beta': 3.0, 'gamma': -1.2}
 
 
-def wave(samples=150):
+def wave(samples: int = 150) -> FloatArray:
     t = np.arange(samples) / samples
     return np.sin(2 * np.pi * 3 * t) * (1 - 0.5 * t) + 0.1 * np.sin(2 * np.pi * 11 * t)
 
 
-def test_exact_step_is_the_limit_of_fine_integration():
+def test_exact_step_is_the_limit_of_fine_integration() -> None:
     coarse = respond('bouc_wen_exact', wave(), VALUES)
     np.testing.assert_allclose(coarse, fine_bouc_wen(wave(), VALUES, 2000), atol=2e-11)
 
 
-def test_euler_step_converges_to_the_exact_one_with_first_order():
-    def error(samples):
+def test_euler_step_converges_to_the_exact_one_with_first_order() -> None:
+    def error(samples: int) -> Any:
         x = np.sin(2 * np.pi * np.arange(samples + 1) / samples)
         return abs(respond('bouc_wen', x, VALUES) - respond('bouc_wen_exact', x, VALUES)).max()
 
@@ -59,7 +66,7 @@ def test_euler_step_converges_to_the_exact_one_with_first_order():
     assert error(20) > 30 * error(1000)
 
 
-def test_euler_step_is_the_printed_recursion():
+def test_euler_step_is_the_printed_recursion() -> None:
     x = wave(60)
     h, last, expected = 0.0, 0.0, []
     for u in x:
@@ -79,7 +86,9 @@ def test_euler_step_is_the_printed_recursion():
 @pytest.mark.parametrize(
     ('exponent', 'share'), [(0.7, 5e-4), (1.5, 1e-4), (2.0, 1e-4), (4.0, 1e-4)]
 )
-def test_exponent_is_integrated_to_a_small_share_of_the_loop(exponent, share):
+def test_exponent_is_integrated_to_a_small_share_of_the_loop(
+    exponent: float, share: float
+) -> None:
     values = {**VALUES, 'gamma': 1.2}
     y = respond('bouc_wen_power', wave(), {**values, 'exponent': exponent})
     fine = fine_bouc_wen(wave(), values, 1000, exponent)
@@ -87,7 +96,7 @@ def test_exponent_is_integrated_to_a_small_share_of_the_loop(exponent, share):
     assert np.abs(y - fine).max() < share * np.ptp(h)
 
 
-def test_exponent_keeps_the_height_of_the_loop():
+def test_exponent_keeps_the_height_of_the_loop() -> None:
     x = np.concatenate([np.linspace(0, 20, 2000), np.linspace(20, -20, 4000)])
     for exponent in (1.0, 2.0, 3.0):
         values = {'A1': 0.0, 'A': 4e-5, 'beta': 1.0, 'gamma': 1.0, 'exponent': exponent}
@@ -95,7 +104,7 @@ def test_exponent_keeps_the_height_of_the_loop():
         assert h[1999] == pytest.approx(2e-5, rel=1e-6)
 
 
-def test_zhou_moves_257_micrometres_at_60_volts():
+def test_zhou_moves_257_micrometres_at_60_volts() -> None:
     """Zhou 2021 Table 2 with its units mended."""
     d, alpha, beta, gamma = 5.5e-6, 0.61, 0.039, 0.0065
     saturation = d * alpha / (beta + gamma)
@@ -106,10 +115,10 @@ def test_zhou_moves_257_micrometres_at_60_volts():
     assert np.ptp(y[2000:]) / 2 == pytest.approx(257e-6, rel=0.02)
 
 
-def test_rate_widens_the_loop_only_above_its_corner():
+def test_rate_widens_the_loop_only_above_its_corner() -> None:
     values = {**VALUES, 'rate_corner': 10.0, 'rate_exponent': 0.5, 'rate_memory': 0.0}
 
-    def loop(frequency, block, more):
+    def loop(frequency: Any, block: Any, more: Any) -> FloatArray:
         t = np.arange(int(4 / frequency / DT)) * DT
         y = respond(block, np.sin(2 * np.pi * frequency * t), {**VALUES, **more})
         return y[-int(1 / frequency / DT) :]
@@ -121,12 +130,12 @@ def test_rate_widens_the_loop_only_above_its_corner():
 
 
 @pytest.mark.parametrize('name', ['prandtl_ishlinskii', 'preisach'])
-def test_larger_reversals_wipe_out_smaller_ones(name):
+def test_larger_reversals_wipe_out_smaller_ones(name: str) -> None:
     """Nonlocal memory: after an inner loop the outer branch goes on as if it had not been."""
     outer = [0.8, -0.6, 0.5]
     inner = [0.8, -0.6, 0.2, -0.1, 0.1, -0.3, 0.5]
 
-    def at_end(corners):
+    def at_end(corners: Any) -> Any:
         path = [np.linspace(a, b, 200) for a, b in zip([0.0, *corners], corners, strict=False)]
         return respond(name, np.concatenate(path), {})[-1]
 
@@ -135,8 +144,8 @@ def test_larger_reversals_wipe_out_smaller_ones(name):
 
 
 @pytest.mark.parametrize('name', ['prandtl_ishlinskii', 'preisach'])
-def test_inner_loops_between_the_same_voltages_are_congruent(name):
-    def loop(before):
+def test_inner_loops_between_the_same_voltages_are_congruent(name: str) -> None:
+    def loop(before: Any) -> Any:
         corners = [*before, -0.2, 0.3, -0.2, 0.3]
         path = [np.linspace(a, b, 101)[1:] for a, b in zip([0.0, *corners], corners, strict=False)]
         y = respond(name, np.concatenate(path), {})[-200:]
@@ -145,17 +154,17 @@ def test_inner_loops_between_the_same_voltages_are_congruent(name):
     np.testing.assert_allclose(loop([0.9, -0.8]), loop([-0.9, 0.4]), atol=1e-15)
 
 
-def test_bouc_wen_forgets_what_the_play_bank_remembers():
+def test_bouc_wen_forgets_what_the_play_bank_remembers() -> None:
     outer, inner = [0.8, -0.6, 0.5], [0.8, -0.6, 0.2, -0.3, 0.5]
 
-    def at_end(corners):
+    def at_end(corners: Any) -> Any:
         path = [np.linspace(a, b, 200) for a, b in zip([0.0, *corners], corners, strict=False)]
         return respond('bouc_wen_exact', np.concatenate(path), VALUES)[-1]
 
     assert abs(at_end(inner) - at_end(outer)) > 1e-7
 
 
-def test_preisach_equals_its_relays():
+def test_preisach_equals_its_relays() -> None:
     """Against brute force: every relay of a fine grid, uniform within the cells."""
     rng = np.random.default_rng(3)
     weights = rng.uniform(1e-6, 4e-6, 36)
@@ -189,7 +198,7 @@ def test_preisach_equals_its_relays():
     np.testing.assert_allclose(np.diff(y[1:]), np.diff(expected[1:]), atol=1e-18)
 
 
-def test_preisach_forgets_the_smallest_loop_when_memory_is_full():
+def test_preisach_forgets_the_smallest_loop_when_memory_is_full() -> None:
     corners = [(-1) ** k * (0.95 - 0.006 * k) for k in range(150)]
     path = [np.linspace(a, b, 5) for a, b in zip([0.0, *corners], corners, strict=False)]
     y = respond('preisach', np.concatenate(path), {})
@@ -197,7 +206,7 @@ def test_preisach_forgets_the_smallest_loop_when_memory_is_full():
     assert np.abs(y).max() <= 0.5 * 2.6e-4
 
 
-def test_modified_law_of_004_with_the_papers_numbers():
+def test_modified_law_of_004_with_the_papers_numbers() -> None:
     """Slope within 0.93 .. 1.86 for gamma = -2.08 read with a plus sign."""
     t = np.linspace(0, 4, 40001)
     x = 5 - 5 * np.cos(2 * np.pi * t)
@@ -210,25 +219,25 @@ def test_modified_law_of_004_with_the_papers_numbers():
     assert later.max() < 1.9e-3
 
 
-def test_bend_about_a_bias_makes_the_loop_unsymmetrical():
+def test_bend_about_a_bias_makes_the_loop_unsymmetrical() -> None:
     t = np.arange(8000) * DT
     x = np.sin(2 * np.pi * t)
     base = {'A1': 1e-4, 'A': 2e-5, 'beta': 2.0, 'gamma': 0.5}
 
-    def second_harmonic(bias):
+    def second_harmonic(bias: Any) -> Any:
         y = respond('bouc_wen_modified', x, {**base, 'epsilon': 5e-6, 'bias': bias})
         return abs(np.fft.rfft(y[-1000:])[2])
 
     assert second_harmonic(0.0) < 1e-9 * second_harmonic(0.5)
 
 
-def test_selector_with_equal_knots_is_the_inverse_itself():
+def test_selector_with_equal_knots_is_the_inverse_itself() -> None:
     x = wave()
     plain = respond('inverse_bouc_wen', x, {})
     np.testing.assert_allclose(respond('inverse_selector', x, {}), plain, atol=1e-15)
 
 
-def test_selector_follows_the_slope():
+def test_selector_follows_the_slope() -> None:
     """At the slope of a knot it answers with the parameters of that knot."""
     span = 0.05
     knots = {f'inverse_gain_at{i}': 7e3 + 100.0 * i for i in range(1, 11)}
@@ -239,7 +248,7 @@ def test_selector_follows_the_slope():
     assert np.diff(y)[-1] / DT == pytest.approx(slope, rel=1e-6)
 
 
-def test_side_by_side_bank_adds_play():
+def test_side_by_side_bank_adds_play() -> None:
     x = wave()
     more = {f'memory{j}': 0.0 for j in range(1, 10)} | {'memory4': 1e-5}
     y = respond('bouc_wen_exact|nonlocal_memory', x, {**VALUES, **more})

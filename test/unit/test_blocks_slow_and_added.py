@@ -1,14 +1,26 @@
 """Slow, sensor and added blocks against closed forms."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 
 DT = 1e-2
 
 
-def respond(name, x, values, dt=DT, frequency=0.0, start=0.0):
+def respond(
+    name: str,
+    x: np.ndarray | list[Any],
+    values: dict[Any, Any],
+    dt: Any = DT,
+    frequency: Any = 0.0,
+    start: Any = 0.0,
+) -> FloatArray:
     block = named_block(name)
     return block.respond(
         np.asarray(x, float), block.pack(values), dt, state=block.initial_state(dt, start),
@@ -16,13 +28,13 @@ def respond(name, x, values, dt=DT, frequency=0.0, start=0.0):
     )  # fmt: skip
 
 
-def test_creep_after_a_step_is_exponential():
+def test_creep_after_a_step_is_exponential() -> None:
     t = np.arange(1, 1001) * DT  # the ends of the ticks
     y = respond('creep', np.ones(1000), {'creep_share': 0.1, 'creep_time': 2.0})
     np.testing.assert_allclose(y, 1.0 + 0.1 * (1 - np.exp(-t / 2.0)), atol=1e-12)
 
 
-def test_the_elements_of_a_pair_creep_side_by_side():
+def test_the_elements_of_a_pair_creep_side_by_side() -> None:
     t = np.arange(1, 1001) * DT
     values = {
         'creep_share': 0.1, 'creep_time': 0.2, 'slow_creep_share': 0.05, 'slow_creep_ratio': 20.0,
@@ -32,7 +44,7 @@ def test_the_elements_of_a_pair_creep_side_by_side():
     np.testing.assert_allclose(y, expected, atol=1e-12)
 
 
-def test_logarithmic_creep_is_a_line_over_log_time():
+def test_logarithmic_creep_is_a_line_over_log_time() -> None:
     y = respond(
         'logarithmic_creep', np.ones(200_000), {'creep_per_decade': 0.02, 'creep_onset': 0.1}
     )
@@ -44,7 +56,7 @@ def test_logarithmic_creep_is_a_line_over_log_time():
     np.testing.assert_allclose(np.diff(decade), 0.02, rtol=0.05)
 
 
-def test_drift_and_warming():
+def test_drift_and_warming() -> None:
     t = np.arange(500.0) * DT
     zero = np.zeros(500)
     np.testing.assert_allclose(respond('drift', zero, {'drift_rate': 1e-6}), 1e-6 * t)
@@ -52,7 +64,7 @@ def test_drift_and_warming():
     np.testing.assert_allclose(warm, 2e-6 * (1 - np.exp(-t / 1.5)), atol=1e-20)
 
 
-def test_gain_decays_to_what_is_left():
+def test_gain_decays_to_what_is_left() -> None:
     y = respond('gain_decay', np.ones(2000), {'gain_loss': 0.2, 'gain_loss_time': 1.0})
     assert y[0] == 1.0
     assert y[-1] == pytest.approx(0.8, abs=1e-6)
@@ -60,7 +72,7 @@ def test_gain_decays_to_what_is_left():
     np.testing.assert_allclose(forever, np.exp(-np.arange(100) * DT), rtol=1e-12)
 
 
-def test_hum_is_locked_to_the_time_of_the_record():
+def test_hum_is_locked_to_the_time_of_the_record() -> None:
     values = {'hum_frequency': 50.0, 'hum_sine': 1e-7, 'hum_cosine': 3e-7}
     start, dt = 12.345, 1e-3
     y = respond('mains_hum', np.zeros(300), values, dt, start=start)
@@ -69,7 +81,7 @@ def test_hum_is_locked_to_the_time_of_the_record():
 
 
 @pytest.mark.parametrize('order', [3, 5])
-def test_harmonics_are_locked_to_the_drive_and_silent_without_one(order):
+def test_harmonics_are_locked_to_the_drive_and_silent_without_one(order: int) -> None:
     values = {f'sine{order}': 2e-6, f'cosine{order}': -1e-6}
     y = respond(f'harmonic{order}', np.zeros(400), values, 1e-3, frequency=14.0)
     angle = 2 * np.pi * order * 14.0 * np.arange(400) * 1e-3
@@ -84,7 +96,9 @@ def test_harmonics_are_locked_to_the_drive_and_silent_without_one(order):
         ('exogenous5', 5, ('c5', 'c6', 'al3', 'al4')),
     ],
 )
-def test_exogenous_harmonics_follow_the_printed_recursion(block, order, names):
+def test_exogenous_harmonics_follow_the_printed_recursion(
+    block: str, order: int, names: tuple[str, ...]
+) -> None:
     ca, cb, al_a, al_b = 0.2, -0.5, 1e-6, -2e-6
     values = dict(zip(names, (ca, cb, al_a, al_b), strict=True))
     y = respond(block, np.zeros(200), values, 1e-3, frequency=23.0)
@@ -99,13 +113,13 @@ def test_exogenous_harmonics_follow_the_printed_recursion(block, order, names):
 
 
 @pytest.mark.parametrize('cubic', [1e-3, 1e6, 5e8])
-def test_hardening_spring_balances(cubic):
+def test_hardening_spring_balances(cubic: float) -> None:
     v = np.linspace(-3e-4, 3e-4, 41)
     x = respond('stiffness', v, {'cubic_stiffness': cubic})
     np.testing.assert_allclose(x + cubic * x**3, v, rtol=1e-12, atol=1e-20)
 
 
-def test_softening_spring_balances_up_to_its_fold():
+def test_softening_spring_balances_up_to_its_fold() -> None:
     cubic = -1e7
     fold = 1 / np.sqrt(3e7)
     v = np.linspace(0, 2 / 3 * fold, 50)
@@ -114,7 +128,7 @@ def test_softening_spring_balances_up_to_its_fold():
     assert respond('stiffness', [1.0], {'cubic_stiffness': cubic})[0] == pytest.approx(fold)
 
 
-def test_backlash_and_stiction_differ_in_how_they_follow():
+def test_backlash_and_stiction_differ_in_how_they_follow() -> None:
     ramp = np.linspace(0, 1e-5, 101)
     backlash = respond('backlash', ramp, {'backlash': 2e-6})
     np.testing.assert_allclose(backlash[30:], ramp[30:] - 2e-6)
@@ -123,7 +137,7 @@ def test_backlash_and_stiction_differ_in_how_they_follow():
     assert np.abs(stiction - ramp).max() <= 2.05e-6
 
 
-def test_sensor_polynomial_and_square_laws():
+def test_sensor_polynomial_and_square_laws() -> None:
     v = np.array([-2e-5, 0.0, 1e-5])
     y = respond('sensor_nonlinearity', v, {'sensor_quadratic': 100.0, 'sensor_cubic': 1e6})
     np.testing.assert_allclose(y, v + 100 * v**2 + 1e6 * v**3)

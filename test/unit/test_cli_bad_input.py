@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ from piezo_hysteresis.records.record import RecordInfo
 HEAD = 'time_s,voltage_V,displacement_um'
 
 
-def made(dt=1e-3, seconds=2.0, volts=1.0, metres=1.0):
+def made(dt: float = 1e-3, seconds: float = 2.0, volts: float = 1.0, metres: Any = 1.0) -> Any:
     """Return time, voltage [V] and displacement [m] of a Bouc-Wen actuator."""
     model = named('classical')
     time = np.arange(round(seconds / dt)) * dt
@@ -30,14 +32,14 @@ def made(dt=1e-3, seconds=2.0, volts=1.0, metres=1.0):
     return time, volts * voltage, metres * moved
 
 
-def write(path, time, voltage, micrometres, head=HEAD):
+def write(path: Path, time: Any, voltage: Any, micrometres: Any, head: Any = HEAD) -> Path:
     rows = np.column_stack([time, voltage, micrometres])
     np.savetxt(path, rows, '%.10g', ',', header=head, comments='')
     return path
 
 
 @pytest.fixture(scope='module')
-def files(tmp_path_factory):
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the words that name a record, and those that name a model and a plant."""
     folder = tmp_path_factory.mktemp('files')
     time, voltage, moved = made()
@@ -106,7 +108,14 @@ BAD = [
 
 
 @pytest.mark.parametrize(('verb', 'words', 'says'), BAD, ids=lambda x: str(x)[:40])
-def test_a_mistake_gets_one_line_and_leaves_nothing(verb, words, says, files, tmp_path, capsys):
+def test_a_mistake_gets_one_line_and_leaves_nothing(
+    verb: Any,
+    words: Any,
+    says: Any,
+    files: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main([*WORDS[verb](files), *words.split(), '--out', str(tmp_path / 'out')]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
@@ -116,7 +125,9 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(verb, words, says, files, tm
 
 
 @pytest.mark.parametrize('place', ['data', 'model', 'out'])
-def test_a_path_that_is_too_long_is_told_once(place, files, tmp_path, capsys):
+def test_a_path_that_is_too_long_is_told_once(
+    place: str, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     long = 'x' * 300
     data, model, out = files / 'base.csv', files / 'model.yaml', tmp_path / 'out'
     if place == 'data':
@@ -132,20 +143,22 @@ def test_a_path_that_is_too_long_is_told_once(place, files, tmp_path, capsys):
 
 
 @pytest.mark.component
-def test_the_frequency_that_the_data_lack_can_be_given(files, tmp_path, capsys):
+def test_the_frequency_that_the_data_lack_can_be_given(
+    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main([*WORDS['rls'](files), '--frequency', '5', '--out', str(tmp_path / 'out')])
     assert 'does not say the frequency' not in capsys.readouterr().err
 
 
 @pytest.mark.component
-def test_a_value_of_the_file_gives_way_to_one_that_is_held(files, tmp_path):
+def test_a_value_of_the_file_gives_way_to_one_that_is_held(files: Path, tmp_path: Path) -> None:
     words = ['identify', str(files / 'base.csv'), '--model', str(files / 'model.yaml')]
     out = tmp_path / 'out'
     assert main([*words, '--hold', 'beta=0.5', '--out', str(out)]) == 0
     assert ModelFile.load(out / 'model.yaml').values['beta'] == 0.5
 
 
-def test_python_is_told_the_same(files):
+def test_python_is_told_the_same(files: Path) -> None:
     records = load([files / 'base.csv'])
     for options, says in (
         ({'start': {'beta': -5.0}}, 'impossible to start from'),
@@ -161,7 +174,7 @@ def test_python_is_told_the_same(files):
 # --- units --------------------------------------------------------------------------------------
 
 
-def record(dt=1e-3, volts=1.0, metres=1.0, unit='V'):
+def record(dt: float = 1e-3, volts: float = 1.0, metres: float = 1.0, unit: str = 'V') -> Record:
     _, voltage, moved = made(volts=volts, metres=metres)
     return Record('mine', dt, voltage, moved, info=RecordInfo(input_unit=unit))
 
@@ -178,7 +191,7 @@ def record(dt=1e-3, volts=1.0, metres=1.0, unit='V'):
         ({'dt': 1e-7}, 'name the column time_s'),
     ],
 )
-def test_what_is_off_by_a_thousand_is_doubted(changed, says):
+def test_what_is_off_by_a_thousand_is_doubted(changed: dict[str, Any], says: str) -> None:
     problems = require_plausible([record(**changed)])
     assert len(problems) == 1
     assert problems[0].startswith('record mine: ')
@@ -186,12 +199,12 @@ def test_what_is_off_by_a_thousand_is_doubted(changed, says):
 
 
 @pytest.mark.parametrize(('metres', 'says'), [(1e-7, 'less than an atom'), (1e3, 'no piezo act')])
-def test_what_no_actuator_does_is_refused(metres, says):
+def test_what_no_actuator_does_is_refused(metres: float, says: str) -> None:
     with pytest.raises(IdentificationError, match=says):
         require_plausible([record(metres=metres)])
 
 
-def test_usual_actuators_are_not_doubted():
+def test_usual_actuators_are_not_doubted() -> None:
     """A bimorph behind its amplifier, a stack, a nanometre stage, a force."""
     for usual in (
         record(),
@@ -204,7 +217,9 @@ def test_usual_actuators_are_not_doubted():
 
 
 @pytest.mark.component
-def test_a_doubt_is_told_by_every_verb_that_reads_records(files, tmp_path, capsys):
+def test_a_doubt_is_told_by_every_verb_that_reads_records(
+    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     time, voltage, moved = made()
     data = write(tmp_path / 'slow.csv', 1e3 * time, voltage, 1e6 * moved)
     for words in (
@@ -219,12 +234,12 @@ def test_a_doubt_is_told_by_every_verb_that_reads_records(files, tmp_path, capsy
 # --- settings -----------------------------------------------------------------------------------
 
 
-def test_values_that_agree_with_what_is_held_pass():
+def test_values_that_agree_with_what_is_held_pass() -> None:
     model = named('classical')
     assert held_at(model, {'A1': 1e-4}, {'A1': 1e-4, 'A0': 0.0}).held['A1'] == 1e-4
 
 
-def test_a_frequency_goes_to_the_records_that_lack_one():
+def test_a_frequency_goes_to_the_records_that_lack_one() -> None:
     first, second = record(), replace(record(), info=RecordInfo(frequency=7.0))
     assert [r.info.frequency for r in driven_at([first, second], 5.0)] == [5.0, 7.0]
     assert driven_at([first, second], None) == [first, second]

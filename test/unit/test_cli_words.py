@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ from piezo_sim.cli import main as simulate
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Return a folder, entered, with the bag `one`."""
     time = np.arange(2000) * 1e-3
     voltage = np.sin(2 * np.pi * 5.0 * time)
@@ -30,7 +33,7 @@ def folder(tmp_path, monkeypatch):
     talk.choose(talk.parsed([]))
 
 
-def refused(words: str, capsys, program=main) -> str:
+def refused(words: str, capsys: Any, program: Any = main) -> str:
     """Return the one line with which a command line is refused."""
     try:
         code = program(words.split())
@@ -67,7 +70,9 @@ def refused(words: str, capsys, program=main) -> str:
         ('-q -v info one', 'not allowed with'),
     ],
 )  # fmt: skip
-def test_a_slip_is_one_line_that_helps(words, says, folder, capsys):
+def test_a_slip_is_one_line_that_helps(
+    words: str, says: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert says in refused(words, capsys)
     assert not (folder / 'o').exists()
 
@@ -82,13 +87,17 @@ def test_a_slip_is_one_line_that_helps(words, says, folder, capsys):
         ('sweep --set effects.crep=true --out o', '(did you mean effects.creep?)'),
     ],
 )
-def test_the_simulator_helps_as_well(words, says, folder, capsys):
+def test_the_simulator_helps_as_well(
+    words: str, says: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert says in refused(words, capsys, simulate)
     assert not (folder / 'o').exists()
 
 
 @pytest.mark.parametrize('words', ['-q info one', 'info one -q', '--quiet info one'])
-def test_quiet_stands_before_the_verb_or_behind_it(words, folder, capsys):
+def test_quiet_stands_before_the_verb_or_behind_it(
+    words: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(words.split()) == 0
     assert talk.level() == talk.Verbosity.QUIET
     assert main(['-v', 'info', 'one']) == 0
@@ -96,7 +105,9 @@ def test_quiet_stands_before_the_verb_or_behind_it(words, folder, capsys):
 
 
 @pytest.mark.slow
-def test_a_verb_says_that_it_replaces_its_own_results(folder, capsys):
+def test_a_verb_says_that_it_replaces_its_own_results(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ['validate', 'one', '--model', 'model.yaml', '--out', 'checked']
     assert main(words) == 0
     assert 'replaced' not in capsys.readouterr().err
@@ -105,7 +116,7 @@ def test_a_verb_says_that_it_replaces_its_own_results(folder, capsys):
     assert note in capsys.readouterr().err.splitlines()
 
 
-def test_one_is_no_plural(folder, capsys):
+def test_one_is_no_plural(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert simulate(['sweep', '--frequencies', '5', '--seconds', '1', '--out', 'b', '-q']) == 0
     said = capsys.readouterr()
     assert said.out.startswith('b: 1 record, 1000 samples')
@@ -115,13 +126,13 @@ def test_one_is_no_plural(folder, capsys):
     assert [counted(n, 'record') for n in (0, 1, 2)] == ['0 records', '1 record', '2 records']
 
 
-def test_only_what_is_near_is_suggested():
+def test_only_what_is_near_is_suggested() -> None:
     known = ('feedforward', 'feedback', 'attenuation')
     assert near('Attenuation', known) == ' (did you mean attenuation?)'
     assert near('xyz', known) == near('', known) == near('fee', known) == ''
 
 
-def test_values_and_words_of_others_are_no_slips():
+def test_values_and_words_of_others_are_no_slips() -> None:
     parser = OneLineParser(prog='x')
     parser.add_argument('--low', type=float)
     assert parser.parse_args(['--low', '-1']).low == -1.0
@@ -129,7 +140,7 @@ def test_values_and_words_of_others_are_no_slips():
 
 
 @pytest.mark.component
-def test_a_reader_that_has_seen_enough_is_no_error(folder):
+def test_a_reader_that_has_seen_enough_is_no_error(folder: Path) -> None:
     command = (
         f'{sys.executable} -m piezo_hysteresis identify --help | true; echo ${{PIPESTATUS[0]}}'
     )

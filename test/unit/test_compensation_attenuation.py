@@ -1,14 +1,18 @@
 """Harmonics of the error are taken away, and nothing worse happens when things go wrong."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from piezo_common.health import Level
 from piezo_common.settings import specs_of
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
 from piezo_hysteresis.compensation.base import Limits, Measured
 from piezo_hysteresis.compensation.harmonics import rls
@@ -28,6 +32,7 @@ from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, Re
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
 from piezo_hysteresis.compensation.loop import (
+    LoopResult,
     closed_loop,
     reference_points,
     tracking_metrics,
@@ -53,50 +58,57 @@ GAIN = ModeGain(115e-6, 68.0, 0.015, DT)
 class Proportional:
     """Feedforward without any model."""
 
-    def step(self, point, received, measured=None):
+    def step(self, point: Any, received: Any, measured: Any = None) -> Any:
         return received + point.displacement / 125e-6
 
-    def reset(self):
+    def reset(self) -> None:
         pass
 
-    def counters(self):
+    def counters(self) -> dict[Any, Any]:
         return {}
 
 
 class Late:
     """Switches a link on after some seconds."""
 
-    def __init__(self, link, seconds):
+    def __init__(self, link: HarmonicAttenuation, seconds: Any) -> None:
         self.link, self.begin = link, seconds
 
-    def step(self, point, received, measured=None):
+    def step(self, point: Any, received: Any, measured: Any = None) -> Any:
         if point.sample * DT < self.begin:
             return received
         return self.link.step(point, received, measured)
 
-    def reset(self):
+    def reset(self) -> None:
         self.link.reset()
 
-    def counters(self):
+    def counters(self) -> dict[str, int]:
         return self.link.counters()
 
 
-def plant(**changes):
+def plant(**changes: Any) -> ModelPlant:
     return ModelPlant(named('bouc_wen_mode'), {**VALUES, **changes}, DT, noise=20e-9, seed=1)
 
 
-def sine(frequency, seconds, amplitude=125e-6):
+def sine(frequency: float, seconds: Any, amplitude: float = 125e-6) -> Samples:
     time = np.arange(round(seconds / DT)) * DT
     return Sine(amplitude, frequency, seconds, ramp=1.0).sample(time)
 
 
-def amplitude(result, order, begin, end):
+def amplitude(result: LoopResult, order: int, begin: Any, end: Any) -> Any:
     part = slice(round(begin / DT), round(end / DT))
     _, phasors = line_amplitudes(result.error[part], result.phase[part], (1, 3, 5))
     return abs(phasors[(1, 3, 5).index(order)])
 
 
-def run(frequency, settings, gain=GAIN, begin=4.0, seconds=9.0, **changes):
+def run(
+    frequency: float,
+    settings: AttenuationSettings,
+    gain: Any = GAIN,
+    begin: float = 4.0,
+    seconds: float = 9.0,
+    **changes: Any,
+) -> Any:
     """Return amplitude before the link is switched on, ratio at the end, seconds to 10 %."""
     order = settings.orders[-1]
     link = HarmonicAttenuation(settings, gain, DT)
@@ -114,7 +126,7 @@ def run(frequency, settings, gain=GAIN, begin=4.0, seconds=9.0, **changes):
 
 
 @pytest.mark.parametrize('frequency', [14.0, 18.0, 22.0, 23.0, 24.0, 28.0])
-def test_afc_reaches_a_tenth_within_a_second_from_a_right_model(frequency):
+def test_afc_reaches_a_tenth_within_a_second_from_a_right_model(frequency: float) -> None:
     order = 5 if frequency == 14.0 else 3
     _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)))
     assert settled <= 1.0
@@ -123,7 +135,7 @@ def test_afc_reaches_a_tenth_within_a_second_from_a_right_model(frequency):
 
 @pytest.mark.component
 @pytest.mark.parametrize('frequency', [14.0, 22.0, 23.0, 28.0])
-def test_afc_finds_out_that_the_sign_is_wrong_within_two_seconds(frequency):
+def test_afc_finds_out_that_the_sign_is_wrong_within_two_seconds(frequency: float) -> None:
     order = 5 if frequency == 14.0 else 3
     wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
     _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)), wrong)
@@ -131,7 +143,7 @@ def test_afc_finds_out_that_the_sign_is_wrong_within_two_seconds(frequency):
     assert ratio < 10 ** (-40 / 20)
 
 
-def test_afc_finds_a_resonance_that_has_moved():
+def test_afc_finds_a_resonance_that_has_moved() -> None:
     settings = AttenuationSettings(orders=(3,))
     moved = ModeGain(115e-6, 70.0, 0.015, DT)
     _, ratio, settled, link = run(23.0, settings, moved)
@@ -148,12 +160,12 @@ STARTS = [
 ]  # fmt: skip
 
 
-def rms(error, begin, end):
+def rms(error: FloatArray, begin: Any, end: Any) -> float:
     return float(np.sqrt(np.mean(error[round(begin / DT) : round(end / DT)] ** 2)))
 
 
 @pytest.mark.parametrize('start', STARTS, ids=str)
-def test_afc_settles_from_a_wrong_plant_and_never_does_much_harm(start):
+def test_afc_settles_from_a_wrong_plant_and_never_does_much_harm(start: Any) -> None:
     values = AttenuationSettings()
     if start is None:
         gain, values = ModeGain(1e-4, dt=DT), replace(values, first_step=UNKNOWN_PLANT)
@@ -172,7 +184,7 @@ def test_afc_settles_from_a_wrong_plant_and_never_does_much_harm(start):
 
 
 @pytest.mark.parametrize('method', ['rls', 'filtered_rls'])
-def test_a_correction_that_makes_the_error_larger_fades_out_and_says_so(method):
+def test_a_correction_that_makes_the_error_larger_fades_out_and_says_so(method: Any) -> None:
     settings = AttenuationSettings(method=method, orders=(3,), forgetting=0.998)
     wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
     link = HarmonicAttenuation(settings, wrong, DT)
@@ -190,7 +202,7 @@ def test_a_correction_that_makes_the_error_larger_fades_out_and_says_so(method):
     assert 'larger' in finding.message
 
 
-def test_a_larger_error_that_is_not_its_doing_leaves_the_correction_in_force():
+def test_a_larger_error_that_is_not_its_doing_leaves_the_correction_in_force() -> None:
     link = HarmonicAttenuation(AttenuationSettings(method='filtered_rls', orders=(3,)), GAIN, DT)
     disturbed = [
         point._replace(
@@ -205,7 +217,7 @@ def test_a_larger_error_that_is_not_its_doing_leaves_the_correction_in_force():
     assert link.harmonics()[0].correction_amplitude > 0.005
 
 
-def test_filtered_reference_rls_is_deepest_where_the_model_is_right():
+def test_filtered_reference_rls_is_deepest_where_the_model_is_right() -> None:
     settings = AttenuationSettings(method='filtered_rls', orders=(3,), forgetting=0.998)
     _, ratio, settled, link = run(23.0, settings)
     assert ratio < 10 ** (-80 / 20)
@@ -226,7 +238,9 @@ def test_filtered_reference_rls_is_deepest_where_the_model_is_right():
         (24.0, 'sines'),
     ],
 )
-def test_rls_with_the_computed_factor_attenuates_as_its_loop_gain_says(frequency, fit):
+def test_rls_with_the_computed_factor_attenuates_as_its_loop_gain_says(
+    frequency: Any, fit: Any
+) -> None:
     strength = 1.0 / 60e-6
     settings = AttenuationSettings(
         method='rls', orders=(3,), fit=fit, gain=strength, forgetting=0.9998
@@ -238,7 +252,7 @@ def test_rls_with_the_computed_factor_attenuates_as_its_loop_gain_says(frequency
     assert ratio < 0.7
 
 
-def test_the_printed_sign_rule_with_a_plain_sine_fit_does_harm_and_is_faded_out():
+def test_the_printed_sign_rule_with_a_plain_sine_fit_does_harm_and_is_faded_out() -> None:
     settings = AttenuationSettings(method='rls', orders=(3,), fit='sines', sign_rule='printed')
     _, ratio, _, link = run(24.0, settings)
     counts = link.counters()
@@ -248,7 +262,7 @@ def test_the_printed_sign_rule_with_a_plain_sine_fit_does_harm_and_is_faded_out(
     assert link.harmonics()[0].correction_amplitude <= 0.5 + 1e-12
 
 
-def test_several_orders_and_the_mean_at_once():
+def test_several_orders_and_the_mean_at_once() -> None:
     settings = AttenuationSettings(
         orders=(0, 1, 3), resonance=68.0, settle=0.4, span=0.4, step_size=0.6
     )
@@ -263,7 +277,7 @@ def test_several_orders_and_the_mean_at_once():
     assert 5 in [line.order for line in link.harmonics()]
 
 
-def test_frequency_steps_are_followed():
+def test_frequency_steps_are_followed() -> None:
     parts, phase = [], 0.0
     for frequency in (22.0, 23.0, 24.0):
         time = np.arange(5000.0) * DT
@@ -279,7 +293,7 @@ def test_frequency_steps_are_followed():
         assert amplitude(result, 3, end - 2.0, end) < 0.3e-6
 
 
-def test_a_measurement_that_is_old_is_compared_with_the_reference_of_its_tick():
+def test_a_measurement_that_is_old_is_compared_with_the_reference_of_its_tick() -> None:
     link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
     actuator = plant()
     late: list[Measured] = []
@@ -296,7 +310,7 @@ def test_a_measurement_that_is_old_is_compared_with_the_reference_of_its_tick():
 
 
 @pytest.mark.parametrize('fault', ['lost', 'frozen', 'not_a_number'])
-def test_the_correction_is_kept_while_the_sensor_fails(fault):
+def test_the_correction_is_kept_while_the_sensor_fails(fault: str) -> None:
     link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
     actuator, measured, held = plant(), None, 0.0
     learned: list[Harmonic] = []
@@ -321,7 +335,7 @@ def test_the_correction_is_kept_while_the_sensor_fails(fault):
     )
 
 
-def test_nothing_is_subtracted_where_the_reference_has_no_fundamental():
+def test_nothing_is_subtracted_where_the_reference_has_no_fundamental() -> None:
     link = HarmonicAttenuation(AttenuationSettings(orders=(3,)), GAIN, DT)
     time = np.arange(500) * DT
     flat = Samples(*(np.zeros(500) for _ in range(5)))
@@ -330,7 +344,7 @@ def test_nothing_is_subtracted_where_the_reference_has_no_fundamental():
     assert time.size == 500
 
 
-def test_repetitive_control_takes_odd_harmonics_and_leaves_the_mean():
+def test_repetitive_control_takes_odd_harmonics_and_leaves_the_mean() -> None:
     settings = RepetitiveSettings(115e-6, 68.0, 0.015)
     wanted = sine(23.0, 20.0)
     open_loop = closed_loop(wanted, [Proportional()], plant(), LIMITS, DT)
@@ -342,7 +356,7 @@ def test_repetitive_control_takes_odd_harmonics_and_leaves_the_mean():
     assert after.mean == pytest.approx(before.mean, rel=0.35)
 
 
-def test_orders_are_chosen_by_the_resonance_and_its_images():
+def test_orders_are_chosen_by_the_resonance_and_its_images() -> None:
     assert resonant_orders(14.0, 68.0, DT)[0] == 5
     assert resonant_orders(23.0, 68.0, DT)[0] == 3
     assert 19 in resonant_orders(49.0, 68.0, DT)
@@ -350,12 +364,12 @@ def test_orders_are_chosen_by_the_resonance_and_its_images():
     assert resonant_orders(0.0, 68.0, DT) == ()
 
 
-def test_orders_whose_images_coincide_are_not_fitted_together():
+def test_orders_whose_images_coincide_are_not_fitted_together() -> None:
     # 3 x 50 Hz and 17 x 50 Hz are the same samples at 1 kHz; 20 x 50 Hz is the mean.
     assert separable_orders((3, 17, 20, 5), 50.0, DT, 0.5) == (3, 5)
 
 
-def test_gains_of_mode_and_recursion():
+def test_gains_of_mode_and_recursion() -> None:
     mode = linear_gain(VALUES, DT)
     assert mode(0.0) == pytest.approx(110e-6)
     assert abs(mode(68.0)) == pytest.approx(110e-6 / 0.03, rel=1e-6)
@@ -381,14 +395,14 @@ def test_gains_of_mode_and_recursion():
         {'method': 'filtered_rls', 'orders': (3,), 'resonance': 68.0},
     ],
 )
-def test_impossible_settings_are_refused(wrong):
+def test_impossible_settings_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(CompensationError) as refused:
         AttenuationSettings(**wrong)
     assert len(str(refused.value).splitlines()) == 1
     assert list(wrong)[-1] in str(refused.value) or 'method' in str(refused.value)
 
 
-def test_there_is_one_default_of_the_attenuation():
+def test_there_is_one_default_of_the_attenuation() -> None:
     one = AttenuationSettings()
     table = ATTENUATION.defaults()
     for field in fields(one):
@@ -401,7 +415,7 @@ def test_there_is_one_default_of_the_attenuation():
         assert f'    {name} : ' in (AttenuationSettings.__doc__ or '')
 
 
-def test_what_a_method_ignores_is_refused_by_the_table_of_the_node():
+def test_what_a_method_ignores_is_refused_by_the_table_of_the_node() -> None:
     changes = {'method': 'rls'}
     assert 'order 0' in ATTENUATION.judge(ATTENUATION.defaults(), changes)
     assert ATTENUATION.judge(ATTENUATION.defaults(), {**changes, 'orders': [3]}) == ''

@@ -1,7 +1,11 @@
 """The verb ``compensate``: numbers that can be believed, or one sentence and nothing written."""
 
+from __future__ import annotations
+
 import json
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +26,7 @@ REFERENCE = 'sine:frequency=23,amplitude=1e-4,duration=10,ramp=1'
 
 
 @pytest.fixture
-def files(tmp_path):
+def files(tmp_path: Path) -> list[Any]:
     model, plant = tmp_path / 'model.yaml', tmp_path / 'plant.yaml'
     ModelFile(named('bouc_wen_mode'), VALUES).save(model)
     ModelFile(named('bouc_wen_mode'), {**VALUES, 'A': 44e-6, 'natural_frequency': 68.5}).save(
@@ -32,7 +36,9 @@ def files(tmp_path):
 
 
 @pytest.mark.component
-def test_study_reports_each_run_and_what_every_link_gains(files, tmp_path, capsys):
+def test_study_reports_each_run_and_what_every_link_gains(
+    files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / 'out'
     words = ['compensate', *files, '--reference', REFERENCE, '--out', str(out)]
     assert main([*words, '--orders', '0', '1', '3', '--pid', '0', '3e3', '0']) == 0
@@ -56,7 +62,7 @@ def test_study_reports_each_run_and_what_every_link_gains(files, tmp_path, capsy
 
 
 @pytest.mark.component
-def test_a_perfect_model_leaves_nothing(files, tmp_path):
+def test_a_perfect_model_leaves_nothing(files: list[Any], tmp_path: Path) -> None:
     out = tmp_path / 'out'
     words = ['compensate', '--model', files[1], '--plant', files[1], '--attenuation', 'none']
     assert main([*words, '--reference', REFERENCE, '--out', str(out)]) == 0
@@ -73,14 +79,18 @@ def test_a_perfect_model_leaves_nothing(files, tmp_path):
         'sine:frequency=23,amplitude=1e-4,duration=1e12',
     ],
 )
-def test_a_bad_reference_is_one_sentence_and_writes_nothing(files, tmp_path, capsys, reference):
+def test_a_bad_reference_is_one_sentence_and_writes_nothing(
+    files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], reference: str
+) -> None:
     out = tmp_path / 'out'
     assert main(['compensate', *files, '--reference', reference, '--out', str(out)]) == 2
     assert capsys.readouterr().err.startswith('error: ')
     assert not out.exists()
 
 
-def test_a_model_without_inverse_is_refused(files, tmp_path, capsys):
+def test_a_model_without_inverse_is_refused(
+    files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bad = tmp_path / 'bad.yaml'
     ModelFile(named('bouc_wen_mode'), {**VALUES, 'A': 160e-6}).save(bad)
     words = ['compensate', '--model', str(bad), *files[2:], '--out', str(tmp_path / 'out')]
@@ -97,7 +107,7 @@ SHORT = 'sine:frequency=5,amplitude=5e-5,duration=3,ramp=0.5'
 SLOW = 'sine:frequency=0.3,amplitude=5e-5,duration=10,ramp=0.5'
 
 
-def study(files, tmp_path, *words, reference=SHORT):
+def study(files: Any, tmp_path: Any, *words: Any, reference: Any = SHORT) -> Any:
     out = tmp_path / 'out'
     done = main(['compensate', *files, '--reference', reference, '--out', str(out), *words])
     assert done == 0
@@ -106,7 +116,9 @@ def study(files, tmp_path, *words, reference=SHORT):
 
 
 @pytest.mark.component
-def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
+def test_every_feedback_lowers_the_error(
+    files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     none = ('--attenuation', 'none', '--feedback')
     gains = ('--pid', '0', '5e4', '0')
     rms, _ = study(files, tmp_path, *none, 'pid', *gains, reference=SLOW)
@@ -121,7 +133,7 @@ def test_every_feedback_lowers_the_error(files, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
+def test_tables_of_a_user_change_the_fuzzy_pid(files: list[Any], tmp_path: Path) -> None:
     rows = {level: [3] * 7 for level in ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')}
     table = tmp_path / 'mine.yaml'
     table.write_text(yaml.safe_dump({'proportional': rows, 'integral': rows}))
@@ -133,7 +145,7 @@ def test_tables_of_a_user_change_the_fuzzy_pid(files, tmp_path):
 
 
 @pytest.mark.component
-def test_no_two_runs_of_a_report_have_one_colour(files, tmp_path):
+def test_no_two_runs_of_a_report_have_one_colour(files: list[Any], tmp_path: Path) -> None:
     study(files, tmp_path, '--pid', '0', '3e3', '0', '--together')
     page = (tmp_path / 'out' / 'report.html').read_text()
     for role in ('uncompensated', 'feedforward', 'attenuated', 'fed_back', 'everything'):
@@ -142,7 +154,7 @@ def test_no_two_runs_of_a_report_have_one_colour(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_repetitive_control_is_an_attenuation_too(files, tmp_path):
+def test_repetitive_control_is_an_attenuation_too(files: list[Any], tmp_path: Path) -> None:
     rms, _ = study(files, tmp_path, '--attenuation', 'repetitive', reference=REFERENCE)
     # the mean stays, and the even orders
     assert rms['with attenuation'] < 0.5 * rms['feedforward']
@@ -151,7 +163,7 @@ def test_repetitive_control_is_an_attenuation_too(files, tmp_path):
 
 
 @pytest.mark.component
-def test_attenuation_and_feedback_may_act_together(files, tmp_path):
+def test_attenuation_and_feedback_may_act_together(files: list[Any], tmp_path: Path) -> None:
     rms, _ = study(
         files, tmp_path, '--orders', '0', '1', '3', '--pid', '0', '2e3', '0', '--together'
     )
@@ -160,7 +172,7 @@ def test_attenuation_and_feedback_may_act_together(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_sign_rules_are_settings_of_the_attenuation(files, tmp_path):
+def test_sign_rules_are_settings_of_the_attenuation(files: list[Any], tmp_path: Path) -> None:
     """Fujii's printed rule has the wrong sign below the mode, the computed one has not."""
     words = ('--attenuation', 'rls', '--orders', '3', '--attenuation-set', 'switch_frequency=66')
     reference = 'sine:frequency=20,amplitude=5e-5,duration=6,ramp=0.5'
@@ -171,7 +183,7 @@ def test_sign_rules_are_settings_of_the_attenuation(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_laws_of_the_papers_are_chosen_by_name(files, tmp_path):
+def test_the_laws_of_the_papers_are_chosen_by_name(files: list[Any], tmp_path: Path) -> None:
     words = ('--attenuation', 'none', '--law')
     exact, _ = study([*files[:3], files[1]], tmp_path, *words, 'exact')
     late, summary = study([*files[:3], files[1]], tmp_path, *words, 'zhou2021')
@@ -180,7 +192,7 @@ def test_the_laws_of_the_papers_are_chosen_by_name(files, tmp_path):
 
 
 @pytest.mark.component
-def test_slow_drives_have_a_model_of_their_own(files, tmp_path):
+def test_slow_drives_have_a_model_of_their_own(files: list[Any], tmp_path: Path) -> None:
     """The fast model is wrong, the slow one right: up to the switch it is as good as that."""
     words = ('--attenuation', 'none', '--slow-model', files[3])
     slow, _ = study(files, tmp_path, *words, '--switch', '6')
@@ -188,7 +200,7 @@ def test_slow_drives_have_a_model_of_their_own(files, tmp_path):
     assert slow['feedforward'] < 0.1 * fast['feedforward']
 
 
-def test_the_selector_is_a_model_like_any_other(tmp_path):
+def test_the_selector_is_a_model_like_any_other(tmp_path: Path) -> None:
     model = named('inverse_selector')
     ModelFile(model, model.defaults()).save(tmp_path / 'selector.yaml')
     both = ['--model', str(tmp_path / 'selector.yaml'), '--plant', str(tmp_path / 'selector.yaml')]
@@ -200,7 +212,7 @@ def test_the_selector_is_a_model_like_any_other(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_preset_of_the_simulator_is_a_plant(files, tmp_path):
+def test_a_preset_of_the_simulator_is_a_plant(files: list[Any], tmp_path: Path) -> None:
     plain = [*files[:2], '--plant', 'preset:generic_bouc_wen']
     words = ('--attenuation', 'none')
     rms, summary = study(plain, tmp_path, *words)
@@ -213,7 +225,7 @@ def test_a_preset_of_the_simulator_is_a_plant(files, tmp_path):
 
 
 @pytest.mark.component
-def test_the_plant_of_another_process_is_the_plant_to_the_bit():
+def test_the_plant_of_another_process_is_the_plant_to_the_bit() -> None:
     voltage = np.sin(2 * np.pi * 5 * np.arange(500) * 1e-3)
     there = simulated('generic_bouc_wen', 1000.0, seed=3)
     try:
@@ -228,7 +240,7 @@ def test_the_plant_of_another_process_is_the_plant_to_the_bit():
     np.testing.assert_array_equal(first, again)
 
 
-def test_a_plant_that_ends_is_told_of(tmp_path):
+def test_a_plant_that_ends_is_told_of(tmp_path: Path) -> None:
     code = 'print("{}", flush=True); import sys; sys.exit("error: it broke")'
     plant = ProcessPlant([sys.executable, '-c', code])
     with pytest.raises(CompensationError, match='the plant has ended: it broke'):
@@ -265,7 +277,9 @@ def test_a_plant_that_ends_is_told_of(tmp_path):
         ('--attenuation repetitive --attenuation-set gain=3', 'no setting of repetitive'),
     ],
 )
-def test_what_cannot_be_is_one_line(words, says, files, tmp_path, capsys):
+def test_what_cannot_be_is_one_line(
+    words: str, says: str, files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     given = [files[3] if word == 'PLANT' else word for word in words.split()]
     out = tmp_path / 'out'
     asked = ['compensate', *files, '--reference', SHORT, '--out', str(out), *given]

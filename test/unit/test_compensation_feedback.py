@@ -1,11 +1,15 @@
 """Feedback links: they control, and they stop where they would do harm."""
 
+from __future__ import annotations
+
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.feedback.base import OWN
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
@@ -36,6 +40,7 @@ from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine
+from piezo_hysteresis.waveforms.base import Samples
 
 DT = 1e-3
 LIMITS = Limits(-1.0, 1.0, 1e4)
@@ -43,11 +48,11 @@ VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offse
 GAINS = PidGains(proportional=1e3, integral=2e6)
 
 
-def constant(level, seconds=2.0):
+def constant(level: float, seconds: float = 2.0) -> list[Any]:
     return [ReferencePoint(k, level, 0.0, 0.0, 0.0, 0.0) for k in range(round(seconds / DT))]
 
 
-def sine(frequency, amplitude, seconds, dt=DT):
+def sine(frequency: float, amplitude: float, seconds: float, dt: Any = DT) -> Samples:
     time = np.arange(round(seconds / dt)) * dt
     return Sine(amplitude, frequency, seconds, ramp=0.5).sample(time)
 
@@ -55,24 +60,24 @@ def sine(frequency, amplitude, seconds, dt=DT):
 class Wired:
     """A static plant whose wires may be crossed."""
 
-    def __init__(self, gain=100e-6):
+    def __init__(self, gain: Any = 100e-6) -> None:
         self.gain, self.held = gain, 0.0
 
-    def exchange(self, voltage):
+    def exchange(self, voltage: Any) -> Any:
         reading, self.held = self.gain * self.held, voltage
         return reading
 
 
-def make_pid(**options):
+def make_pid(**options: Any) -> Pid:
     return Pid(GAINS, DT, limits=LIMITS, **options)
 
 
-def make_fuzzy(**options):
+def make_fuzzy(**options: Any) -> FuzzyPid:
     rules = FuzzyRules(5e-6, 1e-3, 5e2, 1e6)
     return FuzzyPid(GAINS, rules, DT, limits=LIMITS, **options)
 
 
-def make_hinf(**options):
+def make_hinf(**options: Any) -> HInfinity:
     plant = transfer_function([100e-6 * 3000.0], [1.0, 3000.0])
     controller = design(plant, HInfinityWeights(20.0, control=1.0), DT).controller
     return HInfinity(controller, DT, limits=LIMITS, **options)
@@ -82,7 +87,7 @@ MAKERS = {'pid': make_pid, 'fuzzy': make_fuzzy, 'hinf': make_hinf}
 
 
 @pytest.mark.parametrize('kind', MAKERS)
-def test_a_constant_error_is_integrated_away(kind):
+def test_a_constant_error_is_integrated_away(kind: Any) -> None:
     plant = ModelPlant(named('classical'), VALUES, DT)
     result = closed_loop(constant(50e-6), [MAKERS[kind]()], plant, LIMITS, DT)
     assert abs(result.error[-1]) < 0.2e-6
@@ -90,7 +95,7 @@ def test_a_constant_error_is_integrated_away(kind):
 
 
 @pytest.mark.parametrize('kind', MAKERS)
-def test_a_plant_of_the_wrong_sign_is_noticed_and_left_alone(kind):
+def test_a_plant_of_the_wrong_sign_is_noticed_and_left_alone(kind: Any) -> None:
     result = closed_loop(sine(2.0, 50e-6, 4.0), [MAKERS[kind]()], Wired(-100e-6), LIMITS, DT)
     (name,) = (key for key in result.counters if key != 'limiter')
     assert result.counters[name]['inverted_plant'] == 1
@@ -100,7 +105,7 @@ def test_a_plant_of_the_wrong_sign_is_noticed_and_left_alone(kind):
     assert tracking_metrics(right, 2.0).rms < 5e-6
 
 
-def test_a_loop_that_swings_between_the_limits_is_switched_off():
+def test_a_loop_that_swings_between_the_limits_is_switched_off() -> None:
     values = {**VALUES, 'natural_frequency': 68.0, 'damping_ratio': 0.015}
     plant = ModelPlant(named('bouc_wen_mode'), values, DT)
     wild = Pid(PidGains(integral=2e6), DT, limits=LIMITS)
@@ -112,7 +117,7 @@ def test_a_loop_that_swings_between_the_limits_is_switched_off():
 
 @pytest.mark.parametrize('kind', MAKERS)
 @pytest.mark.parametrize('reading', [None, math.nan])
-def test_a_lost_sensor_leaves_the_voltage_where_it_was(kind, reading):
+def test_a_lost_sensor_leaves_the_voltage_where_it_was(kind: Any, reading: float | None) -> None:
     link, plant = MAKERS[kind](), Wired()
     measured, path = None, []
     for point in constant(40e-6, 3.0):
@@ -126,7 +131,7 @@ def test_a_lost_sensor_leaves_the_voltage_where_it_was(kind, reading):
     assert link.counters()['missing' if reading is None else 'not_finite'] > 1000
 
 
-def test_anti_windup_comes_back_at_once():
+def test_anti_windup_comes_back_at_once() -> None:
     wanted = [*constant(250e-6, 2.0)]
     wanted += [p._replace(sample=p.sample + 2000, displacement=50e-6) for p in constant(0, 1.0)]
     calm = Pid(PidGains(integral=2e5, tracking_time=0.01), DT, limits=LIMITS)
@@ -138,10 +143,10 @@ def test_anti_windup_comes_back_at_once():
     assert errors[0] < 0.1 * errors[1]
 
 
-def test_derivative_is_low_passed():
+def test_derivative_is_low_passed() -> None:
     link = Pid(PidGains(integral=0.0, derivative=1.0, derivative_filter=10e-3), DT)
 
-    def law(error):
+    def law(error: float) -> float:
         return plain(error, link.memory[OWN:], link.packed, DT)
 
     assert law(1.0) == 0.0
@@ -153,7 +158,7 @@ def test_derivative_is_low_passed():
     assert decay[9] == pytest.approx(kick * (19.0 / 21.0) ** 10)
 
 
-def test_new_gains_do_not_make_the_output_jump():
+def test_new_gains_do_not_make_the_output_jump() -> None:
     link, plant = make_pid(), Wired()
     measured, path = None, []
     for point in constant(40e-6, 1.0):
@@ -167,17 +172,17 @@ def test_new_gains_do_not_make_the_output_jump():
 @pytest.mark.parametrize(
     'wrong', [{'proportional': -1.0}, {'integral': math.nan}, {'derivative_filter': 0.0}]
 )
-def test_impossible_gains_are_refused(wrong):
+def test_impossible_gains_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(CompensationError):
         PidGains(**wrong)
 
 
-def triangle(level, x):
+def triangle(level: Any, x: Any) -> Any:
     return max(0.0, 1.0 - abs(3.0 * x - level))
 
 
 @pytest.mark.parametrize('rules', [PROPORTIONAL_RULES, INTEGRAL_RULES])
-def test_fuzzy_inference_is_that_of_49_rules(rules):
+def test_fuzzy_inference_is_that_of_49_rules(rules: Any) -> None:
     for x, y in itertools.product(np.linspace(-1, 1, 17), repeat=2):
         weights = [[triangle(i - 3, x) * triangle(j - 3, y) for j in range(7)] for i in range(7)]
         expected = float(np.sum(np.array(weights) * rules)) / 3.0 / np.sum(weights)
@@ -186,12 +191,12 @@ def test_fuzzy_inference_is_that_of_49_rules(rules):
 
 
 @pytest.mark.parametrize('rules', [PROPORTIONAL_RULES, INTEGRAL_RULES])
-def test_rule_tables_do_not_prefer_a_sign(rules):
+def test_rule_tables_do_not_prefer_a_sign(rules: Any) -> None:
     np.testing.assert_array_equal(rules, rules[::-1, ::-1])
     assert np.abs(rules).max() == 3
 
 
-def test_fuzzy_pid_without_ranges_is_the_pid():
+def test_fuzzy_pid_without_ranges_is_the_pid() -> None:
     flat = FuzzyPid(GAINS, FuzzyRules(1e-6, 1e-3, 0.0, 0.0), DT, limits=LIMITS)
     first, second = (
         closed_loop(sine(3.0, 50e-6, 1.0), [link], Wired(), LIMITS, DT).voltage
@@ -200,11 +205,11 @@ def test_fuzzy_pid_without_ranges_is_the_pid():
     assert np.array_equal(first, second)
 
 
-def xiao():
+def xiao() -> StateSpace:
     return transfer_function(XIAO_NUMERATOR, XIAO_DENOMINATOR)
 
 
-def test_transfer_function_keeps_the_numbers_of_003():
+def test_transfer_function_keeps_the_numbers_of_003() -> None:
     plant = xiao()
     assert plant.gain(0.0)[0, 0].real == pytest.approx(2.4635e-7, rel=1e-4)
     s = 2j * np.pi * 60.0
@@ -212,7 +217,9 @@ def test_transfer_function_keeps_the_numbers_of_003():
     assert plant.gain(60.0)[0, 0] == pytest.approx(direct, rel=1e-9)
 
 
-def closed_norm(problem, controller, frequencies):
+def closed_norm(
+    problem: GeneralizedPlant, controller: StateSpace, frequencies: FloatArray
+) -> float:
     """Return the largest gain from w to z, by the frequency response."""
     p, worst = problem, 0.0
     whole = StateSpace(p.a, np.hstack([p.b1, p.b2]), np.vstack([p.c1, p.c2]), np.block([
@@ -226,12 +233,12 @@ def closed_norm(problem, controller, frequencies):
     return worst
 
 
-def closed_poles(problem, k):
+def closed_poles(problem: GeneralizedPlant, k: StateSpace) -> np.ndarray:
     p = problem
     return np.linalg.eigvals(np.block([[p.a, p.b2 @ k.c], [k.b @ p.c2, k.a]]))
 
 
-def random_problem(seed):
+def random_problem(seed: Any) -> GeneralizedPlant:
     random = np.random.default_rng(seed)
     n = 4
     return GeneralizedPlant(
@@ -246,7 +253,7 @@ def random_problem(seed):
 
 
 @pytest.mark.parametrize('seed', range(6))
-def test_synthesis_keeps_its_promise_on_random_plants_with_cross_terms(seed):
+def test_synthesis_keeps_its_promise_on_random_plants_with_cross_terms(seed: Any) -> None:
     problem = random_problem(seed)
     controller, gamma = hinf_synthesis(problem)
     assert closed_poles(problem, controller).real.max() < 0
@@ -254,7 +261,7 @@ def test_synthesis_keeps_its_promise_on_random_plants_with_cross_terms(seed):
     assert reached <= gamma * 1.001
 
 
-def test_synthesis_reaches_the_known_optimum_of_a_scalar_problem():
+def test_synthesis_reaches_the_known_optimum_of_a_scalar_problem() -> None:
     # x' = a x + w1 + u, z = (x, u), y = x + w2: gamma follows from the two scalar Riccati
     # equations and the coupling condition x y = gamma^2.
     a = -1.0
@@ -265,7 +272,7 @@ def test_synthesis_reaches_the_known_optimum_of_a_scalar_problem():
     )  # fmt: skip
     _, gamma = hinf_synthesis(problem, tolerance=1e-6, margin=1.0 + 1e-6)
 
-    def coupling(g):
+    def coupling(g: float) -> float:
         r = 1.0 - g**-2
         x = (a + math.sqrt(a * a + r)) / r if r else -1.0 / (2 * a)
         return x * x - g * g
@@ -278,7 +285,7 @@ def test_synthesis_reaches_the_known_optimum_of_a_scalar_problem():
 
 
 @pytest.mark.slow
-def test_synthesis_agrees_with_slycot():
+def test_synthesis_agrees_with_slycot() -> None:
     control = pytest.importorskip('control')
     pytest.importorskip('slycot')
     for seed in range(3):
@@ -294,7 +301,7 @@ def test_synthesis_agrees_with_slycot():
         assert ours == pytest.approx(theirs, rel=0.02)
 
 
-def test_impossible_problems_are_refused():
+def test_impossible_problems_are_refused() -> None:
     p = random_problem(0)
     singular = GeneralizedPlant(p.a, p.b1, p.b2, p.c1, p.c2, 0 * p.d12, p.d21)
     with pytest.raises(CompensationError, match='singular'):
@@ -314,12 +321,12 @@ def test_impossible_problems_are_refused():
         (HInfinityWeights(20.0, control=0.1), 'unstable by itself .a pole at 1.08'),
     ],
 )
-def test_a_controller_that_does_less_than_was_asked_is_refused(weights, says):
+def test_a_controller_that_does_less_than_was_asked_is_refused(weights: Any, says: str) -> None:
     with pytest.raises(CompensationError, match=says):
         design(xiao(), weights, DT).require_usable()
 
 
-def test_a_design_tells_gamma_and_poles():
+def test_a_design_tells_gamma_and_poles() -> None:
     found = design(xiao(), HInfinityWeights(20.0), DT)
     assert found.met
     assert found.stable
@@ -328,7 +335,7 @@ def test_a_design_tells_gamma_and_poles():
     assert found.words().startswith('H-infinity: gamma 0.76')
 
 
-def test_h_infinity_on_003s_plant_keeps_gamma_and_beats_feedforward():
+def test_h_infinity_on_003s_plant_keeps_gamma_and_beats_feedforward() -> None:
     dt = 1e-4
     found = design(xiao(), HInfinityWeights(120.0), dt).require_usable()
     controller = found.controller
@@ -337,14 +344,14 @@ def test_h_infinity_on_003s_plant_keeps_gamma_and_beats_feedforward():
     assert problem.d21.shape == (1, 1)
 
     class Linear:
-        def __init__(self):
+        def __init__(self) -> None:
             from scipy.signal import cont2discrete
 
             g = xiao()
             self.a, self.b, self.c, _, _ = cont2discrete((g.a, g.b, g.c, g.d), dt)
             self.x = np.zeros(3)
 
-        def exchange(self, voltage):
+        def exchange(self, voltage: Any) -> float:
             y = float(self.c[0] @ self.x)
             self.x = self.a @ self.x + self.b[:, 0] * voltage
             return y

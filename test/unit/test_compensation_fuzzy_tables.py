@@ -1,6 +1,10 @@
 """Rule tables of the fuzzy PID from a file."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,13 +26,13 @@ from piezo_hysteresis.errors import CompensationError
 TABLES = Path(__file__).resolve().parents[2] / 'config' / 'fuzzy' / 'symmetric.yaml'
 
 
-def test_the_tables_of_the_file_are_those_that_it_has_by_itself():
+def test_the_tables_of_the_file_are_those_that_it_has_by_itself() -> None:
     read = read_tables(TABLES)
     np.testing.assert_array_equal(read['proportional_rules'], PROPORTIONAL_RULES)
     np.testing.assert_array_equal(read['integral_rules'], INTEGRAL_RULES)
 
 
-def test_tables_of_a_user_are_obeyed(tmp_path):
+def test_tables_of_a_user_are_obeyed(tmp_path: Path) -> None:
     rows = {level: [2] * 7 for level in LEVELS}
     (tmp_path / 'mine.yaml').write_text(
         yaml.safe_dump({'proportional': {**rows, 'PB': ['PB'] * 7}, 'integral': rows})
@@ -65,7 +69,9 @@ def test_tables_of_a_user_are_obeyed(tmp_path):
         (lambda c: c['integral']['ZO'].__setitem__(0, True), 'True is no level'),
     ],
 )
-def test_what_is_wrong_in_tables_is_said(change, says, tmp_path):
+def test_what_is_wrong_in_tables_is_said(
+    change: Callable[..., Any], says: str, tmp_path: Path
+) -> None:
     content = yaml.safe_load(TABLES.read_text())
     change(content)
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump(content))

@@ -1,6 +1,9 @@
 """Every inverse undoes its own model, gives the same bits both ways, and fails safely."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +27,7 @@ from piezo_hysteresis.identification.inverse_rows import (
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine, Triangle
+from piezo_hysteresis.waveforms.base import Samples
 
 DT = 1e-3
 BOUC_WEN = {'A1': 150e-6, 'A': 40e-6, 'beta': 1.0, 'gamma': 0.1}
@@ -35,11 +39,13 @@ OFFSET = {'offset': 6e-6}
 OSCILLATOR = {'mass': 0.25, 'damping': 1.2, 'stiffness': 7e3, 'z_alpha': 3e3, 'z_beta': 3e3}
 
 
-def chain(*names):
+def chain(*names: str) -> Model:
     return Model('test', tuple(named_block(name) for name in names))
 
 
-def reference(frequency, seconds=2.0, amplitude=100e-6, dt=DT):
+def reference(
+    frequency: float, seconds: float = 2.0, amplitude: float = 100e-6, dt: Any = DT
+) -> Samples:
     time = np.arange(round(seconds / dt)) * dt
     return Sine(amplitude, frequency, seconds, ramp=0.6).sample(time)
 
@@ -92,7 +98,7 @@ CASES = {
 }  # fmt: skip
 
 
-def build(case):
+def build(case: Any) -> Any:
     names, values, kind, bound = CASES[case]
     model = chain(*names)
     known = {name: value for name, value in values.items() if name in model.parameter_names}
@@ -106,7 +112,7 @@ MARKED = [pytest.param(case, marks=pytest.mark.slow if case in NUMERIC else []) 
 
 @pytest.mark.component
 @pytest.mark.parametrize('case', MARKED)
-def test_the_inverse_undoes_its_model(case):
+def test_the_inverse_undoes_its_model(case: Any) -> None:
     model, values, kind, bound = build(case)
     link = inverse_for(model, values, DT)
     assert type(link) is kind
@@ -118,7 +124,7 @@ def test_the_inverse_undoes_its_model(case):
 
 @pytest.mark.component
 @pytest.mark.parametrize('case', MARKED)
-def test_array_and_step_give_the_same_bits(case):
+def test_array_and_step_give_the_same_bits(case: Any) -> None:
     model, values, _, _ = build(case)
     link = inverse_for(model, values, DT)
     wanted = reference(23.0, 0.8)
@@ -131,7 +137,7 @@ def test_array_and_step_give_the_same_bits(case):
 
 
 @pytest.mark.parametrize('case', ['extended', 'bouc_wen_mode', 'plays_mode', 'everything'])
-def test_new_parameters_do_not_make_the_output_jump(case):
+def test_new_parameters_do_not_make_the_output_jump(case: str) -> None:
     model, values, _, _ = build(case)
     limits = Limits(-5.0, 5.0, slew=100.0)
     link = inverse_for(model, values, DT, limits=limits)
@@ -146,7 +152,7 @@ def test_new_parameters_do_not_make_the_output_jump(case):
     assert np.ptp(path[1700:]) < 0.85 * np.ptp(path[800:1200])
 
 
-def test_a_refused_set_leaves_the_old_one_in_force():
+def test_a_refused_set_leaves_the_old_one_in_force() -> None:
     model, values, _, _ = build('bouc_wen_mode')
     link = inverse_for(model, values, DT)
     before = link.parameters
@@ -155,7 +161,7 @@ def test_a_refused_set_leaves_the_old_one_in_force():
     assert link.parameters == before
 
 
-def test_extended_inverse_is_the_printed_pair_of_equations():
+def test_extended_inverse_is_the_printed_pair_of_equations() -> None:
     p = {'A1': 50e-6, 'A': 10e-6, 'A0': 2e-6, 'beta': 1.0, 'gamma': 0.3, **AR}
     d = reference(14.0, 1.0, 60e-6).value
     printed = []
@@ -177,7 +183,7 @@ def test_extended_inverse_is_the_printed_pair_of_equations():
     np.testing.assert_allclose(ours, printed, atol=1e-12)
 
 
-def test_the_law_of_tatebatake_and_fujii_is_their_equation_as_printed():
+def test_the_law_of_tatebatake_and_fujii_is_their_equation_as_printed() -> None:
     """Tatebatake 2017 (12): h of the sample before, over A1, with the sign of A0 of Fujii 2018."""
     p = {'A1': 50e-6, 'A': 10e-6, 'A0': 2e-6, 'beta': 1.0, 'gamma': 0.3, **AR}
     d = reference(14.0, 1.0, 60e-6).value
@@ -210,14 +216,14 @@ BY_NAME = {
 
 
 @pytest.mark.parametrize('law', BY_NAME)
-def test_a_law_is_chosen_by_the_name_of_its_paper(law):
+def test_a_law_is_chosen_by_the_name_of_its_paper(law: Any) -> None:
     name, values, kind = BY_NAME[law]
     link = inverse_for(named(name), values, DT, law=law)
     assert isinstance(link, kind)
     assert np.all(np.isfinite(link.respond(reference(5.0, 0.4, 20e-6).value)))
 
 
-def test_the_late_laws_miss_more_than_the_solved_ones():
+def test_the_late_laws_miss_more_than_the_solved_ones() -> None:
     """What one sample of hysteresis costs: both forms on the model that they invert."""
     for model, values, late, solved in (
         ('extended', EXTENDED, 'tatebatake2017', 'fujii2018'),
@@ -249,14 +255,14 @@ def test_the_late_laws_miss_more_than_the_solved_ones():
         ('best', 'classical', "there is no inverse 'best'; choose one of auto"),
     ],
 )
-def test_a_law_that_is_not_for_the_model_is_refused(law, name, says):
+def test_a_law_that_is_not_for_the_model_is_refused(law: str, name: str, says: str) -> None:
     with pytest.raises(CompensationError, match=says):
         inverse_for(named(name), {}, DT, law=law)
     with pytest.raises(CompensationError, match='choose solved or printed'):
         ExtendedInverse(EXTENDED, DT, law='guessed')
 
 
-def test_slow_and_fast_drives_have_their_own_feedforward():
+def test_slow_and_fast_drives_have_their_own_feedforward() -> None:
     """Fang et al.: one model up to 1 Hz, another one above; both know the whole history."""
     slow, fast = (
         inverse_for(named('classical'), {**BOUC_WEN, 'A': a}, DT) for a in (40e-6, 30e-6)
@@ -279,7 +285,7 @@ def test_slow_and_fast_drives_have_their_own_feedforward():
         FrequencySwitch(slow, fast, 0.0, DT)
 
 
-def test_delayed_law_is_rakotondrabes_multiplicative_form():
+def test_delayed_law_is_rakotondrabes_multiplicative_form() -> None:
     d = reference(10.0, 0.5).value
     link = PhysicalInverse(BOUC_WEN, DT, law='delayed', start=0.0)
     h = last = 0.0
@@ -292,7 +298,7 @@ def test_delayed_law_is_rakotondrabes_multiplicative_form():
 
 
 @pytest.mark.component
-def test_analytic_play_inverse_agrees_with_the_numeric_one():
+def test_analytic_play_inverse_agrees_with_the_numeric_one() -> None:
     model, values, _, _ = build('plays')
     wanted = reference(7.0)
     analytic = inverse_for(model, values, DT).respond(wanted.value)
@@ -300,7 +306,7 @@ def test_analytic_play_inverse_agrees_with_the_numeric_one():
     np.testing.assert_allclose(analytic, numeric, atol=1e-10)
 
 
-def test_slopes_that_are_not_positive_are_clamped_and_counted_never_flipped():
+def test_slopes_that_are_not_positive_are_clamped_and_counted_never_flipped() -> None:
     falling = {'A1': 170e-6, 'A': 125e-6, 'beta': 0.6, 'gamma': 0.1}
     assert least_slope(falling) < 0.0
     wanted = reference(10.0, 2.0, 150e-6)
@@ -313,7 +319,7 @@ def test_slopes_that_are_not_positive_are_clamped_and_counted_never_flipped():
     assert np.isfinite(moves).all()
 
 
-def test_a_reference_beyond_the_stroke_is_limited_and_forgotten():
+def test_a_reference_beyond_the_stroke_is_limited_and_forgotten() -> None:
     model, values, _, _ = build('bouc_wen_mode')
     limits = Limits(-1.2, 1.2)
     far = Triangle(400e-6, 4.0, frequency=1.0).sample(np.arange(4000.0) * DT)
@@ -331,7 +337,7 @@ def test_a_reference_beyond_the_stroke_is_limited_and_forgotten():
     assert np.abs(after - clean)[3500:].max() < 0.03
 
 
-def test_a_reference_that_is_no_number_is_held_and_counted():
+def test_a_reference_that_is_no_number_is_held_and_counted() -> None:
     link = PhysicalInverse(BOUC_WEN, DT, start=0.0)
     held = link.step(ReferencePoint(0, 50e-6, 0.0, 0.0, 0.0, 0.0))
     after = link.step(ReferencePoint(1, math.nan, 0.0, 0.0, 0.0, 0.0))
@@ -349,25 +355,25 @@ def test_a_reference_that_is_no_number_is_held_and_counted():
         {**BOUC_WEN, 'natural_frequency': 68.0},
     ],
 )
-def test_models_without_inverse_are_refused_with_a_sentence(values):
+def test_models_without_inverse_are_refused_with_a_sentence(values: dict[str, Any]) -> None:
     with pytest.raises(CompensationError):
         PhysicalInverse(values, DT)
 
 
-def test_a_chain_with_a_block_that_falls_is_refused():
+def test_a_chain_with_a_block_that_falls_is_refused() -> None:
     model = chain('bouc_wen_power', 'mode')
     with pytest.raises(CompensationError, match='does not rise'):
         inverse_for(model, {**BOUC_WEN, **MODE, 'A1': 30e-6}, DT)
 
 
-def test_the_start_is_smooth_for_a_reference_that_begins_away_from_rest():
+def test_the_start_is_smooth_for_a_reference_that_begins_away_from_rest() -> None:
     link = PhysicalInverse({**BOUC_WEN, **MODE, **OFFSET}, DT, start=0.5)
     voltage = np.array([link.step(ReferencePoint(k, 100e-6, 0, 0, 0, 0)) for k in range(1000)])
     assert abs(voltage[0]) < 1e-3
     assert np.abs(np.diff(voltage, 2)).max() < 2e-4
 
 
-def test_selector_recovers_its_rows_and_follows_triangles():
+def test_selector_recovers_its_rows_and_follows_triangles() -> None:
     rows = [
         InverseBoucWen(slope, 3e6, -2e6, 2e5, 3e4 * (1 + i))
         for i, slope in enumerate((1e-3, 3e-3))
@@ -389,7 +395,7 @@ def test_selector_recovers_its_rows_and_follows_triangles():
         selector_table(rows[:1])
 
 
-def test_model_gain_is_that_of_mode_and_mean_slope():
+def test_model_gain_is_that_of_mode_and_mean_slope() -> None:
     model = named('bouc_wen_mode')
     values = {**BOUC_WEN, **MODE, **OFFSET, 'A0': 0.0}
     gain = model_gain(model, values, DT)

@@ -1,6 +1,9 @@
 """The limiter, the smooth change and the offline loop."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ from piezo_hysteresis.waveforms.sine import Sine
 DT = 1e-3
 
 
-def test_limiter_clamps_range_and_slew_and_counts():
+def test_limiter_clamps_range_and_slew_and_counts() -> None:
     limiter = Limiter(Limits(-1.0, 2.0, 500.0), DT)
     assert limiter.apply(0.4) == 0.4
     assert limiter.apply(5.0) == pytest.approx(0.9)
@@ -29,21 +32,21 @@ def test_limiter_clamps_range_and_slew_and_counts():
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
-def test_limiter_holds_the_last_safe_voltage_for_what_is_no_number(bad):
+def test_limiter_holds_the_last_safe_voltage_for_what_is_no_number(bad: float) -> None:
     limiter = Limiter(Limits(), DT)
     limiter.apply(0.3)
     assert limiter.apply(bad) == 0.3
     assert limiter.counters()['not_finite'] == 1
 
 
-def test_ramp_to_rest_arrives_and_stays_within_the_slew():
+def test_ramp_to_rest_arrives_and_stays_within_the_slew() -> None:
     limiter = Limiter(Limits(-1.0, 1.0, 100.0), DT, voltage=0.95)
     path = [limiter.ramp_to_rest(0.0, duration=0.1) for _ in range(80)]
     assert np.max(np.abs(np.diff([0.95, *path]))) <= 0.02 + 1e-12
     assert path[-1] == 0.0
 
 
-def test_new_limits_bring_the_voltage_in_without_a_jump_and_keep_the_counts():
+def test_new_limits_bring_the_voltage_in_without_a_jump_and_keep_the_counts() -> None:
     limiter = Limiter(Limits(-1.0, 1.0, 500.0), DT)
     for _ in range(3):
         limiter.apply(1.0)
@@ -57,7 +60,7 @@ def test_new_limits_bring_the_voltage_in_without_a_jump_and_keep_the_counts():
     assert limiter.apply(0.2) == 0.2
 
 
-def test_mean_power_is_that_of_the_makers_formula():
+def test_mean_power_is_that_of_the_makers_formula() -> None:
     energy = EnergyLimits(power=0.0, capacitance=3e-6, window=1.0, supply=150.0)
     limiter = Limiter(Limits(-10.0, 140.0, 1e6), DT, energy=energy)
     for voltage in 60.0 - 50.0 * np.cos(2 * np.pi * 20.0 * DT * np.arange(8000)):
@@ -66,7 +69,7 @@ def test_mean_power_is_that_of_the_makers_formula():
     assert limiter.counters()['energy_limited'] == 0
 
 
-def test_a_drive_beyond_the_energy_limit_is_slowed_down_smoothly_and_recovers():
+def test_a_drive_beyond_the_energy_limit_is_slowed_down_smoothly_and_recovers() -> None:
     energy = EnergyLimits(power=0.2, capacitance=3e-6, window=1.0, supply=150.0)
     limiter = Limiter(Limits(-10.0, 140.0, 1e6), DT, voltage=10.0, energy=energy)
     wanted = 60.0 - 50.0 * np.cos(2 * np.pi * 20.0 * DT * np.arange(6000))
@@ -84,7 +87,7 @@ def test_a_drive_beyond_the_energy_limit_is_slowed_down_smoothly_and_recovers():
     )
 
 
-def test_a_lowered_energy_limit_holds_while_the_mean_falls_to_it():
+def test_a_lowered_energy_limit_holds_while_the_mean_falls_to_it() -> None:
     energy = EnergyLimits(power=1.0, capacitance=3e-6, window=0.1, supply=150.0)
     limiter = Limiter(Limits(-10.0, 140.0, 1e6), DT, energy=energy)
     for k in range(500):
@@ -112,7 +115,7 @@ def test_a_lowered_energy_limit_holds_while_the_mean_falls_to_it():
         EnergyLimits(supply=-1.0),
     ],
 )
-def test_impossible_energy_limits_are_refused(energy):
+def test_impossible_energy_limits_are_refused(energy: Any) -> None:
     with pytest.raises(CompensationError):
         Limiter(Limits(), DT, energy=energy)
 
@@ -120,12 +123,12 @@ def test_impossible_energy_limits_are_refused(energy):
 @pytest.mark.parametrize(
     'limits', [Limits(1.0, 1.0), Limits(slew=0.0), Limits(low=math.nan), Limits(high=math.inf)]
 )
-def test_impossible_limits_are_refused(limits):
+def test_impossible_limits_are_refused(limits: Any) -> None:
     with pytest.raises(CompensationError):
         Limiter(limits, DT)
 
 
-def test_transition_begins_where_the_old_law_ended_and_keeps_to_the_slew():
+def test_transition_begins_where_the_old_law_ended_and_keeps_to_the_slew() -> None:
     change = Transition(DT, duration=0.1, slew=5.0)
     change.apply(1.0)
     change.start()
@@ -138,33 +141,33 @@ def test_transition_begins_where_the_old_law_ended_and_keeps_to_the_slew():
 class Spy:
     """A link that notes what it is given and adds a constant."""
 
-    def __init__(self, share):
+    def __init__(self, share: Any) -> None:
         self.share = share
         self.seen: list[tuple[int, float, Measured | None]] = []
 
-    def step(self, point, received, measured=None):
+    def step(self, point: Any, received: Any, measured: Any = None) -> Any:
         self.seen.append((point.sample, received, measured))
         return received + self.share
 
-    def counters(self):
+    def counters(self) -> dict[Any, Any]:
         return {'steps': len(self.seen)}
 
-    def reset(self):
+    def reset(self) -> None:
         self.seen.clear()
 
 
 class Doubling:
     """A plant that answers twice the voltage of the tick before."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.held = 0.0
 
-    def exchange(self, voltage):
+    def exchange(self, voltage: Any) -> float:
         reading, self.held = 2.0 * self.held, voltage
         return reading
 
 
-def test_closed_loop_gives_reference_k_and_measurement_k_minus_1():
+def test_closed_loop_gives_reference_k_and_measurement_k_minus_1() -> None:
     samples = Sine(1e-6, 10.0, 1.0).sample(np.arange(5.0) * DT)
     first, second = Spy(0.1), Spy(0.2)
     result = closed_loop(samples, [first, second], Doubling(), Limits(), DT)
@@ -177,16 +180,16 @@ def test_closed_loop_gives_reference_k_and_measurement_k_minus_1():
     assert result.counters['0_Spy'] == {'steps': 5}
 
 
-def test_metrics_name_mean_rms_and_harmonics():
+def test_metrics_name_mean_rms_and_harmonics() -> None:
     n = 2000
     samples = Sine(0.0, 10.0, 2.0).sample(np.arange(n, dtype=np.float64) * DT)
     phase = samples.phase
 
     class Wave:
-        def __init__(self):
+        def __init__(self) -> None:
             self.k = -1
 
-        def exchange(self, voltage):
+        def exchange(self, voltage: Any) -> float:
             self.k += 1
             return 3e-6 + 2e-6 * math.cos(3 * phase[self.k] + 1.0)
 
@@ -201,7 +204,7 @@ def test_metrics_name_mean_rms_and_harmonics():
         tracking_metrics(result, from_seconds=5.0)
 
 
-def test_reference_points_are_numbered_from_the_first_tick():
+def test_reference_points_are_numbered_from_the_first_tick() -> None:
     points = list(reference_points(Sine(1e-6, 10.0, 1.0).sample(np.arange(3.0) * DT), first=7))
     assert [point.sample for point in points] == [7, 8, 9]
     assert isinstance(points[0], ReferencePoint)

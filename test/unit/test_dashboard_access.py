@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import http.client
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dashboard_fakes import Backend, filled
@@ -22,7 +25,7 @@ EVERY_PATH = (
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path: Path) -> Path:
     folder = tmp_path / 'runs'
     (folder / 'one').mkdir(parents=True)
     (folder / 'one' / 'report.html').write_text('<p>report</p>')
@@ -33,10 +36,10 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def serve(folder):
+def serve(folder: Path) -> Iterator[Callable[..., Any]]:
     running = []
 
-    def start(**more):
+    def start(**more: Any) -> DashboardServer:
         backend = Backend()
         filled(backend)
         server = DashboardServer(backend, address='127.0.0.1', port=0, folder=str(folder), **more)
@@ -50,11 +53,13 @@ def serve(folder):
 
 
 @pytest.fixture
-def server(serve):
+def server(serve: Callable[..., Any]) -> Any:
     return serve()
 
 
-def ask(server, path, host=None, method='GET', **headers):
+def ask(
+    server: Any, path: Any, host: str | None = None, method: str = 'GET', **headers: Any
+) -> Any:
     """Return status, headers and text of an answer; a `host` without port gets the server's."""
     host = host or '127.0.0.1'
     named = host if ':' in host.rpartition(']')[2] else f'{host}:{server.port}'
@@ -64,10 +69,10 @@ def ask(server, path, host=None, method='GET', **headers):
     return answer.status, answer.headers, answer.read().decode(errors='replace')
 
 
-def connect(server, **headers):
+def connect(server: Any, **headers: Any) -> None:
     """Open the WebSocket of the page and close it; the error of the handshake comes through."""
 
-    async def run():
+    async def run() -> None:
         request = HTTPRequest(f'ws://127.0.0.1:{server.port}/ws', headers=headers)
         socket = await websocket_connect(request, subprotocols=['bokeh', 'no-session'])
         socket.close()
@@ -75,7 +80,7 @@ def connect(server, **headers):
     asyncio.run(run())
 
 
-def test_reports_are_served_and_nothing_else(server):
+def test_reports_are_served_and_nothing_else(server: Any) -> None:
     assert server.local
     status, _, text = ask(server, '/reports/one/report.html')
     assert (status, text) == (200, '<p>report</p>')
@@ -85,7 +90,7 @@ def test_reports_are_served_and_nothing_else(server):
         assert 'secret' not in text
 
 
-def test_the_page_needs_nothing_from_elsewhere(server):
+def test_the_page_needs_nothing_from_elsewhere(server: Any) -> None:
     status, _, text = ask(server, '/?actuator=stage')
     assert status == 200
     assert 'Actuator stage' in text
@@ -94,7 +99,7 @@ def test_the_page_needs_nothing_from_elsewhere(server):
 
 @pytest.mark.parametrize('path', EVERY_PATH)
 @pytest.mark.parametrize('method', ['GET', 'HEAD', 'POST', 'OPTIONS'])
-def test_a_foreign_name_gets_nothing_from_any_handler(server, path, method):
+def test_a_foreign_name_gets_nothing_from_any_handler(server: Any, path: Any, method: str) -> None:
     for host in ('rebound.example', '127.0.0.1.rebound.example', '127.0.0.1:1', 'localhost.'):
         status, _, text = ask(server, path, host, method)
         assert status == 403
@@ -102,7 +107,7 @@ def test_a_foreign_name_gets_nothing_from_any_handler(server, path, method):
         assert 'rebound' not in text
 
 
-def test_a_name_in_the_line_of_the_request_opens_nothing(server):
+def test_a_name_in_the_line_of_the_request_opens_nothing(server: Any) -> None:
     connection = http.client.HTTPConnection('127.0.0.1', server.port, timeout=60)
     connection.putrequest('GET', f'http://127.0.0.1:{server.port}/', skip_host=True)
     connection.putheader('Host', 'rebound.example')
@@ -111,11 +116,11 @@ def test_a_name_in_the_line_of_the_request_opens_nothing(server):
 
 
 @pytest.mark.parametrize('name', ['localhost', '127.0.0.1', '[::1]', 'LocalHost'])
-def test_every_local_name_opens_the_page(server, name):
+def test_every_local_name_opens_the_page(server: Any, name: str) -> None:
     assert ask(server, '/', name)[0] == 200
 
 
-def test_a_rebinding_page_gets_no_websocket(server):
+def test_a_rebinding_page_gets_no_websocket(server: Any) -> None:
     """What Tornado takes for the same origin: both names are the foreign one."""
     foreign = f'rebound.example:{server.port}'
     own = f'127.0.0.1:{server.port}'
@@ -131,13 +136,13 @@ def test_a_rebinding_page_gets_no_websocket(server):
 
 
 @pytest.mark.component
-def test_a_foreign_page_may_not_even_ask(server):
+def test_a_foreign_page_may_not_even_ask(server: Any) -> None:
     assert ask(server, '/', Origin='http://rebound.example')[0] == 403
     assert ask(server, '/', Origin=f'http://localhost:{server.port}')[0] == 200
 
 
 @pytest.mark.component
-def test_configured_names_open_the_page(serve):
+def test_configured_names_open_the_page(serve: Callable[..., Any]) -> None:
     server = serve(origins=['bench:5006', 'Lab.example'])
     assert ask(server, '/', 'bench:5006')[0] == 200
     assert ask(server, '/', 'lab.example:443', Origin='https://lab.example')[0] == 200
@@ -146,20 +151,20 @@ def test_configured_names_open_the_page(serve):
 
 
 @pytest.mark.parametrize('path', EVERY_PATH)
-def test_no_answer_can_be_framed(server, path):
+def test_no_answer_can_be_framed(server: Any, path: Any) -> None:
     _, headers, _ = ask(server, path)
     assert "frame-ancestors 'none'" in headers['Content-Security-Policy']
     assert headers['X-Frame-Options'] == 'DENY'
     assert headers['X-Content-Type-Options'] == 'nosniff'
 
 
-def test_a_look_whether_the_page_is_there_is_answered(server):
+def test_a_look_whether_the_page_is_there_is_answered(server: Any) -> None:
     status, headers, text = ask(server, '/', method='HEAD')
     assert (status, text) == (200, '')
     assert headers['Content-Type'].startswith('text/html')
 
 
-def test_a_token_is_asked_of_everybody(serve):
+def test_a_token_is_asked_of_everybody(serve: Callable[..., Any]) -> None:
     server = serve(token=TOKEN)
     for path in (*EVERY_PATH, '/?token=wrong', f'/reports/one/report.html?token={TOKEN}'):
         assert ask(server, path)[0] == 401
@@ -179,7 +184,9 @@ def test_a_token_is_asked_of_everybody(serve):
     assert ask(server, '/', Cookie=f'{shown[:-1]}x')[0] == 401
 
 
-def test_no_log_holds_what_stands_behind_an_address(serve, caplog):
+def test_no_log_holds_what_stands_behind_an_address(
+    serve: Callable[..., Any], caplog: pytest.LogCaptureFixture
+) -> None:
     server = serve(token=TOKEN)
     with caplog.at_level('DEBUG'):
         for path in ('/', '/reports/one/report.html', '/nowhere'):
@@ -198,18 +205,18 @@ def test_no_log_holds_what_stands_behind_an_address(serve, caplog):
         ({'origins': ['*']}, 'write HOST:PORT'),
     ],
 )
-def test_what_would_let_everybody_in_is_refused(more, says):
+def test_what_would_let_everybody_in_is_refused(more: dict[str, Any], says: str) -> None:
     with pytest.raises(PiezoError, match=says):
         DashboardServer(Backend(), address='127.0.0.1', port=0, folder='.', **more)
 
 
-def test_the_address_that_it_listens_at_is_a_name_of_it():
+def test_the_address_that_it_listens_at_is_a_name_of_it() -> None:
     assert '10.0.0.7:5006' in AccessPolicy('10.0.0.7', 5006).names
     assert '[fd00::7]:5006' in AccessPolicy('fd00::7', 5006).names
     assert AccessPolicy('0.0.0.0', 5006).names == AccessPolicy('::', 5006).names
     assert AccessPolicy('localhost', 80).names == ('localhost', '127.0.0.1', '[::1]')
 
 
-def test_a_port_that_is_taken_is_said_in_one_line(server):
+def test_a_port_that_is_taken_is_said_in_one_line(server: Any) -> None:
     with pytest.raises(PiezoError, match='give another port'):
         DashboardServer(Backend(), address='127.0.0.1', port=server.port, folder='.')

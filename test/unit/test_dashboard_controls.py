@@ -19,7 +19,7 @@ from piezo_hysteresis.dashboard.rows import ParameterRow
 from piezo_hysteresis.errors import PiezoError
 
 
-def test_a_descriptor_is_read_back():
+def test_a_descriptor_is_read_back() -> None:
     found = described(
         'n', 'mode', 'idle', 'What is published. One of idle, voltage.', 'one of idle, voltage'
     )
@@ -44,21 +44,23 @@ def test_a_descriptor_is_read_back():
         (7, '', 0, 999, 0.0, 50.0),
     ],
 )
-def test_a_slider_spans_what_is_usual(value, unit, low, high, start, end):
+def test_a_slider_spans_what_is_usual(
+    value: float, unit: str, low: float, high: float, start: float, end: float
+) -> None:
     span = reach(ParameterState('n', 'p', value, '', unit, low, high))
     assert (span.start, span.end) == (start, end)
     assert span.end > span.start
     assert 0.0 < span.step <= 0.05 * (span.end - span.start)
 
 
-def test_a_number_at_zero_learns_its_size_from_its_relatives():
+def test_a_number_at_zero_learns_its_size_from_its_relatives() -> None:
     offset = ParameterState('n', 'reference.offset', 0.0, '', 'm', -0.01, 0.01)
     relative = ParameterState('n', 'reference.amplitude', 5e-5, '', 'm', 0.0, 0.01)
     span = reach(offset, [offset, relative])
     assert (span.start, span.end) == (-200.0, 200.0)
 
 
-def test_parameters_are_grouped_and_fixed_ones_left_out():
+def test_parameters_are_grouped_and_fixed_ones_left_out() -> None:
     rows = [
         ParameterState('n', 'rate', 1.0, read_only=True),
         ParameterState('n', 'plant.gain', 1.0),
@@ -72,21 +74,21 @@ def test_parameters_are_grouped_and_fixed_ones_left_out():
     }
 
 
-def test_typed_lists_keep_their_type():
+def test_typed_lists_keep_their_type() -> None:
     assert ParameterState('n', 'orders', [1, 3]).parse('[0, 2 5]') == [0, 2, 5]
     assert ParameterState('n', 'zeros', [1.0]).parse('1, 2.5') == [1.0, 2.5]
     assert ParameterState('n', 'orders', [1]).parse('three') == ['three']  # the node says why not
     assert ParameterState('n', 'topics', ['']).parse('a b') == ['a', 'b']
 
 
-def test_typed_sweeps_are_read_or_refused():
+def test_typed_sweeps_are_read_or_refused() -> None:
     assert numbers('1, 2.5; 3 4', 'f') == (1.0, 2.5, 3.0, 4.0)
     for text in ('', 'one, two'):
         with pytest.raises(PiezoError, match='frequencies'):
             numbers(text, 'frequencies')
 
 
-def test_a_refused_control_goes_back_and_says_why():
+def test_a_refused_control_goes_back_and_says_why() -> None:
     backend = Backend()
     row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
     slider, box = row.root.children[1].children
@@ -109,7 +111,7 @@ def test_a_refused_control_goes_back_and_says_why():
     assert (box.value, reason.visible) == (2.0, False)
 
 
-def test_a_dragged_slider_sends_the_newest_wish_only():
+def test_a_dragged_slider_sends_the_newest_wish_only() -> None:
     backend = Backend()
     row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
     slider = row.root.children[1].children[0]
@@ -127,7 +129,7 @@ def test_a_dragged_slider_sends_the_newest_wish_only():
     assert len(backend.sent) == 2
 
 
-def test_a_range_is_said_in_the_unit_of_the_page():
+def test_a_range_is_said_in_the_unit_of_the_page() -> None:
     size = ParameterState('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
     for text in (
         'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5',

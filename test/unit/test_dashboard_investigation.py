@@ -1,5 +1,9 @@
 """The investigation on the live page: its form, its steps with reasons, beliefs over time."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from bokeh.document import Document
 from bokeh.events import ButtonClick
 from dashboard_fakes import Backend
@@ -16,23 +20,23 @@ BELIEFS = [
 ]
 
 
-def form(orders):
+def form(orders: list[Any]) -> InvestigationForm:
     return InvestigationForm(orders.append, lambda: orders.append('cancel'), lambda: 'new')
 
 
-def page_of(*roots):
+def page_of(*roots: Any) -> Any:
     """Return how widgets are found by their names, and how a button is pressed."""
     document = Document()
     for root in roots:
         document.add_root(root)
 
-    def press(name):
+    def press(name: str) -> None:
         document.callbacks.trigger_event(ButtonClick(document.get_model_by_name(name)))
 
     return document.get_model_by_name, press
 
 
-def asked(orders, **values):
+def asked(orders: list[object], **values: Any) -> Any:
     """Press the button with these limits; return what the page says then."""
     by_name, press = page_of(form(orders).root)
     for name, value in values.items():
@@ -41,13 +45,13 @@ def asked(orders, **values):
     return by_name('investigation.words').text
 
 
-def test_the_button_asks_with_limits_and_budget():
+def test_the_button_asks_with_limits_and_budget() -> None:
     orders: list[object] = []
     asked(orders, low=-1.0, high=2.0, slew=300.0)
     assert orders == [InvestigationOrder(-1.0, 2.0, 300.0, 200.0, 'new')]
 
 
-def test_an_impossible_range_is_told_and_not_asked():
+def test_an_impossible_range_is_told_and_not_asked() -> None:
     orders: list[object] = []
     assert 'is not below' in asked(orders, low=2.0, high=1.0)
     assert 'highest voltage is not given' in asked(orders, low=-2.0)
@@ -56,7 +60,7 @@ def test_an_impossible_range_is_told_and_not_asked():
     assert orders == []
 
 
-def test_steps_come_with_their_reason_and_what_they_answered():
+def test_steps_come_with_their_reason_and_what_they_answered() -> None:
     words = steps_words(BELIEFS)
     assert words.index('step &lt;b&gt;') < words.index('sine 33 Hz')  # the newest first
     assert 'tells a from b' in words
@@ -64,7 +68,7 @@ def test_steps_come_with_their_reason_and_what_they_answered():
     assert steps_words([]) == ''
 
 
-def test_beliefs_are_drawn_over_actuator_time():
+def test_beliefs_are_drawn_over_actuator_time() -> None:
     shown = form([])
     shown.refresh(BackgroundJob('running', 0.1, 'runs'), BELIEFS, True, 0.0)
     by_name, _ = page_of(shown.root)
@@ -76,7 +80,7 @@ def test_beliefs_are_drawn_over_actuator_time():
     assert list(drawn['y']) == [0.1, 0.0, 0.9]
 
 
-def test_the_page_holds_it_and_starts_it():
+def test_the_page_holds_it_and_starts_it() -> None:
     backend = Backend()
     backend.live('stage').investigations_offered = True
     controls = Controls(backend, 'stage')

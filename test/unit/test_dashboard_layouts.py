@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -55,7 +56,7 @@ def foxglove_paths() -> list[str]:
     return re.findall(r'"value": "(/[^"]*)"', json.dumps(foxglove()))
 
 
-def test_the_check_finds_what_is_wrong():
+def test_the_check_finds_what_is_wrong() -> None:
     assert field_type('/piezo/actuator/state', 'voltage') == 'float64'
     assert field_type('/piezo/actuator/state', 'voltge') == ''
     assert field_type('/piezo/actuator/stat', 'voltage') == ''
@@ -63,26 +64,26 @@ def test_the_check_finds_what_is_wrong():
 
 
 @pytest.mark.parametrize('series', plotjuggler_series())
-def test_plotjuggler_names_numbers_that_are_published(series):
+def test_plotjuggler_names_numbers_that_are_published(series: Any) -> None:
     topic, _, field = series.rpartition('/')
     assert re.fullmatch(r'u?int\d+|float64|bool', field_type(topic, field))
 
 
 @pytest.mark.parametrize('path', foxglove_paths())
-def test_foxglove_names_numbers_that_are_published(path):
+def test_foxglove_names_numbers_that_are_published(path: Any) -> None:
     topic, _, field = path.partition('.')
     kind = field_type(topic, field.removesuffix('[:]'))
     assert re.fullmatch(r'u?int\d+|float64|bool', kind.removesuffix('[]'))
     assert kind.endswith('[]') == field.endswith('[:]')
 
 
-def test_the_foxglove_layout_shows_every_panel_once():
+def test_the_foxglove_layout_shows_every_panel_once() -> None:
     layout = foxglove()
     placed = re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout['layout']))
     assert sorted(placed) == sorted(layout['configById'])
 
 
-def test_the_same_signals_stand_in_both():
+def test_the_same_signals_stand_in_both() -> None:
     def topics(paths: list[str], mark: str) -> set[str]:
         return {path.rpartition(mark)[0] for path in paths}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from piezo_hysteresis.dashboard.words import (
 # --- words ------------------------------------------------------------------------------------
 
 
-def test_the_banner_tells_absence_silence_and_loss():
+def test_the_banner_tells_absence_silence_and_loss() -> None:
     time = [100.0]
     live = live_at(time)
     assert 'nobody publishes /stage/actuator/state' in banner(live)
@@ -46,7 +47,7 @@ def test_the_banner_tells_absence_silence_and_loss():
     assert banner(live) == ''
 
 
-def test_what_comes_from_outside_is_escaped():
+def test_what_comes_from_outside_is_escaped() -> None:
     evil = '<script>alert(1)</script>'
     live = live_at([0.0])
     live.nodes['n'] = NodeState('n', True, 0.0)
@@ -64,7 +65,7 @@ def test_what_comes_from_outside_is_escaped():
         assert '"onclick' not in text
 
 
-def test_numbers_are_said_in_micrometres_and_floors():
+def test_numbers_are_said_in_micrometres_and_floors() -> None:
     assert '1.5 µm' in tracking_words(1.5e-6, 50e-6)
     assert '3 %' in tracking_words(1.5e-6, 50e-6)
     assert 'nothing is tracked' in tracking_words(math.nan, 1.0)
@@ -96,7 +97,7 @@ def test_numbers_are_said_in_micrometres_and_floors():
 # --- axes and pages ---------------------------------------------------------------------------
 
 
-def test_an_axis_is_calm_and_leaves_a_zoom_alone():
+def test_an_axis_is_calm_and_leaves_a_zoom_alone() -> None:
     follower = Follower()
     follower.fit(-1.0, 1.0)
     first = (follower.range.start, follower.range.end)
@@ -118,7 +119,7 @@ def test_an_axis_is_calm_and_leaves_a_zoom_alone():
     assert follower.range.end > 5.0
 
 
-def test_a_page_shows_what_is_known():
+def test_a_page_shows_what_is_known() -> None:
     backend = Backend()
     filled(backend)
     document = Document()
@@ -140,14 +141,14 @@ def test_a_page_shows_what_is_known():
     assert backend.sent[-1][:3] == ('simulator', 'effects.creep', True)
 
 
-def test_a_sweep_is_ordered_and_mistakes_are_said():
+def test_a_sweep_is_ordered_and_mistakes_are_said() -> None:
     backend = Backend()
     filled(backend)
     document = Document()
     page = Page(document, backend, 'stage')
     by_name = document.get_model_by_name
 
-    def start(**values):
+    def start(**values: str) -> Any:
         for name, value in values.items():
             by_name(f'sweep.{name}').value = value
         document.callbacks.trigger_event(ButtonClick(by_name('sweep.start')))
@@ -166,7 +167,7 @@ def test_a_sweep_is_ordered_and_mistakes_are_said():
 
 
 @pytest.mark.component
-def test_several_readers_have_pages_of_their_own():
+def test_several_readers_have_pages_of_their_own() -> None:
     backend = Backend()
     filled(backend)
     documents = [Document(), Document()]
@@ -181,13 +182,13 @@ def test_several_readers_have_pages_of_their_own():
     assert newest[1] == 9.0
 
 
-def test_a_browser_gets_no_more_pictures_than_it_draws():
+def test_a_browser_gets_no_more_pictures_than_it_draws() -> None:
     backend = Backend()
     live = filled(backend)
     document = Document()
     page = Page(document, backend, 'stage')
 
-    def newest(volt):
+    def newest(volt: float) -> Any:
         k = live.signals.newest + 1
         live.signals.add_states([State(k, k * 1_000_000, volt, 0.0)])
         page.refresh()
@@ -199,7 +200,7 @@ def test_a_browser_gets_no_more_pictures_than_it_draws():
     assert newest(9.0) == 9.0
 
 
-def test_a_page_goes_over_to_an_actuator_that_appears(monkeypatch):
+def test_a_page_goes_over_to_an_actuator_that_appears(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page_module, 'SLOWLY', 0.0)
     backend = Backend(names=())
     document, chosen = Document(), Document()

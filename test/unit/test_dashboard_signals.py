@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from piezo_hysteresis.dashboard.spectrum import live_spectrum, unbroken_end, who
 
 @pytest.mark.parametrize('n', [1, 2, 599, 600, 601, 1201, 5000, 40000])
 @pytest.mark.parametrize('first', [0, 7, 123456])
-def test_every_extreme_of_every_column_is_drawn(n, first):
+def test_every_extreme_of_every_column_is_drawn(n: int, first: int) -> None:
     values = np.random.default_rng(n).normal(size=n)
     samples, drawn = columns(first, values, 600)
     assert samples.size <= max(2 * 601, n if n <= 1200 else 0)
@@ -26,7 +28,7 @@ def test_every_extreme_of_every_column_is_drawn(n, first):
         assert shown.max() == values[inside].max()
 
 
-def test_a_spike_of_one_sample_keeps_its_height_while_it_moves():
+def test_a_spike_of_one_sample_keeps_its_height_while_it_moves() -> None:
     values = np.zeros(30000)
     values[17001] = 3.0
     values[17004] = -2.0
@@ -37,7 +39,7 @@ def test_a_spike_of_one_sample_keeps_its_height_while_it_moves():
         assert samples[np.argmax(drawn)] == 17001
 
 
-def test_the_middle_of_a_moving_window_does_not_shimmer():
+def test_the_middle_of_a_moving_window_does_not_shimmer() -> None:
     values = np.random.default_rng(1).normal(size=12000)
     pictures = []
     for shift in (0, 1, 5):
@@ -49,7 +51,7 @@ def test_the_middle_of_a_moving_window_does_not_shimmer():
         np.testing.assert_array_equal(drawn, pictures[0][1])
 
 
-def test_lost_samples_break_the_line():
+def test_lost_samples_break_the_line() -> None:
     values = np.ones(10000)
     values[4000:5000] = np.nan
     samples, drawn = columns(0, values, 100)
@@ -60,12 +62,12 @@ def test_lost_samples_break_the_line():
     assert np.all(np.isfinite(drawn[(samples < 3900) | (samples >= 5100)]))
 
 
-def test_no_room_is_refused():
+def test_no_room_is_refused() -> None:
     with pytest.raises(ValueError, match='at least 1'):
         columns(0, np.zeros(10), 0)
 
 
-def test_a_loop_keeps_the_extremes_of_both_axes():
+def test_a_loop_keeps_the_extremes_of_both_axes() -> None:
     phase = np.linspace(0.0, 20.0, 30000)
     x, y = np.sin(phase), np.cos(phase)
     x[12345], y[23456] = 5.0, -7.0
@@ -76,11 +78,11 @@ def test_a_loop_keeps_the_extremes_of_both_axes():
     assert up[np.argmax(across)] == y[12345]
 
 
-def state(sample, value=1.0):
+def state(sample: int, value: Any = 1.0) -> State:
     return State(sample, sample * 2_000_000, value, 1e-6 * value)
 
 
-def test_topics_are_joined_by_the_number_of_the_sample():
+def test_topics_are_joined_by_the_number_of_the_sample() -> None:
     signals = Signals(64)
     signals.add_references([0, 1, 2, 3, 4, 5], [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
     signals.add_states([state(k, float(k)) for k in (0, 1, 2, 4)])
@@ -95,7 +97,7 @@ def test_topics_are_joined_by_the_number_of_the_sample():
     assert window.last(0.004).first == 3
 
 
-def test_old_samples_are_forgotten_and_a_restart_begins_anew():
+def test_old_samples_are_forgotten_and_a_restart_begins_anew() -> None:
     signals = Signals(64)
     for k in range(500):
         signals.add_states([state(k)])
@@ -111,7 +113,7 @@ def test_old_samples_are_forgotten_and_a_restart_begins_anew():
 
 
 @pytest.mark.parametrize('fundamental', [0.5, 5.0, 7.3, 23.0, 83.3])
-def test_harmonics_are_measured_to_a_thousandth(fundamental):
+def test_harmonics_are_measured_to_a_thousandth(fundamental: float) -> None:
     dt = 1e-3
     turn = 2 * np.pi * fundamental * dt * np.arange(4000)
     true = {1: 50e-6, 2: 0.5e-6, 3: 8e-6, 5: 0.2e-6}
@@ -124,7 +126,7 @@ def test_harmonics_are_measured_to_a_thousandth(fundamental):
     assert found.amplitude.max() == pytest.approx(50e-6, rel=0.02)
 
 
-def test_a_spectrum_needs_unbroken_samples():
+def test_a_spectrum_needs_unbroken_samples() -> None:
     signal = np.sin(0.1 * np.arange(1000))
     signal[600] = np.nan
     assert unbroken_end(signal).size == 399
@@ -135,7 +137,7 @@ def test_a_spectrum_needs_unbroken_samples():
     assert live_spectrum(np.zeros(10), 1e-3, 5.0) is None
 
 
-def test_whole_periods_are_whole():
+def test_whole_periods_are_whole() -> None:
     assert whole_periods(4000, 23.0, 1e-3) == 4000
     assert whole_periods(4000, 7.0, 1e-3) == 4000
     assert whole_periods(3999, 10.0, 1e-3) == 3900

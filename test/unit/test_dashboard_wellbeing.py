@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from dashboard_fakes import live_at
 
 from piezo_hysteresis.dashboard.controls import ParameterState
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, LogLine, NodeState
+from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, Live, LogLine, NodeState
 from piezo_hysteresis.dashboard.wellbeing import MUTE, banner, overall, pulse
 from piezo_hysteresis.dashboard.words import (
     LOG_SHOWN,
@@ -21,7 +22,7 @@ from piezo_hysteresis.dashboard.words import (
 from piezo_hysteresis.reporting.units import clock
 
 
-def running(time, mode='reference', **said):
+def running(time: list[Any], mode: str = 'reference', **said: tuple[Any, ...]) -> Live:
     """Return a loop whose nodes have `said` their level and words."""
     live = live_at(time)
     live.published = True
@@ -36,7 +37,7 @@ def running(time, mode='reference', **said):
     return live
 
 
-def test_the_light_is_red_where_the_reference_is_not_followed():
+def test_the_light_is_red_where_the_reference_is_not_followed() -> None:
     live = running([100.0])
     assert overall(live, (1e-7, 1e-4)).level == 'ok'
     assert 'dot ok' in pulse(live, (1e-7, 1e-4))
@@ -47,7 +48,7 @@ def test_the_light_is_red_where_the_reference_is_not_followed():
 
 
 @pytest.mark.parametrize('level', ['warning', 'error'])
-def test_the_light_is_that_of_the_worst_node_and_names_it(level):
+def test_the_light_is_that_of_the_worst_node_and_names_it(level: str) -> None:
     live = running([100.0], attenuation=(level, 'the voltage is cut'))
     found = overall(live)
     assert found.level == level
@@ -57,7 +58,7 @@ def test_the_light_is_that_of_the_worst_node_and_names_it(level):
     assert 'attenuation' in banner(live)
 
 
-def test_a_gap_that_the_correction_makes_up_for_alarms_nobody():
+def test_a_gap_that_the_correction_makes_up_for_alarms_nobody() -> None:
     live = running([100.0], gap_monitor=('warning', 'record a sweep and run discover'))
     live.gaps.append(Gap(100.0, 6e-6, 1e-8, 600.0, 23.0, (0,), (6e-6,), True, 'drift'))
     assert overall(live, (5e-6, 8e-5)).level == 'warning'
@@ -65,7 +66,7 @@ def test_a_gap_that_the_correction_makes_up_for_alarms_nobody():
     assert overall(live).level == 'warning'  # nothing is tracked
 
 
-def test_a_node_that_says_nothing_any_more_does_not_count_as_fine():
+def test_a_node_that_says_nothing_any_more_does_not_count_as_fine() -> None:
     time = [100.0]
     live = running(time)
     time[0] += MUTE + 1.0
@@ -74,7 +75,7 @@ def test_a_node_that_says_nothing_any_more_does_not_count_as_fine():
     assert 'said 6 s ago' in overall(live).text
 
 
-def test_links_without_input_rest_while_nobody_asks_them_to_move():
+def test_links_without_input_rest_while_nobody_asks_them_to_move() -> None:
     words = 'no input since tick 9: the voltage is ramped to safety'
     live = running([100.0], mode='idle', feedforward=('warning', words))
     assert overall(live).level == 'ok'
@@ -83,7 +84,7 @@ def test_links_without_input_rest_while_nobody_asks_them_to_move():
     assert overall(live).level == 'warning'
 
 
-def test_the_banner_says_what_to_do():
+def test_the_banner_says_what_to_do() -> None:
     time = [100.0]
     live = running(time, mode='idle')
     time[0] += 20.0
@@ -97,7 +98,7 @@ def test_the_banner_says_what_to_do():
     assert 'Start the simulator' in banner(live)
 
 
-def test_words_of_the_log_go_away():
+def test_words_of_the_log_go_away() -> None:
     time = [100.0]
     live = running(time)
     live.words.append(LogLine(100.0, 'feedforward', 'warning', 'no input'))
@@ -106,21 +107,21 @@ def test_words_of_the_log_go_away():
     assert 'no input' not in status_words(live)
 
 
-def test_counters_say_what_they_count():
+def test_counters_say_what_they_count() -> None:
     live = running([100.0])
     live.counters['feedforward'] = Counters(100.0, 5, 0.0, {'doubled': 3, 'strange': 1})
     assert 'messages that came twice' in status_words(live)
     assert 'strange 1' in status_words(live)
 
 
-def test_empty_panels_give_the_command_of_this_actuator():
+def test_empty_panels_give_the_command_of_this_actuator() -> None:
     assert 'node gap_monitor -p model_file:=MODEL.yaml -r __ns:=/stage' in gap_words(
         [], False, 'stage'
     )
     assert 'node identification</code>' in estimate_words([], False)
 
 
-def test_a_job_tells_its_time_and_what_is_left():
+def test_a_job_tells_its_time_and_what_is_left() -> None:
     job = BackgroundJob('running', 0.25, 'fits', since=100.0)
     assert time_words(job, 130.0) == 'since 30 s, about 1 min 30 s left'
     assert time_words(BackgroundJob('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
@@ -137,5 +138,5 @@ def test_a_job_tells_its_time_and_what_is_left():
 @pytest.mark.parametrize(
     ('seconds', 'words'), [(0.2, '0 s'), (59.4, '59 s'), (185, '3 min 05 s'), (7800, '2 h 10 min')]
 )
-def test_times_are_said_as_people_say_them(seconds, words):
+def test_times_are_said_as_people_say_them(seconds: float, words: str) -> None:
     assert clock(seconds) == words

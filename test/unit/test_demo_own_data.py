@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from piezo_hysteresis.records import load
 from piezo_hysteresis.reporting.folder import MARKER, replacing
 
 
-def write_record(path: Path, n: int = 3000, spoil=None) -> Path:
+def write_record(path: Path, n: int = 3000, spoil: Any = None) -> Path:
     time = np.arange(n) * 1e-3
     voltage = np.sin(2 * np.pi * 5 * time)
     play = np.empty(n)
@@ -35,7 +37,9 @@ def write_record(path: Path, n: int = 3000, spoil=None) -> Path:
 
 
 @pytest.mark.slow
-def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
+def test_a_record_becomes_a_model_and_a_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     data = write_record(tmp_path / 'mine.csv')
     out = tmp_path / 'out'
     assert main(['demo', '--data', str(data), '--out', str(out)]) == 0
@@ -61,8 +65,8 @@ def test_a_record_becomes_a_model_and_a_report(tmp_path, capsys):
     assert re.search(r'<p class="verdict">[^<]*within [\d.]+ µm rms', report)
 
 
-def spoiled_by(index: int, value: float):
-    def spoil(rows):
+def spoiled_by(index: int, value: float) -> Callable[..., Any]:
+    def spoil(rows: np.ndarray) -> np.ndarray:
         rows[500, index] = value
         return rows
 
@@ -79,7 +83,9 @@ def spoiled_by(index: int, value: float):
     ],
     ids=['nan', 'uneven', 'empty', 'parked'],
 )  # fmt: skip
-def test_bad_records_give_one_line_and_leave_nothing(tmp_path, capsys, spoil, words):
+def test_bad_records_give_one_line_and_leave_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], spoil: Any, words: str
+) -> None:
     data = write_record(tmp_path / 'bad.csv', spoil=spoil)
     assert main(['demo', '--data', str(data), '--out', str(tmp_path / 'out')]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
@@ -89,7 +95,7 @@ def test_bad_records_give_one_line_and_leave_nothing(tmp_path, capsys, spoil, wo
     assert [p.name for p in tmp_path.iterdir()] == ['bad.csv']
 
 
-def test_a_missing_file_is_named(tmp_path, capsys):
+def test_a_missing_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['demo', '--data', str(tmp_path / 'no.csv'), '--out', str(tmp_path / 'out')]) == 2
     assert 'no.csv' in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -101,7 +107,7 @@ def fail_half_way(out: Path) -> None:
         raise KeyboardInterrupt
 
 
-def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path):
+def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path: Path) -> None:
     out = tmp_path / 'out'
     out.mkdir()
     (out / 'a').write_text('old')
@@ -121,7 +127,7 @@ def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ['out']
 
 
-def test_a_file_in_the_way_is_named(tmp_path):
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / 'out').write_text('x')
     with pytest.raises(PiezoError, match='it is a file'), replacing(tmp_path / 'out', 'demo'):
         pass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -15,34 +17,36 @@ from piezo_hysteresis.reporting.discovery_report import untold_limits
 TIME = np.arange(3000) * 1e-3
 
 
-def findings(voltage, displacement, excitation='sine', frequency=50.0):
+def findings(
+    voltage: Any, displacement: Any, excitation: str = 'sine', frequency: Any = 50.0
+) -> tuple[str, ...]:
     info = RecordInfo(excitation=excitation, frequency=frequency)
     return check([Record('r', 1e-3, voltage, displacement, info=info)]).findings
 
 
-def wave(frequency):
+def wave(frequency: Any) -> Any:
     return np.sin(2 * np.pi * frequency * TIME)
 
 
 @pytest.mark.parametrize('frequency', [50.0, 100.0, 7.0])
-def test_a_sine_that_passes_through_its_peak_is_not_clipped(frequency):
+def test_a_sine_that_passes_through_its_peak_is_not_clipped(frequency: float) -> None:
     finding = findings(wave(frequency), 1e-5 * wave(frequency), frequency=frequency)
     assert not any('clipped' in each for each in finding)
 
 
-def test_what_is_clipped_is_said():
+def test_what_is_clipped_is_said() -> None:
     (finding,) = findings(wave(7.0), np.minimum(1e-5 * wave(7.0), 8e-6), frequency=7.0)
     assert 'displacement rests at its largest' in finding
 
 
-def test_an_inverted_sensor_is_told_from_one_of_another_clock():
+def test_an_inverted_sensor_is_told_from_one_of_another_clock() -> None:
     (finding,) = findings(wave(7.0), -1e-5 * wave(7.0), frequency=7.0)
     assert 'runs against the input' in finding
     (finding,) = findings(wave(7.0), 1e-5 * wave(31.0), frequency=7.0)
     assert 'hardly move together' in finding
 
 
-def test_a_report_gives_no_advice_twice():
+def test_a_report_gives_no_advice_twice() -> None:
     hold = 'record a step and hold it for 30 s'
     found = Check(('r: short',), ((('creep', 'drift'), hold), (('lag', 'creep'), hold)))
     lines = ['To tell creep, drift apart: record a step and hold it for 30 s.']
@@ -50,7 +54,7 @@ def test_a_report_gives_no_advice_twice():
     assert untold_limits(found, []) == list(found.sentences())
 
 
-def sine(name, dt=1e-3, drive=1.0, **info):
+def sine(name: Any, dt: Any = 1e-3, drive: Any = 1.0, **info: Any) -> Record:
     time = np.arange(2000) * dt
     shape = np.sin(2 * np.pi * 10.0 * time)
     return Record(name, dt, drive * shape, 1e-5 * shape, info=RecordInfo(**info))
@@ -68,7 +72,7 @@ UNFIT = {
 
 
 @pytest.mark.parametrize('why', UNFIT)
-def test_identify_and_discover_refuse_alike(why):
+def test_identify_and_discover_refuse_alike(why: Any) -> None:
     said = []
     for refuse in (check, lambda records: identify(records, named('classical'))):
         with pytest.raises(IdentificationError, match=why) as caught:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def record(effect: str | None, noise: float = 2e-8) -> Record:
 
 
 @pytest.mark.slow
-def test_creep_is_found_where_it_is():
+def test_creep_is_found_where_it_is() -> None:
     choice = choose_model([record('creep')])
     by_name = {step.name: step for step in choice.steps if step.memory == 'modified'}
     assert by_name['creep'].kept
@@ -50,7 +51,7 @@ def test_creep_is_found_where_it_is():
 
 
 @pytest.mark.component
-def test_nothing_is_added_where_nothing_is_missing():
+def test_nothing_is_added_where_nothing_is_missing() -> None:
     tried: list[str] = []
     choice = choose_model([record(None)], lambda fraction, words: tried.append(words))
     plain = [step for step in choice.steps if step.memory == 'modified']
@@ -59,7 +60,7 @@ def test_nothing_is_added_where_nothing_is_missing():
     assert tried == [name for memory in MEMORIES for name in (memory, *LADDER)]
 
 
-def test_useless_records_are_refused():
+def test_useless_records_are_refused() -> None:
     flat = Record('flat', DT, np.zeros(500), 1e-9 * np.arange(500.0))
     with pytest.raises(IdentificationError, match='constant'):
         choose_model([flat])
@@ -79,7 +80,7 @@ def one_tone(amplitudes: tuple[float, ...]) -> list[Record]:
 
 
 @pytest.mark.slow
-def test_one_amplitude_shows_no_inner_loop_and_one_curve():
+def test_one_amplitude_shows_no_inner_loop_and_one_curve() -> None:
     choice = choose_model(one_tone((1.0,)))
     assert 'prandtl_ishlinskii_fine' in choice.model.block_names
     several = choose_model(one_tone((1.0, 0.4)))
@@ -87,7 +88,7 @@ def test_one_amplitude_shows_no_inner_loop_and_one_curve():
 
 
 @pytest.mark.slow
-def test_an_effect_that_the_records_do_not_tell_is_left_out():
+def test_an_effect_that_the_records_do_not_tell_is_left_out() -> None:
     choice = choose_model(one_tone((1.0, 0.4)))
     kept = {step.name for step in choice.steps if step.kept and step.memory == 'modified'}
     assert kept == {'modified'}
@@ -105,11 +106,11 @@ def test_an_effect_that_the_records_do_not_tell_is_left_out():
         ((1.0, inf), (1.0, inf), False),
     ],
 )
-def test_what_predicts_better(trained, held_out, better):
+def test_what_predicts_better(trained: Any, held_out: Any, better: bool) -> None:
     assert rules.predicts_better(trained, held_out) is better
 
 
-def test_parameters_differ_from_none_together():
+def test_parameters_differ_from_none_together() -> None:
     std, apart = np.array([1.0, 1.0]), np.eye(2)
     assert rules.differs_from_none(np.empty(0), np.empty(0), np.empty((0, 0)))
     assert rules.differs_from_none(np.array([3.0, 3.0]), std, apart)
@@ -125,17 +126,19 @@ def test_parameters_differ_from_none_together():
     ('plays', 'one_amplitude', 'taken'),
     [(1.2, False, True), (1.3, False, False), (9.0, True, True)],
 )
-def test_plays_are_taken_where_they_cost_little(plays, one_amplitude, taken):
+def test_plays_are_taken_where_they_cost_little(
+    plays: float, one_amplitude: bool, taken: bool
+) -> None:
     assert rules.plays_are_bearable(plays, 1.0, one_amplitude) is taken
 
 
-def test_what_is_one_amplitude():
+def test_what_is_one_amplitude() -> None:
     voltage = np.array([-1.0, 3.0])
     assert rules.has_one_amplitude(voltage, np.array([3.0, -1.0, 2.8]))
     assert not rules.has_one_amplitude(voltage, np.array([3.0, -1.0, 2.0]))
     assert not rules.has_one_amplitude(voltage, np.empty(0))
 
 
-def test_every_number_says_where_it_is_from():
+def test_every_number_says_where_it_is_from() -> None:
     assert len(rows(CHOICE, CHOICE)) == len(fields(ChoicePolicy))
     assert all(source for *_, source in rows(CHOICE, CHOICE))

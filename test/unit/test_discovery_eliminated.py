@@ -73,7 +73,9 @@ def scene() -> tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit]:
 
 
 @pytest.mark.component
-def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(scene) -> None:
+def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
+) -> None:
     evaluator, start, delay, both = scene
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     assert not evaluator.is_as_good(delay, both)
@@ -89,7 +91,9 @@ def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(scene) ->
 
 
 @pytest.mark.parametrize('accepted', [True, False])
-def test_a_rival_wins_that_tells_better_how_records_begin(scene, accepted: bool) -> None:
+def test_a_rival_wins_that_tells_better_how_records_begin(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit], accepted: bool
+) -> None:
     evaluator, start, delay, _ = scene
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     first = round_of(evaluator, start, [lag, delay], 2, start)

@@ -1,5 +1,7 @@
 """What only held-out records show can neither be named nor passed over."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ TRUE = {
 }
 
 
-def record(frequency, seed, seconds=2.0, late=0.0):
+def record(frequency: int, seed: int, seconds: float = 2.0, late: float = 0.0) -> Record:
     """Return what the model answers; its last eighth is shifted by `late` [m].
 
     That is half of what is held out: all of it would be another zero.
@@ -35,7 +37,7 @@ def record(frequency, seed, seconds=2.0, late=0.0):
 
 
 @pytest.mark.slow
-def test_a_gap_that_only_held_out_records_show_is_unknown():
+def test_a_gap_that_only_held_out_records_show_is_unknown() -> None:
     fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
     late = record(3, 9, late=5e-7)
     found = discover([*fine, late], MODEL)
@@ -48,7 +50,7 @@ def test_a_gap_that_only_held_out_records_show_is_unknown():
 
 
 @pytest.mark.slow
-def test_values_that_training_tells_badly_are_no_missing_effect():
+def test_values_that_training_tells_badly_are_no_missing_effect() -> None:
     fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
     t = np.arange(2000) / RATE
     # the mode is driven in the last quarter alone, which is held out
@@ -63,7 +65,7 @@ def test_values_that_training_tells_badly_are_no_missing_effect():
     assert 'damping_ratio' in found.summary
 
 
-def test_a_chirp_trains_whole_where_sines_are_held_out():
+def test_a_chirp_trains_whole_where_sines_are_held_out() -> None:
     sines = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
     sine = record(3, 9)
     chirp = Record('up', 1.0 / RATE, sine.voltage, sine.displacement,

@@ -15,7 +15,7 @@ from piezo_hysteresis.discovery.verdict.describe import growth
         (0.05, 'hardly changes with the frequency'),
     ],
 )
-def test_growth_and_fall_are_told_apart(power, words):
+def test_growth_and_fall_are_told_apart(power: float, words: str) -> None:
     assert words in growth('frequency', power)
 
 

@@ -15,7 +15,7 @@ PAGE = ROOT / 'docs' / 'nodes.md'
 
 
 @pytest.mark.component
-def test_the_page_is_up_to_date():
+def test_the_page_is_up_to_date() -> None:
     done = subprocess.run(
         [sys.executable, 'tools/write_docs.py', '--check'],
         cwd=ROOT,
@@ -26,7 +26,7 @@ def test_the_page_is_up_to_date():
     assert done.returncode == 0, done.stderr
 
 
-def test_every_node_has_a_section():
+def test_every_node_has_a_section() -> None:
     text = (ROOT / 'src/piezo_hysteresis/setup.py').read_text()
     nodes = re.search(r'nodes = \[(.*?)\]', text, re.DOTALL)
     assert nodes
@@ -35,7 +35,7 @@ def test_every_node_has_a_section():
 
 
 @pytest.mark.parametrize('launch', ['loop', 'record', 'stages'])
-def test_every_launch_argument_is_documented(launch):
+def test_every_launch_argument_is_documented(launch: str) -> None:
     source = (ROOT / f'src/piezo_hysteresis/launch/{launch}.launch.py').read_text()
     values = next(
         node.value

@@ -1,10 +1,15 @@
 """A model becomes a C library that stands alone, keeps its limits, and changes like the nodes."""
 
+from __future__ import annotations
+
 import ctypes
 import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +29,9 @@ GAINS = (100.0, 3e4, 1.0)
 CROSS = 'aarch64-linux-gnu-gcc'
 
 
-def saved(folder, name='bouc_wen_mode', rate=None, **changes):
+def saved(
+    folder: Path, name: str | Model = 'bouc_wen_mode', rate: float | None = None, **changes: float
+) -> Path:
     model = name if isinstance(name, Model) else named(name)
     values = {**model.defaults(), **changes}
     path = folder / 'model.yaml'
@@ -33,7 +40,7 @@ def saved(folder, name='bouc_wen_mode', rate=None, **changes):
 
 
 @pytest.fixture(scope='module')
-def exported(tmp_path_factory):
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Export the model of the demo with everything on, once."""
     folder = tmp_path_factory.mktemp('export')
     out = folder / 'lib'
@@ -43,7 +50,7 @@ def exported(tmp_path_factory):
     return out
 
 
-def make(folder, *words, **environment):
+def make(folder: Any, *words: str, **environment: str) -> CompletedProcess[str]:
     return subprocess.run(
         ['make', '-C', folder, *words],
         capture_output=True,
@@ -54,7 +61,7 @@ def make(folder, *words, **environment):
 
 
 @pytest.fixture(scope='module')
-def loaded(exported):
+def loaded(exported: Path) -> Any:
     """Load the library into this process."""
     shared = exported.parent / 'piezo.so'
     whole = ('-Wl,--whole-archive', exported / 'libpiezo.a', '-Wl,--no-whole-archive')
@@ -65,7 +72,7 @@ def loaded(exported):
 class Loop:
     """The functions and numbers of the library, by the names in its header."""
 
-    def __init__(self, library, header, name='piezo'):
+    def __init__(self, library: Any, header: Any, name: str = 'piezo') -> None:
         text = header.read_text()
         (struct,) = re.findall(rf'typedef struct {{([^}}]*)}} {name}_parameters;', text)
         self.names = re.findall(r'double (\w+);', struct)
@@ -75,15 +82,15 @@ class Loop:
         self._library, self._name = library, name
         self.call('defaults', self.numbers)
 
-    def call(self, function, *arrays):
+    def call(self, function: str, *arrays: np.ndarray) -> Any:
         return getattr(self._library, f'{self._name}_{function}')(
             *(each.ctypes.data_as(ctypes.c_void_p) for each in arrays)
         )
 
-    def begin(self):
+    def begin(self) -> Any:
         return self.call('init', self.memory, self.numbers)
 
-    def change(self, **values):
+    def change(self, **values: Any) -> Any:
         numbers = self.numbers.copy()
         for name, value in values.items():
             numbers[self.names.index(name)] = value
@@ -92,24 +99,24 @@ class Loop:
             self.numbers = numbers
         return code
 
-    def step(self, *row, measured=0.0, age=1.0):
+    def step(self, *row: Any, measured: Any = 0.0, age: Any = 1.0) -> Any:
         code = self.call('step', self.memory, np.array([*row, measured, age]), self.voltage)
         return code, float(self.voltage[0])
 
 
 @pytest.fixture
-def loop(loaded, exported):
+def loop(loaded: Any, exported: Path) -> Loop:
     return Loop(loaded, exported / 'piezo.h')
 
 
-def reference(k):
+def reference(k: int) -> Any:
     phase = 2 * np.pi * 23.0 * k / RATE
     omega = 2 * np.pi * 23.0
     d, v = 1e-4 * np.sin(phase), 1e-4 * omega * np.cos(phase)
     return d, v, -d * omega**2, 23.0, phase
 
 
-def test_the_library_passes_its_own_test_and_tracks_the_plant(exported):
+def test_the_library_passes_its_own_test_and_tracks_the_plant(exported: Path) -> None:
     built = make(exported, 'selftest', 'example', CFLAGS='-Wall -Wextra -Werror -pedantic')
     assert built.returncode == 0, built.stderr
     # nothing is on the path: no Python, no shell
@@ -127,7 +134,7 @@ def test_the_library_passes_its_own_test_and_tracks_the_plant(exported):
     assert both < 0.1 * forward
 
 
-def test_nothing_is_needed_but_the_mathematical_functions(exported):
+def test_nothing_is_needed_but_the_mathematical_functions(exported: Path) -> None:
     listed = subprocess.run(
         ['nm', exported / 'libpiezo.a'], capture_output=True, text=True, check=True
     ).stdout
@@ -142,13 +149,13 @@ def test_nothing_is_needed_but_the_mathematical_functions(exported):
     assert b'site-packages' not in (exported / 'libpiezo.a').read_bytes()
 
 
-def test_cmake_builds_and_tests_it(exported, tmp_path):
+def test_cmake_builds_and_tests_it(exported: Path, tmp_path: Any) -> None:
     for words in (['-S', exported, '-B', tmp_path], ['--build', tmp_path]):
         subprocess.run(['cmake', *words], check=True, capture_output=True)
     subprocess.run(['ctest', '--test-dir', tmp_path], check=True, capture_output=True)
 
 
-def test_the_header_is_cpp_too(exported, tmp_path):
+def test_the_header_is_cpp_too(exported: Path, tmp_path: Path) -> None:
     (tmp_path / 'all.cpp').write_text(
         '#include "piezo.h"\nint main() { return PIEZO_RATE < 0; }\n'
     )
@@ -162,7 +169,7 @@ def test_the_header_is_cpp_too(exported, tmp_path):
     not (shutil.which('qemu-aarch64') and shutil.which(CROSS)),
     reason='qemu-user or the compiler for aarch64 is not installed',
 )
-def test_the_same_on_aarch64(tmp_path):
+def test_the_same_on_aarch64(tmp_path: Path) -> None:
     out = tmp_path / 'lib'
     words = [saved(tmp_path), '--out', out, '--rate', RATE, '--attenuation', 'none']
     words += ['--target', 'aarch64-linux']
@@ -171,7 +178,7 @@ def test_the_same_on_aarch64(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_parameters_change_as_those_of_the_links_do(loop):
+def test_parameters_change_as_those_of_the_links_do(loop: Loop) -> None:
     model = named('bouc_wen_mode')
     values = {**model.defaults(), 'natural_frequency': 68.0}
     inverse = inverse_for(model, values, 1.0 / RATE, limits=LIMITS)
@@ -198,7 +205,7 @@ def test_parameters_change_as_those_of_the_links_do(loop):
         measured, given = Measured(k, expected, reading), reading
 
 
-def test_links_are_switched_without_a_jump(loop):
+def test_links_are_switched_without_a_jump(loop: Loop) -> None:
     assert loop.begin() == 0
     voltages = []
     for k in range(12000):
@@ -211,7 +218,7 @@ def test_links_are_switched_without_a_jump(loop):
     assert jumps[2990:6100].max() < 1e-4  # V; a hard switch makes some mV
 
 
-def test_what_is_impossible_is_refused_and_changes_nothing(loop):
+def test_what_is_impossible_is_refused_and_changes_nothing(loop: Loop) -> None:
     assert loop.step(*reference(0))[0] == -2
     assert loop.change() == -2
     assert loop.begin() == 0
@@ -224,7 +231,7 @@ def test_what_is_impossible_is_refused_and_changes_nothing(loop):
     np.testing.assert_array_equal(loop.memory, before)
 
 
-def test_bad_numbers_give_a_safe_voltage_and_say_so(loop):
+def test_bad_numbers_give_a_safe_voltage_and_say_so(loop: Loop) -> None:
     assert loop.begin() == 0
     for k in range(300):
         code, last = loop.step(*reference(k), measured=1e-7)
@@ -243,7 +250,7 @@ def test_bad_numbers_give_a_safe_voltage_and_say_so(loop):
     assert seen & 8
 
 
-def test_states_are_independent_and_reset_forgets(loop, loaded, exported):
+def test_states_are_independent_and_reset_forgets(loop: Loop, loaded: Any, exported: Path) -> None:
     other = Loop(loaded, exported / 'piezo.h')
     assert loop.begin() == other.begin() == 0
     first = [loop.step(*reference(k), measured=1e-7)[1] for k in range(500)]
@@ -252,7 +259,7 @@ def test_states_are_independent_and_reset_forgets(loop, loaded, exported):
     assert [other.step(*reference(k), measured=1e-7)[1] for k in range(500)] == first
 
 
-def refused(capsys, *words):
+def refused(capsys: Any, *words: Any) -> Any:
     assert main(['export', *map(str, words)]) == 2
     printed = capsys.readouterr().err.strip()
     assert printed.startswith('error: ')
@@ -260,7 +267,9 @@ def refused(capsys, *words):
     return printed
 
 
-def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, capsys):
+def test_bad_input_is_one_line_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / 'out'
     path = saved(tmp_path)
     assert 'aarch64-linux' in refused(capsys, path, '--out', out, '--target', 'z80')
@@ -286,7 +295,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, capsys):
     assert not [each for each in tmp_path.iterdir() if each.name.startswith('.')]
 
 
-def loaded_from(out):
+def loaded_from(out: Any) -> Loop:
     shared = out.parent / f'{out.name}.so'
     whole = ('-Wl,--whole-archive', out / 'libpiezo.a', '-Wl,--no-whole-archive')
     subprocess.run(['gcc', '-shared', '-o', shared, *whole, '-lm'], check=True)
@@ -294,7 +303,7 @@ def loaded_from(out):
 
 
 @pytest.fixture(scope='module')
-def slow_and_fast(tmp_path_factory):
+def slow_and_fast(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Export two models, repetitive control, and a limit of the mean power."""
     folder = tmp_path_factory.mktemp('slow')
     (folder / 'slow').mkdir()
@@ -306,7 +315,9 @@ def slow_and_fast(tmp_path_factory):
     return folder / 'lib'
 
 
-def test_a_slow_model_repetitive_control_and_the_mean_power_are_exported(slow_and_fast):
+def test_a_slow_model_repetitive_control_and_the_mean_power_are_exported(
+    slow_and_fast: Path,
+) -> None:
     assert sorted(each.name for each in slow_and_fast.glob('*.yaml')) == [
         'model.yaml', 'slow_model.yaml',
     ]  # fmt: skip
@@ -323,7 +334,9 @@ def test_a_slow_model_repetitive_control_and_the_mean_power_are_exported(slow_an
     assert loop.numbers[loop.names.index('attenuation_learning')] == 0.2
 
 
-def test_the_model_in_charge_follows_the_frequency_and_both_are_changed_or_none(slow_and_fast):
+def test_the_model_in_charge_follows_the_frequency_and_both_are_changed_or_none(
+    slow_and_fast: Path,
+) -> None:
     loop = loaded_from(slow_and_fast)
     values = {**named('classical').defaults(), 'A': 4e-5}
     off = {'attenuation_on': 0.0, 'energy_limit': 0.0, 'start': 0.0}
@@ -349,7 +362,7 @@ def test_the_model_in_charge_follows_the_frequency_and_both_are_changed_or_none(
     assert jumps[-1] != expected
 
 
-def test_little_power_slows_the_voltage_down_and_is_said(slow_and_fast):
+def test_little_power_slows_the_voltage_down_and_is_said(slow_and_fast: Path) -> None:
     loop = loaded_from(slow_and_fast)
     assert loop.begin() == 0
     assert loop.change(energy_window=1e-3) == -3  # less than eleven ticks
@@ -367,7 +380,7 @@ def test_little_power_slows_the_voltage_down_and_is_said(slow_and_fast):
     assert 1.5e-5 < spent <= 2e-5 * (1.0 + 1e-9)
 
 
-def test_a_model_without_an_inverse_is_a_plant(tmp_path):
+def test_a_model_without_an_inverse_is_a_plant(tmp_path: Path) -> None:
     out = tmp_path / 'plant'
     words = ['export', saved(tmp_path, A1=1e-5), '--out', out, '--only', 'plant', '--name', 'mine']
     assert main([str(word) for word in words]) == 0
@@ -375,7 +388,7 @@ def test_a_model_without_an_inverse_is_a_plant(tmp_path):
     assert 'mine_plant_step' in (out / 'mine.h').read_text()
 
 
-def test_no_compiler_is_one_line(exported, tmp_path):
+def test_no_compiler_is_one_line(exported: Path, tmp_path: Path) -> None:
     shutil.copytree(exported, tmp_path / 'lib')
     (tmp_path / 'lib' / 'selftest').unlink(missing_ok=True)
     done = make(tmp_path / 'lib', 'test', 'CC=no-such-compiler')
@@ -383,7 +396,7 @@ def test_no_compiler_is_one_line(exported, tmp_path):
     assert 'error: there is no C compiler no-such-compiler' in done.stderr
 
 
-def test_what_is_worked_into_the_code_of_a_plant_cannot_be_set(tmp_path):
+def test_what_is_worked_into_the_code_of_a_plant_cannot_be_set(tmp_path: Path) -> None:
     from piezo_hysteresis.blocks import BLOCKS
 
     chain = ('transport_delay', 'bouc_wen_exact', 'mode', 'creep')

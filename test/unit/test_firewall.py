@@ -3,6 +3,8 @@
 No import shows a formula that was copied, so the sources are read.
 """
 
+from __future__ import annotations
+
 import ast
 from collections import defaultdict
 from pathlib import Path
@@ -59,13 +61,13 @@ def formulas(folder: Path) -> dict[str, list[str]]:
 
 @pytest.mark.component
 @pytest.mark.parametrize('room', ['blocks', 'models', 'discovery', 'compensation'])
-def test_no_formula_with_a_number_of_its_own_is_in_both(room):
+def test_no_formula_with_a_number_of_its_own_is_in_both(room: str) -> None:
     world, ours = formulas(WORLD), formulas(OURS / room)
     assert world
     assert {bare: (world[bare], ours[bare]) for bare in world.keys() & ours.keys()} == {}
 
 
-def test_a_copied_guard_would_be_found(tmp_path):
+def test_a_copied_guard_would_be_found(tmp_path: Path) -> None:
     guard = '    stretch = 0.8 * stretch / (0.8 - stretch)\n'
     (tmp_path / 'block.py').write_text(
         f'def f(stretch, bent):\n{guard}'.replace('stretch', 'bent')
@@ -83,7 +85,7 @@ def truths() -> dict[str, set[float]]:
     return found
 
 
-def test_no_start_or_default_is_the_truth_of_a_preset():
+def test_no_start_or_default_is_the_truth_of_a_preset() -> None:
     known = truths()
     modes = known['natural_frequency'] | known['frequency']
     dampings = known['damping_ratio']

@@ -1,5 +1,9 @@
 """A transfer function from records, and what H-infinity makes of it."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -28,7 +32,7 @@ def record(noise: float = 0.0, seed: int = 0) -> Record:
 
 
 @pytest.mark.component
-def test_recovers_poles_and_zeros_exactly_without_noise():
+def test_recovers_poles_and_zeros_exactly_without_noise() -> None:
     found = fit_transfer_function([record()])
     np.testing.assert_allclose(found.numerator, TOP, rtol=1e-6)
     np.testing.assert_allclose(found.denominator, BOTTOM, rtol=1e-6)
@@ -36,7 +40,7 @@ def test_recovers_poles_and_zeros_exactly_without_noise():
     np.testing.assert_allclose(plain.denominator, BOTTOM, rtol=0.02)
 
 
-def test_recovers_003_from_noise_of_its_sensor():
+def test_recovers_003_from_noise_of_its_sensor() -> None:
     found = fit_transfer_function([record(1e-9, 1), record(1e-9, 2)])
     np.testing.assert_allclose(found.numerator, TOP, rtol=0.03)
     np.testing.assert_allclose(found.denominator, BOTTOM, rtol=0.03)
@@ -44,7 +48,9 @@ def test_recovers_003_from_noise_of_its_sensor():
     assert found.nrmse_percent < 0.3
 
 
-def test_the_verb_writes_what_the_design_reads(tmp_path, capsys):
+def test_the_verb_writes_what_the_design_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     data, out = tmp_path / 'steps.csv', tmp_path / 'plant.yaml'
     write_csv(data, record(), unit='m')
     assert main(['linear', str(data), '--out', str(out)]) == 0
@@ -56,7 +62,7 @@ def test_the_verb_writes_what_the_design_reads(tmp_path, capsys):
     assert own.gamma == pytest.approx(known.gamma, rel=1e-3)
 
 
-def test_refuses_what_is_no_linear_system(tmp_path):
+def test_refuses_what_is_no_linear_system(tmp_path: Path) -> None:
     for poles, zeros in ((0, 0), (2, 2), (9, 1)):
         with pytest.raises(IdentificationError, match='fewer zeros'):
             fit_transfer_function([record()], poles, zeros)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from piezo_hysteresis.identification.discrepancy import (
     condition_of,
     discrepancy_of,
 )
+from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_csv
 from piezo_hysteresis.records.record import RecordInfo
@@ -24,11 +27,17 @@ DT = 1e-3
 TIME = np.arange(4000) * DT
 
 
-def residual(error, frequency=5.0, amplitude=1.0, stroke=1e-4, noise=float('nan')):
+def residual(
+    error: Any,
+    frequency: Any = 5.0,
+    amplitude: float = 1.0,
+    stroke: Any = 1e-4,
+    noise: Any = float('nan'),
+) -> RecordResidual:
     return RecordResidual('r', error, DT, frequency, amplitude, stroke, noise)
 
 
-def waves(frequency=5.0, **orders):
+def waves(frequency: float = 5.0, **orders: Any) -> Any:
     return sum(
         size * np.sqrt(2) * np.cos(2 * np.pi * int(order[1:]) * frequency * TIME + 0.3)
         for order, size in orders.items()
@@ -38,7 +47,7 @@ def waves(frequency=5.0, **orders):
 # --- from residuals -----------------------------------------------------------------------------
 
 
-def test_harmonics_are_told_in_rms_and_what_is_small_is_not():
+def test_harmonics_are_told_in_rms_and_what_is_small_is_not() -> None:
     found = condition_of(residual(2e-7 + waves(h1=3e-7, h3=6e-7, h5=1e-9), noise=1e-8))
     assert found.harmonics == pytest.approx({0: 2e-7, 1: 3e-7, 3: 6e-7}, rel=1e-6)
     assert found.rms == pytest.approx(7e-7, rel=1e-4)
@@ -46,7 +55,7 @@ def test_harmonics_are_told_in_rms_and_what_is_small_is_not():
     assert not found.bands
 
 
-def test_a_drive_that_is_not_periodic_has_octaves():
+def test_a_drive_that_is_not_periodic_has_octaves() -> None:
     error = 1e-7 + np.sqrt(2) * 3e-7 * np.sin(2 * np.pi * 10 * TIME)
     found = condition_of(residual(error, frequency=0.0))
     assert found.frequency == 0.0
@@ -55,11 +64,11 @@ def test_a_drive_that_is_not_periodic_has_octaves():
     assert sum(size**2 for size in found.bands.values()) == pytest.approx(found.rms**2)
 
 
-def test_less_than_a_period_is_not_periodic():
+def test_less_than_a_period_is_not_periodic() -> None:
     assert condition_of(residual(waves(h1=1e-7), frequency=0.1)).frequency == 0.0
 
 
-def test_repeats_are_one_condition_and_rest_is_none():
+def test_repeats_are_one_condition_and_rest_is_none() -> None:
     known = discrepancy_of(
         [
             residual(waves(h1=3e-7)), residual(waves(h1=4e-7, h3=1e-7)),
@@ -78,7 +87,7 @@ def test_repeats_are_one_condition_and_rest_is_none():
     assert discrepancy_of([residual(np.full(9, np.nan))], held_out=False) is None
 
 
-def test_only_what_is_larger_than_known_is_news():
+def test_only_what_is_larger_than_known_is_news() -> None:
     known = discrepancy_of([residual(waves(h1=1e-7))], held_out=False)
     assert known is not None
     usual, larger = compared([residual(waves(h3=1.2e-7)), residual(waves(h1=2e-7))], known)
@@ -98,7 +107,9 @@ def test_only_what_is_larger_than_known_is_news():
 # --- in the verbs -------------------------------------------------------------------------------
 
 
-def record(frequency, creep=0.0, seed=1, name='', amplitude=1.0):
+def record(
+    frequency: Any, creep: Any = 0.0, seed: int = 1, name: str = '', amplitude: Any = 1.0
+) -> Record:
     """Return a record of a Bouc-Wen actuator that may creep with its voltage."""
     model = named('classical')
     voltage = amplitude * np.sin(2 * np.pi * frequency * TIME)
@@ -114,11 +125,11 @@ def record(frequency, creep=0.0, seed=1, name='', amplitude=1.0):
 
 
 @pytest.fixture(scope='module')
-def fitted():
+def fitted() -> Identification:
     return identify([record(5.0), record(20.0)], named('classical'))
 
 
-def test_an_identification_knows_what_it_misses(fitted):
+def test_an_identification_knows_what_it_misses(fitted: Identification) -> None:
     known = fitted.discrepancy
     assert known is not None
     assert not known.held_out
@@ -138,14 +149,14 @@ def test_an_identification_knows_what_it_misses(fitted):
     assert fitted.summary()['discrepancy']['judged_on'] == 'fitted'
 
 
-def test_recursive_methods_know_it_too():
+def test_recursive_methods_know_it_too() -> None:
     found = identify([record(5.0), record(20.0)], named('classical'), method='rls_ud')
     assert found.discrepancy is not None
     assert ModelFile.parse(found.model_file().text()).correlation is not None
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory):
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with records and the model of two of them."""
     where = tmp_path_factory.mktemp('known')
     records = {
@@ -160,7 +171,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.component
-def test_identify_judges_on_what_is_held_out(folder, tmp_path, capsys):
+def test_identify_judges_on_what_is_held_out(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ['identify', str(folder / 'one.csv'), '--model', 'classical']
     held = ['--held-out', str(folder / 'more.csv')]
     assert main([*words, *held, '--out', str(tmp_path / 'out')]) == 0
@@ -175,7 +188,9 @@ def test_identify_judges_on_what_is_held_out(folder, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_validate_says_whether_more_is_missed_than_known(folder, tmp_path, capsys):
+def test_validate_says_whether_more_is_missed_than_known(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ['validate', '--model', str(folder / 'model' / 'model.yaml')]
     assert main([*words, str(folder / 'more.csv'), '--out', str(tmp_path / 'more')]) == 0
     assert 'no more than the model is known to miss' in capsys.readouterr().out
@@ -196,7 +211,9 @@ def test_validate_says_whether_more_is_missed_than_known(folder, tmp_path, capsy
 
 
 @pytest.mark.slow
-def test_validate_of_a_model_that_says_nothing(folder, tmp_path, capsys):
+def test_validate_of_a_model_that_says_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     saved = ModelFile.load(folder / 'model' / 'model.yaml')
     replace(saved, discrepancy=None).save(tmp_path / 'old.yaml')
     words = ['validate', str(folder / 'more.csv'), '--model', str(tmp_path / 'old.yaml')]

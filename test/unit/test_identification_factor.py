@@ -1,6 +1,9 @@
 """What is summed or carried several at a time, and by several threads, is as one by one."""
 
+from __future__ import annotations
+
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ from piezo_hysteresis.records import Record, RecordInfo
 @pytest.mark.parametrize(
     ('columns', 'samples'), [(1, 1), (5, 3), (6, 6), (9, 700), (23, 512), (50, 1300)]
 )
-def test_a_triangle_is_that_of_all_its_pieces(columns, samples):
+def test_a_triangle_is_that_of_all_its_pieces(columns: int, samples: int) -> None:
     rows = np.random.default_rng(columns).standard_normal((columns, samples))
     if columns > 2:
         rows[1] = 0.0
@@ -29,7 +32,9 @@ def test_a_triangle_is_that_of_all_its_pieces(columns, samples):
 
 @pytest.mark.parametrize('names', [('mode', 'creep_pair'), ('transport_delay', 'mode', 'creep')])
 @pytest.mark.parametrize('many', [1, 3, 4, 6])
-def test_inputs_that_are_carried_together_have_the_bits_of_each(names, many):
+def test_inputs_that_are_carried_together_have_the_bits_of_each(
+    names: tuple[str, ...], many: int
+) -> None:
     dt, model = 1e-3, Model('row', tuple(BLOCKS[name] for name in names))
     given = {'delay': 2.3e-3, 'natural_frequency': 90.0, 'creep_share': 0.2, 'creep_time': 0.05}
     packed = model.pack({k: v for k, v in given.items() if k in model.parameter_names})
@@ -44,10 +49,10 @@ def test_inputs_that_are_carried_together_have_the_bits_of_each(names, many):
     assert np.array_equal(stage.carried(signals, p, dt), np.array(alone))
 
 
-def test_a_crew_works_in_order_and_is_no_larger_than_asked_for():
+def test_a_crew_works_in_order_and_is_no_larger_than_asked_for() -> None:
     seen = set()
 
-    def square(value):
+    def square(value: Any) -> Any:
         seen.add(threading.current_thread().name)
         return value * value
 
@@ -56,7 +61,7 @@ def test_a_crew_works_in_order_and_is_no_larger_than_asked_for():
     assert of_each(square, [2], 3) == [4]
 
 
-def test_a_fit_is_the_same_with_any_number_of_threads():
+def test_a_fit_is_the_same_with_any_number_of_threads() -> None:
     model, dt = named('classical'), 1e-3
     true = model.pack({'beta': 0.03})
     records = []

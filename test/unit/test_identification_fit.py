@@ -1,5 +1,7 @@
 """Output error: derivatives, folding, solver, recovery, what it says about its own digits."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
@@ -347,7 +349,7 @@ def test_a_delay_of_what_is_held_is_found_from_ticks_away() -> None:
         ('slew_limit', 'prandtl_ishlinskii', 'nonlinear_mode', 'gain_decay', 'creep'),
     ],
 )
-def test_runs_between_the_ticks_are_differentiated(names):
+def test_runs_between_the_ticks_are_differentiated(names: tuple[str, ...]) -> None:
     """Against central differences of the whole chain, twice as coarse as those of the run."""
     model = Model('chain', tuple(named_block(name) for name in names))
     t = np.arange(800) * 1e-3

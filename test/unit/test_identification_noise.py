@@ -1,11 +1,15 @@
 """The noise floor of records, in which more than noise changes from period to period."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import (
@@ -22,7 +26,13 @@ from piezo_hysteresis.records import Record, RecordInfo
 RATE, NOISE = 1000.0, 2e-8
 
 
-def record(frequency, seconds=4.0, seed=0, add=0.0, noise=NOISE):
+def record(
+    frequency: int,
+    seconds: float = 4.0,
+    seed: int = 0,
+    add: FloatArray | float = 0.0,
+    noise: Any = NOISE,
+) -> Record:
     t = np.arange(round(seconds * RATE)) / RATE
     u = np.sin(2 * np.pi * frequency * t)
     y = 1e-4 * (u - 0.2 * u**3) + add + noise * np.random.default_rng(seed).normal(size=t.size)
@@ -32,24 +42,24 @@ def record(frequency, seconds=4.0, seed=0, add=0.0, noise=NOISE):
     return Record(f'{frequency}Hz_{seed}', 1.0 / RATE, u, y, info=info)
 
 
-def sweep(add=0.0):
+def sweep(add: FloatArray | float = 0.0) -> list[Any]:
     return [record(f, seed=k, add=add) for k, f in enumerate((1, 2, 4, 5, 8, 10, 20, 0))]
 
 
-def test_it_is_as_sure_as_it_says():
+def test_it_is_as_sure_as_it_says() -> None:
     found = floor_of(sweep())
     assert 0.0 < found.doubt < 0.06
     assert (found.rms / NOISE) ** 2 == pytest.approx(1.0, abs=3.0 * found.doubt)
 
 
-def test_tones_and_drift_are_no_noise():
+def test_tones_and_drift_are_no_noise() -> None:
     t = np.arange(4000) / RATE
     disturbed = sweep(2e-6 * np.sin(2 * np.pi * 17.37 * t) + 1e-5 * t)
     found = floor_of(disturbed)
     assert found.rms == pytest.approx(NOISE, rel=0.06)
 
 
-def test_a_record_with_noise_of_its_own_keeps_it_to_itself():
+def test_a_record_with_noise_of_its_own_keeps_it_to_itself() -> None:
     records = sweep()
     records[2] = record(4, seed=2, noise=5.0 * NOISE)
     assert noise_of(records[2]).rms == pytest.approx(5.0 * NOISE, rel=0.1)
@@ -61,13 +71,13 @@ def test_a_record_with_noise_of_its_own_keeps_it_to_itself():
     assert others.pop() == pytest.approx(NOISE, rel=0.05)
 
 
-def bent(voltage, seed=3):
+def bent(voltage: np.ndarray, seed: int = 3) -> Record:
     """Return a record of a bent gain that is driven by any voltage."""
     noise = NOISE * np.random.default_rng(seed).normal(size=voltage.size)
     return Record('any', 1.0 / RATE, voltage, 1e-4 * (voltage - 0.2 * voltage**3) + noise)
 
 
-def test_records_that_never_repeat_show_their_noise():
+def test_records_that_never_repeat_show_their_noise() -> None:
     t = np.arange(20000) / RATE
     chirp = bent(np.sin(2 * np.pi * (1.0 + 2.0 * t) * t))
     staircase = bent(np.repeat(np.sin(np.arange(20)), 1000))
@@ -76,7 +86,7 @@ def test_records_that_never_repeat_show_their_noise():
 
 
 @pytest.mark.parametrize('kind', ['sine', 'chirp'])
-def test_spikes_and_drop_outs_move_nothing(kind):
+def test_spikes_and_drop_outs_move_nothing(kind: str) -> None:
     t = np.arange(12000) / RATE
     clean = bent(np.sin(2 * np.pi * (5.0 if kind == 'sine' else 5.0 + 2.0 * t) * t))
     spoilt = clean.displacement.copy()
@@ -93,7 +103,7 @@ def test_spikes_and_drop_outs_move_nothing(kind):
     assert whole(clean).lost < 10
 
 
-def test_slow_noise_has_a_colour():
+def test_slow_noise_has_a_colour() -> None:
     rng = np.random.default_rng(1)
     slow = np.convolve(rng.normal(size=20100), np.ones(20) / 20.0, 'same')[:20000]
     t = np.arange(20000) / RATE
@@ -104,14 +114,14 @@ def test_slow_noise_has_a_colour():
     assert noise_of(red).colour > 0.8
 
 
-def test_records_that_show_no_noise_are_refused():
+def test_records_that_show_no_noise_are_refused() -> None:
     short = [record(100, seconds=0.03)]
     with pytest.raises(IdentificationError, match='no record shows the noise'):
         split(short)
 
 
 @pytest.mark.parametrize('frequency', [0, 5])
-def test_the_steps_of_a_converter_are_noise(frequency):
+def test_the_steps_of_a_converter_are_noise(frequency: int) -> None:
     step = 1e-6
     seen = record(frequency, noise=0.05 * step)
     read = step * np.round(seen.displacement / step)
@@ -122,20 +132,28 @@ def test_the_steps_of_a_converter_are_noise(frequency):
         assert noise.lines == 0
 
 
-def test_a_converter_adds_nothing_to_noise_that_fills_its_steps():
+def test_a_converter_adds_nothing_to_noise_that_fills_its_steps() -> None:
     seen = record(5)
     read = 0.1 * NOISE * np.round(seen.displacement / (0.1 * NOISE))
     plain, stepped = (noise_of(each).rms for each in (seen, replace(seen, displacement=read)))
     assert stepped == pytest.approx(plain, rel=0.01)
 
 
-def slow_noise(count, seed, share=0.9):
+def slow_noise(count: int, seed: int, share: float = 0.9) -> Any:
     """Return noise of rms 1 of which each sample keeps a share of the last."""
     white = np.random.default_rng(seed).normal(size=count)
     return lfilter([np.sqrt(1.0 - share**2)], [1.0, -share], white)
 
 
-def driven(period, count=6000, *, seed=4, jump=0, before=0, slow=True):
+def driven(
+    period: Any,
+    count: int = 6000,
+    *,
+    seed: int = 4,
+    jump: int = 0,
+    before: int = 0,
+    slow: bool = True,
+) -> Record:
     """Return a record of a loop that settles, of a period that may be no whole number."""
     u = np.concatenate([np.zeros(before), np.sin(2 * np.pi * np.arange(count) / period)])
     u = np.roll(u, -jump)
@@ -147,7 +165,9 @@ def driven(period, count=6000, *, seed=4, jump=0, before=0, slow=True):
 @pytest.mark.parametrize('jump', [0, 123])
 @pytest.mark.parametrize('slow', [False, True])
 @pytest.mark.parametrize('period', [131.4, 611.88, 1277.3])
-def test_a_period_need_not_be_a_whole_number_of_samples(period, slow, jump):
+def test_a_period_need_not_be_a_whole_number_of_samples(
+    period: float, slow: bool, jump: int
+) -> None:
     found = noise_of(driven(period, slow=slow, jump=jump))
     # few lines hold most of slow noise
     assert found.rms == pytest.approx(NOISE, rel=4.0 * found.doubt / 2.0)
@@ -155,7 +175,7 @@ def test_a_period_need_not_be_a_whole_number_of_samples(period, slow, jump):
     assert found.colour == pytest.approx(0.9 if slow else 0.0, abs=0.06)
 
 
-def test_the_period_is_found_between_samples_beside_a_jump():
+def test_the_period_is_found_between_samples_beside_a_jump() -> None:
     repeat = repeat_of(driven(611.88, jump=123))
     assert repeat is not None
     assert repeat.period == pytest.approx(611.88, abs=1e-3)
@@ -164,7 +184,7 @@ def test_the_period_is_found_between_samples_beside_a_jump():
 
 
 @pytest.mark.parametrize('kind', ['chirp', 'growing', 'rest'])
-def test_a_drive_that_does_not_repeat_has_no_period(kind):
+def test_a_drive_that_does_not_repeat_has_no_period(kind: str) -> None:
     t = np.arange(6000) / RATE
     u = {
         'chirp': np.sin(2 * np.pi * (1.0 + 2.0 * t) * t),
@@ -174,7 +194,7 @@ def test_a_drive_that_does_not_repeat_has_no_period(kind):
     assert repeat_of(bent(u)) is None
 
 
-def test_a_record_that_does_not_repeat_has_the_colour_of_the_others():
+def test_a_record_that_does_not_repeat_has_the_colour_of_the_others() -> None:
     t = np.arange(6000) / RATE
     u = np.sin(2 * np.pi * (1.0 + 0.5 * t) * t)
     chirp = Record('c', 1.0 / RATE, u, 1e-4 * u + NOISE * slow_noise(t.size, 8))
@@ -183,7 +203,7 @@ def test_a_record_that_does_not_repeat_has_the_colour_of_the_others():
     assert found.rms == pytest.approx(NOISE, rel=0.15)
 
 
-def test_slow_noise_says_less_than_its_samples():
+def test_slow_noise_says_less_than_its_samples() -> None:
     whites = [np.random.default_rng(k).normal(size=4000) for k in range(200)]
     slows = [slow_noise(4000, k) for k in range(200)]
     for share, signals in ((0.0, whites), (0.9, slows)):
@@ -196,7 +216,9 @@ def test_slow_noise_says_less_than_its_samples():
 
 @pytest.mark.parametrize('share', [0.1, 0.2, 0.3, 0.5])
 @pytest.mark.parametrize('period', [200.0, 211.37])
-def test_rounding_that_repeats_with_the_drive_is_noise_all_the_same(share, period):
+def test_rounding_that_repeats_with_the_drive_is_noise_all_the_same(
+    share: float, period: float
+) -> None:
     step = 1e-6
     u = np.sin(2 * np.pi * np.arange(12000) / period)
     noise = share * step * np.random.default_rng(9).normal(size=u.size)
@@ -219,7 +241,7 @@ def test_noise_far_from_the_step_of_its_converter_is_told_all_the_same(ratio: fl
     assert 0.2 * max(ratio, 0.29) * step < told < 2.0 * max(ratio, 0.29) * step
 
 
-def test_a_section_that_hardly_repeats_behind_its_warm_up_shows_what_differences_do():
+def test_a_section_that_hardly_repeats_behind_its_warm_up_shows_what_differences_do() -> None:
     time = np.arange(256) * 1e-3
     voltage = np.sin(2 * np.pi * 50.0 * time) * np.minimum(time / 0.2, 1.0)
     noise = 1e-8 * np.random.default_rng(1).standard_normal(time.size)
@@ -255,7 +277,9 @@ def test_noise_that_rounding_hides_from_differences_is_told_by_the_others(memory
     assert noises_of([*quiet, growing])[-1].rms == pytest.approx(noise_of(growing).rms)
 
 
-def amplitude_record(amplitude, seed, *, grows=True, share=0.9):
+def amplitude_record(
+    amplitude: float, seed: int, *, grows: bool = True, share: float = 0.9
+) -> Record:
     """Return slow noise on a sine, which follows its amplitude or does not."""
     t = np.arange(6000) / RATE
     u = amplitude * np.sin(2 * np.pi * 4.0 * t)
@@ -264,13 +288,13 @@ def amplitude_record(amplitude, seed, *, grows=True, share=0.9):
     return Record(f'{amplitude}_{seed}', 1.0 / RATE, u, y, info=RecordInfo(amplitude=amplitude))
 
 
-def test_noise_that_falls_with_the_frequency_is_told_without_a_bias():
+def test_noise_that_falls_with_the_frequency_is_told_without_a_bias() -> None:
     records = [amplitude_record(1.0, seed, share=0.95) for seed in range(40)]
     # 0.92 where a median runs over a spectrum that falls
     assert np.mean([noise_of(each).rms for each in records]) == pytest.approx(NOISE, rel=0.04)
 
 
-def test_noise_that_follows_the_drive_is_shared_by_none_of_another_drive():
+def test_noise_that_follows_the_drive_is_shared_by_none_of_another_drive() -> None:
     amplitudes = (1.0, 0.85, 0.7, 0.55) * 2
     records = [amplitude_record(a, seed) for seed, a in enumerate(amplitudes)]
     found = noises_of(records)
@@ -281,8 +305,8 @@ def test_noise_that_follows_the_drive_is_shared_by_none_of_another_drive():
     assert len({noise.rms for noise in alike}) == 1
 
 
-def test_a_record_that_tells_no_noise_is_like_those_with_its_drive():
-    def constant(record):
+def test_a_record_that_tells_no_noise_is_like_those_with_its_drive() -> None:
+    def constant(record: Record) -> Record:
         return replace(record, displacement=np.full(len(record), 1e-6))
 
     records = [amplitude_record(a, k) for k, a in enumerate((1.0, 1.0, 0.3, 0.3, 0.3, 1.0, 0.3))]

@@ -1,5 +1,10 @@
 """An investigation of a simulated actuator, from the choice of experiments to its end."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -22,16 +27,16 @@ QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
 
 
 @pytest.fixture(scope='module')
-def model():
+def model() -> ModelFile:
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
     records = simulate(PRESET, specs, QUIET, 1, RATE)
     return identify(records, named('classical')).model_file()
 
 
-def actuator(**effects):
+def actuator(**effects: Any) -> Callable[..., Any]:
     plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
 
-    def run(experiment):
+    def run(experiment: Any) -> Record:
         plant.run(np.zeros(300))
         voltage = experiment.voltage(RATE)
         return Record(experiment.name, 1.0 / RATE, voltage, plant.run(voltage))
@@ -40,7 +45,7 @@ def actuator(**effects):
 
 
 @pytest.mark.component
-def test_creep_is_named_and_confirmed_in_a_tenth_of_the_budget(model):
+def test_creep_is_named_and_confirmed_in_a_tenth_of_the_budget(model: ModelFile) -> None:
     investigation = Investigation(model, LIMITS, RATE)
     stop = investigate(investigation, actuator(**{'effects.creep': True}))
     assert stop.reason == 'sure'
@@ -51,7 +56,7 @@ def test_creep_is_named_and_confirmed_in_a_tenth_of_the_budget(model):
 
 
 @pytest.mark.slow
-def test_where_nothing_is_missing_it_stops_early(model):
+def test_where_nothing_is_missing_it_stops_early(model: ModelFile) -> None:
     investigation = Investigation(model, LIMITS, RATE)
     stop = investigate(investigation, actuator())
     assert stop.reason == 'nothing'
@@ -60,7 +65,7 @@ def test_where_nothing_is_missing_it_stops_early(model):
 
 
 @pytest.mark.slow
-def test_the_same_records_lead_to_the_same_choices_and_beliefs(model):
+def test_the_same_records_lead_to_the_same_choices_and_beliefs(model: ModelFile) -> None:
     first = Investigation(model, LIMITS, RATE)
     investigate(first, actuator(**{'effects.saturation': True, 'amplifier.clip_high': 0.8}))
     again = Investigation(model, LIMITS, RATE)
@@ -73,7 +78,7 @@ def test_the_same_records_lead_to_the_same_choices_and_beliefs(model):
 
 
 @pytest.mark.slow
-def test_a_budget_is_not_exceeded(model):
+def test_a_budget_is_not_exceeded(model: ModelFile) -> None:
     investigation = Investigation(model, LIMITS, RATE, Rules(budget=2.0))
     stop = investigate(investigation, actuator())
     assert stop.reason == 'budget'
@@ -81,7 +86,7 @@ def test_a_budget_is_not_exceeded(model):
 
 
 @pytest.mark.component
-def test_experiments_keep_the_stroke_that_the_model_predicts(model):
+def test_experiments_keep_the_stroke_that_the_model_predicts(model: ModelFile) -> None:
     every = Investigation(model, LIMITS, RATE).outlooks
     most = 0.6 * max(each.stroke for each in every)
     with pytest.raises(InvestigationError, match='stroke'):
@@ -91,13 +96,13 @@ def test_experiments_keep_the_stroke_that_the_model_predicts(model):
         Investigation(model, ExperimentLimits(-1.0, 1.0, stroke=most), RATE)
 
 
-def test_a_model_that_does_not_say_what_it_misses_is_refused(model):
+def test_a_model_that_does_not_say_what_it_misses_is_refused(model: ModelFile) -> None:
     bare = ModelFile(model.model, model.values)
     with pytest.raises(InvestigationError, match='identify it once more'):
         Investigation(bare, LIMITS, RATE)
 
 
-def test_the_usual_range_is_what_the_model_was_judged_on(model):
+def test_the_usual_range_is_what_the_model_was_judged_on(model: Any) -> None:
     known = max(each.amplitude for each in model.discrepancy.conditions)
     assert known == pytest.approx(1.0, rel=1e-3)
     assert known_range(-5.0, 5.0, model) == (-known, known)
@@ -118,13 +123,13 @@ NO_RANGES = [
 
 
 @pytest.mark.parametrize(('low', 'high'), NO_RANGES)
-def test_limits_that_are_given_are_kept_or_refused(low, high, model):
+def test_limits_that_are_given_are_kept_or_refused(low: Any, high: Any, model: ModelFile) -> None:
     assert range_refusal(low, high)
     with pytest.raises(InvestigationError, match='voltage limits'):
         granted_range((low, high), (-1.0, 1.0), model)
 
 
-def test_one_limit_alone_is_refused_and_none_is_what_is_known(model):
+def test_one_limit_alone_is_refused_and_none_is_what_is_known(model: ModelFile) -> None:
     assert 'highest voltage is not given' in range_refusal(-0.3, None)
     assert 'lowest voltage is not given' in range_refusal(None, 0.3)
     assert range_refusal(None, None) == range_refusal(-0.3, 0.3) == ''
@@ -138,6 +143,6 @@ def test_one_limit_alone_is_refused_and_none_is_what_is_known(model):
 
 
 @pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (NAN, 1.0)])
-def test_a_range_without_rest_is_refused(low, high):
+def test_a_range_without_rest_is_refused(low: Any, high: float) -> None:
     with pytest.raises(InvestigationError):
         ExperimentLimits(low, high)

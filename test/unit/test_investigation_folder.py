@@ -1,7 +1,10 @@
 """The folder of an investigation: journal and bags, going on, and repeating it from them."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +28,12 @@ QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
 class Actuator:
     """A simulated one that records bags, and breaks down after some experiments."""
 
-    def __init__(self, lasts=100, **effects):
+    def __init__(self, lasts: int = 100, **effects: Any) -> None:
         self.plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
         self.lasts, self.clock = lasts, 0.3
         self.used: list[Any] = []
 
-    def run(self, experiment, bag):
+    def run(self, experiment: Any, bag: Any) -> bool:
         if self.lasts == 0:
             raise PiezoError('the actuator has gone')
         self.lasts -= 1
@@ -41,20 +44,22 @@ class Actuator:
         write_bag(bag, [record])
         return True
 
-    def apply(self, model):
+    def apply(self, model: Any) -> str:
         self.used.append(model)
         return 'the test'
 
 
 @pytest.fixture(scope='module')
-def setup():
+def setup() -> Setup:
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
     model = identify(simulate(PRESET, specs, QUIET, 1, RATE), named('classical')).model_file()
     return Setup(model, ExperimentLimits(-1.0, 1.0, slew=700.0), Rules(budget=60.0), RATE)
 
 
 @pytest.mark.slow
-def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(setup, tmp_path):
+def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(
+    setup: Setup, tmp_path: Path
+) -> None:
     folder = tmp_path / 'out'
     with pytest.raises(PiezoError, match='gone'):
         conduct(folder, setup, Actuator(1, **{'effects.creep': True}))
@@ -81,7 +86,7 @@ def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(setup, tmp_p
     assert again.stop == result.stop
 
 
-def test_a_folder_of_something_else_is_refused(setup, tmp_path):
+def test_a_folder_of_something_else_is_refused(setup: Setup, tmp_path: Path) -> None:
     (tmp_path / 'mine').write_text('x')
     with pytest.raises(InvestigationError, match='not empty'):
         Journal.begun(tmp_path, setup)
@@ -93,7 +98,7 @@ def test_a_folder_of_something_else_is_refused(setup, tmp_path):
         Journal.begun(tmp_path / 'new', other)
 
 
-def test_a_damaged_journal_is_told(setup, tmp_path):
+def test_a_damaged_journal_is_told(setup: Setup, tmp_path: Path) -> None:
     Journal.begun(tmp_path / 'new', setup).cleared(1)
     (tmp_path / 'new' / 'journal.jsonl').write_text('{')
     with pytest.raises(InvestigationError, match='damaged'):
@@ -101,12 +106,12 @@ def test_a_damaged_journal_is_told(setup, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_budget_is_spent_and_a_larger_one_goes_on(setup, tmp_path):
+def test_a_budget_is_spent_and_a_larger_one_goes_on(setup: Setup, tmp_path: Path) -> None:
     told: list[InvestigationProgress] = []
     folder = tmp_path / 'out'
     actuator = Actuator(**{'effects.creep': True})
 
-    def asked(budget):
+    def asked(budget: float) -> Setup:
         return replace(setup, rules=replace(setup.rules, budget=budget))
 
     with pytest.raises(RecordError, match='allow more seconds'):

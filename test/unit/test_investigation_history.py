@@ -1,5 +1,9 @@
 """What went before a record of an investigation: known, limited, and carried into the next one."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,11 +15,11 @@ from piezo_hysteresis.records import Record
 DT = 1e-3
 
 
-def record(voltage, start, name='r'):
+def record(voltage: Any, start: float, name: str = 'r') -> Record:
     return Record(name, DT, voltage, 1e-6 * np.asarray(voltage), start=start)
 
 
-def test_a_record_that_follows_at_rest_has_all_that_went_before():
+def test_a_record_that_follows_at_rest_has_all_that_went_before() -> None:
     history = History()
     first = history.following(record([0.0, 1.0, 0.5], 100.0))
     assert first.before is None
@@ -28,7 +32,7 @@ def test_a_record_that_follows_at_rest_has_all_that_went_before():
     np.testing.assert_array_equal(third.before, [0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 2.0])
 
 
-def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew():
+def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew() -> None:
     history = History()
     history.following(record([0.0, 1.0], 5.0))
     assert history.following(record([0.0, 1.0], 0.0)).before is None
@@ -38,7 +42,7 @@ def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew():
     assert history.following(record([0.0, 1.0], 0.02)).before is None
 
 
-def test_what_is_long_ago_is_left_out():
+def test_what_is_long_ago_is_left_out() -> None:
     history, ticks = History(), round(LONGEST / DT)
     history.following(record(np.ones(ticks), 0.0))
     second = history.following(record([0.0, 1.0], LONGEST + 0.002))
@@ -49,14 +53,14 @@ def test_what_is_long_ago_is_left_out():
     np.testing.assert_array_equal(third.before, np.zeros(ticks))
 
 
-def test_a_section_knows_what_went_before_it():
+def test_a_section_knows_what_went_before_it() -> None:
     history = History()
     history.following(record([1.0], 0.0))
     part = history.following(record([2.0, 3.0, 4.0], DT)).section(1, 3)
     np.testing.assert_array_equal(part.before, [1.0, 2.0])
 
 
-def test_creep_goes_on_from_one_record_into_the_next():
+def test_creep_goes_on_from_one_record_into_the_next() -> None:
     base = named('classical')
     creep = next(c for c in candidates(base, 1.0, 1e-4) if c.effect.variant == 'creep')
     values = creep.values(base.defaults(), creep.starts[0])

@@ -1,10 +1,14 @@
 """Kernels: compiled by set-up, kept, found again by whoever needs them, never mixed up."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +19,7 @@ FRESH = """
 """
 
 
-def python(code, *arguments, **environment):
+def python(code: str, *arguments: Path | str | int, **environment: str) -> Any:
     """Run Python in a process of its own; answer its lines and those of its errors."""
     words = [sys.executable, '-c', textwrap.dedent(code), *map(str, arguments)]
     done = subprocess.run(
@@ -25,15 +29,15 @@ def python(code, *arguments, **environment):
     return done.stdout.splitlines(), done.stderr.splitlines()
 
 
-def kept(folder):
+def kept(folder: Path) -> list[Any]:
     return sorted(path.name for path in Path(folder).rglob('*.nbc'))
 
 
 @pytest.fixture
-def module(tmp_path):
+def module(tmp_path: Path) -> Callable[..., Any]:
     """Make two modules, the kernel of one calls that of the other; answer how they are written."""
 
-    def write(factor=2.0):
+    def write(factor: float = 2.0) -> None:
         (tmp_path / 'piezo_inner.py').write_text(
             'from piezo_kernels.compile import leaf\n'
             f'@leaf\ndef times(x):\n    return {factor} * x\n'
@@ -58,12 +62,12 @@ CALL = """
 
 
 @pytest.mark.component
-def test_set_up_runs_every_kernel():
+def test_set_up_runs_every_kernel() -> None:
     assert python(FRESH)[0] == ['[]'], 'add what runs these kernels to a rehearsal module'
 
 
 @pytest.mark.component
-def test_a_kernel_is_compiled_once(module, tmp_path):
+def test_a_kernel_is_compiled_once(module: Callable[..., Any], tmp_path: Path) -> None:
     folder = tmp_path / 'kept'
     first = python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0]
     again = python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0]
@@ -72,7 +76,9 @@ def test_a_kernel_is_compiled_once(module, tmp_path):
 
 
 @pytest.mark.component
-def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(module, tmp_path):
+def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(
+    module: Callable[..., Any], tmp_path: Path
+) -> None:
     # Python takes an edit of equal length within one second for no edit: no .pyc, for both runs.
     environment = {
         'NUMBA_CACHE_DIR': str(tmp_path / 'kept'),
@@ -84,7 +90,7 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(module, tm
 
 
 @pytest.mark.slow
-def test_a_damaged_file_is_compiled_over(module, tmp_path):
+def test_a_damaged_file_is_compiled_over(module: Callable[..., Any], tmp_path: Path) -> None:
     folder = tmp_path / 'kept'
     python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
     (file,) = folder.rglob('*.nbc')
@@ -94,7 +100,9 @@ def test_a_damaged_file_is_compiled_over(module, tmp_path):
 
 
 @pytest.mark.slow
-def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(module, tmp_path):
+def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(
+    module: Callable[..., Any], tmp_path: Path
+) -> None:
     folder = tmp_path / 'kept'
     environment = {**os.environ, 'NUMBA_CACHE_DIR': str(folder)}
     kinds = ['1.0', '1', '1j', '1.0', '1', '1j']
@@ -112,7 +120,9 @@ def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(mo
 
 
 @pytest.mark.component
-def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(module, tmp_path):
+def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(
+    module: Callable[..., Any], tmp_path: Path
+) -> None:
     code = """
     import piezo_kernels.cache as cache
     import piezo_kernels.turns as turns
@@ -126,7 +136,9 @@ def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(module
 
 
 @pytest.mark.slow
-def test_a_folder_that_cannot_be_written_is_read(module, tmp_path):
+def test_a_folder_that_cannot_be_written_is_read(
+    module: Callable[..., Any], tmp_path: Path
+) -> None:
     folder = tmp_path / 'kept'
     python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))
     code = """
@@ -140,7 +152,7 @@ def test_a_folder_that_cannot_be_written_is_read(module, tmp_path):
     assert (lines, printed) == (['3.0 0'], [])
 
 
-def test_kernels_lie_in_the_workspace_and_then_with_the_user():
+def test_kernels_lie_in_the_workspace_and_then_with_the_user() -> None:
     code = 'from piezo_kernels.folders import folders; print(*folders(), sep="\\n")'
     root = Path(__file__).parents[2].resolve()
     environment = {'XDG_CACHE_HOME': '/home/me/cache', 'NUMBA_CACHE_DIR': '/my'}
@@ -151,20 +163,20 @@ def test_kernels_lie_in_the_workspace_and_then_with_the_user():
     ]
 
 
-def test_kernels_of_the_same_parts_in_another_order_are_two():
+def test_kernels_of_the_same_parts_in_another_order_are_two() -> None:
     from piezo_kernels.compile import jit
     from piezo_kernels.fresh import closure
 
-    def scaled(factor):
+    def scaled(factor: Any) -> Any:
         @jit
-        def scale(x):
+        def scale(x: Any) -> Any:
             return factor * x
 
         return scale
 
-    def after(one, other):
+    def after(one: Any, other: Any) -> Any:
         @jit
-        def both(x):
+        def both(x: Any) -> Any:
             return other(one(x) + 1.0)
 
         return both
@@ -193,7 +205,7 @@ TWINS = """
 
 
 @pytest.mark.slow
-def test_kernels_of_one_text_that_other_processes_kept_stay_two(tmp_path):
+def test_kernels_of_one_text_that_other_processes_kept_stay_two(tmp_path: Path) -> None:
     (tmp_path / 'piezo_twins.py').write_text(textwrap.dedent(TWINS))
     call = """
     import sys

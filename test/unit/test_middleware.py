@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -24,7 +25,7 @@ rclpy.shutdown()
 """
 
 
-def test_a_file_of_the_user_stays_in_force(monkeypatch) -> None:
+def test_a_file_of_the_user_stays_in_force(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(PROFILES, raising=False)
     prepare()
     assert os.environ[PROFILES] == profiles()
@@ -48,7 +49,7 @@ def _says(file: str) -> str:
 
 
 @pytest.mark.component
-def test_the_middleware_understands_every_word_of_it(tmp_path) -> None:
+def test_the_middleware_understands_every_word_of_it(tmp_path: Path) -> None:
     assert 'XML' not in _says(profiles())
     assert 'XML' not in _says(profiles('fastdds_udp.xml'))
     wrong = tmp_path / 'wrong.xml'

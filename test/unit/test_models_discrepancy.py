@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +25,7 @@ KNOWN = Discrepancy(
 )
 
 
-def model_file(**more):
+def model_file(**more: Any) -> ModelFile:
     model = named('classical')
     deviations = {'A1': 1e-9, 'A': 2e-9, 'beta': 0.5}
     return ModelFile(model, model.defaults(), deviations, **more)
@@ -31,19 +34,19 @@ def model_file(**more):
 # --- correlation --------------------------------------------------------------------------------
 
 
-def test_the_covariance_is_that_of_deviations_and_correlation():
+def test_the_covariance_is_that_of_deviations_and_correlation() -> None:
     names, matrix = model_file(correlation=Correlation(('A1', 'A', 'beta'), MATRIX)).covariance()
     assert names == ('A1', 'A', 'beta')
     spread = np.array([1e-9, 2e-9, 0.5])
     np.testing.assert_allclose(matrix, MATRIX * np.outer(spread, spread))
 
 
-def test_without_a_correlation_the_covariance_is_diagonal():
+def test_without_a_correlation_the_covariance_is_diagonal() -> None:
     _, matrix = model_file().covariance()
     np.testing.assert_array_equal(matrix, np.diag(np.square([1e-9, 2e-9, 0.5])))
 
 
-def test_the_order_of_the_names_is_theirs():
+def test_the_order_of_the_names_is_theirs() -> None:
     correlation = Correlation(('beta', 'A1'), np.array([[1.0, 0.7], [0.7, 1.0]]))
     names, matrix = model_file(correlation=correlation).covariance()
     assert names == ('A1', 'A', 'beta')
@@ -51,7 +54,7 @@ def test_the_order_of_the_names_is_theirs():
     assert matrix[0, 1] == 0.0
 
 
-def test_rounding_leaves_no_negative_variance():
+def test_rounding_leaves_no_negative_variance() -> None:
     """Two values that can hardly be told apart, written with nine digits."""
     tight = np.array(
         [[1.0, 1.0 - 1e-12, 0.3], [1.0 - 1e-12, 1.0, 0.3 + 1e-7], [0.3, 0.3 + 1e-7, 1.0]]
@@ -62,7 +65,7 @@ def test_rounding_leaves_no_negative_variance():
     np.testing.assert_array_equal(np.diag(read.matrix), np.ones(3))
 
 
-def test_only_what_has_a_deviation_is_kept():
+def test_only_what_has_a_deviation_is_kept() -> None:
     correlation = Correlation.among(('A1', 'late', 'beta'), MATRIX, ('A1', 'beta'))
     assert correlation is not None
     assert correlation.names == ('A1', 'beta')
@@ -74,7 +77,7 @@ def test_only_what_has_a_deviation_is_kept():
 # --- discrepancy --------------------------------------------------------------------------------
 
 
-def test_sizes_are_those_of_the_conditions():
+def test_sizes_are_those_of_the_conditions() -> None:
     assert KNOWN.conditions[0].missed == pytest.approx(4e-7)
     assert KNOWN.conditions[0].share == pytest.approx(4e-3)
     assert KNOWN.rms == pytest.approx(np.sqrt((25 + 100 + 4) / 3) * 1e-7)
@@ -86,18 +89,18 @@ def test_sizes_are_those_of_the_conditions():
     )
 
 
-def test_known_conditions_are_expected_as_they_were():
+def test_known_conditions_are_expected_as_they_were() -> None:
     assert KNOWN.expected(1.0, 1.0, 1e-4, 3e-7) == pytest.approx(5e-7, rel=1e-3)
     assert KNOWN.expected(8.0, 1.0, 1e-4, 0.0) == pytest.approx(1e-6, rel=1e-3)
 
 
-def test_between_known_conditions_lies_what_is_between():
+def test_between_known_conditions_lies_what_is_between() -> None:
     halfway = KNOWN.expected(2.83, 1.0, 1e-4, 0.0)
     assert 4e-7 < halfway < 1e-6
     assert KNOWN.expected(1.2, 1.0, 1e-4, 0.0) < halfway < KNOWN.expected(7.0, 1.0, 1e-4, 0.0)
 
 
-def test_an_error_grows_with_the_stroke_and_the_noise():
+def test_an_error_grows_with_the_stroke_and_the_noise() -> None:
     assert KNOWN.expected(8.0, 1.0, 2e-4, 0.0) == pytest.approx(2e-6, rel=1e-3)
     assert KNOWN.expected(8.0, 1.0, 1e-4, 1e-6) == pytest.approx(np.sqrt(2) * 1e-6, rel=1e-3)
     every = KNOWN.expected(0.0, 1e3, 1e-4, 0.0)
@@ -107,7 +110,7 @@ def test_an_error_grows_with_the_stroke_and_the_noise():
 @pytest.mark.parametrize(
     'wrong', [{'rms': -1.0}, {'stroke': 0.0}, {'noise': float('nan')}, {'harmonics': {1: -1.0}}]
 )
-def test_a_discrepancy_holds_sizes(wrong):
+def test_a_discrepancy_holds_sizes(wrong: dict[str, Any]) -> None:
     with pytest.raises(ModelError, match='sizes'):
         Condition(**{'frequency': 1.0, 'amplitude': 1.0, 'stroke': 1.0, 'rms': 0.1, **wrong})
     with pytest.raises(ModelError, match='at least one row'):
@@ -117,7 +120,7 @@ def test_a_discrepancy_holds_sizes(wrong):
 # --- files --------------------------------------------------------------------------------------
 
 
-def test_both_are_written_in_few_lines_and_read_back(tmp_path):
+def test_both_are_written_in_few_lines_and_read_back(tmp_path: Path) -> None:
     saved = model_file(correlation=Correlation(('A1', 'A', 'beta'), MATRIX), discrepancy=KNOWN)
     saved.save(tmp_path / 'model.yaml')
     read = ModelFile.load(tmp_path / 'model.yaml')
@@ -132,7 +135,7 @@ def test_both_are_written_in_few_lines_and_read_back(tmp_path):
     assert yaml.safe_load(text) == saved.to_dict()
 
 
-def test_a_file_of_the_first_schema_is_read(tmp_path):
+def test_a_file_of_the_first_schema_is_read(tmp_path: Path) -> None:
     content = model_file(correlation=Correlation(('A1', 'A'), np.eye(2))).to_dict()
     assert content['schema'] == 'piezo_hysteresis/model/2'
     content['schema'] = 'piezo_hysteresis/model/1'
@@ -162,7 +165,9 @@ def test_a_file_of_the_first_schema_is_read(tmp_path):
         (lambda c: c['discrepancy']['conditions'][0].update(bands={'x': 1}), 'bands must be'),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said(change, says, tmp_path):
+def test_what_is_wrong_in_a_file_is_said(
+    change: Callable[..., Any], says: str, tmp_path: Path
+) -> None:
     saved = model_file(correlation=Correlation(('A1', 'A', 'beta'), MATRIX), discrepancy=KNOWN)
     content = yaml.safe_load(saved.text())
     change(content)

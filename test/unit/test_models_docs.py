@@ -1,5 +1,7 @@
 """The pages name what exists: models, blocks, effects, parameters; their example runs."""
 
+from __future__ import annotations
+
 import re
 import sys
 from pathlib import Path
@@ -15,7 +17,7 @@ sys.path.insert(0, str(DOCS.parent / 'tools'))
 import write_models  # noqa: E402
 
 
-def test_every_model_and_block_is_on_the_page_of_models():
+def test_every_model_and_block_is_on_the_page_of_models() -> None:
     page = (DOCS / 'models.md').read_text(encoding='utf-8')
     for name in models.NAMES:
         assert f'| `{name}` |' in page, name
@@ -23,13 +25,13 @@ def test_every_model_and_block_is_on_the_page_of_models():
         assert f'| `{name}` | `{block.parameters[0].name}` | {block.parameters[0].unit} |' in page
 
 
-def test_tables_and_pages_are_those_that_the_blocks_say():
+def test_tables_and_pages_are_those_that_the_blocks_say() -> None:
     pages = write_models.model_pages()
     assert list(pages) == [write_models.MODELS], 'run python tools/write_docs.py'
     assert pages[write_models.MODELS] == (DOCS / 'models.md').read_text(encoding='utf-8')
 
 
-def test_of_a_long_series_of_parameters_the_first_is_shown():
+def test_of_a_long_series_of_parameters_the_first_is_shown() -> None:
     shown = [q.name for q in write_models.shown_parameters(BLOCKS['prandtl_ishlinskii'])]
     assert shown == ['pi_range', 'w0', 'w1']
     assert [q.name for q in write_models.shown_parameters(BLOCKS['autoregressive'])] == [
@@ -38,12 +40,12 @@ def test_of_a_long_series_of_parameters_the_first_is_shown():
     ]
 
 
-def test_no_page_is_of_an_effect_that_is_not_there():
+def test_no_page_is_of_an_effect_that_is_not_there() -> None:
     assert {path.stem for path in (DOCS / 'effects').glob('*.md')} == set(models.EFFECT_NAMES)
 
 
 @pytest.mark.parametrize('name', models.EFFECT_NAMES)
-def test_every_effect_has_a_page_that_matches_the_code(name):
+def test_every_effect_has_a_page_that_matches_the_code(name: Any) -> None:
     page = (DOCS / 'effects' / f'{name}.md').read_text(encoding='utf-8')
     for effect in models.described(name):
         assert f'`{effect.variant}`' in page
@@ -55,7 +57,7 @@ def test_every_effect_has_a_page_that_matches_the_code(name):
         assert f'**{heading}.**' in page
 
 
-def test_the_example_of_the_page_runs():
+def test_the_example_of_the_page_runs() -> None:
     page = (DOCS / 'models.md').read_text(encoding='utf-8')
     (code,) = re.findall(r'```python\n(.*?)```', page, re.S)
     scope: dict[str, Any] = {}

@@ -1,6 +1,10 @@
 """Effects: every name of the vocabulary, neutral ones change nothing, starts do."""
 
+from __future__ import annotations
+
 import itertools
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +14,7 @@ from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification import output_error
+from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT = 1e-3
@@ -33,21 +38,21 @@ APPLICABLE = [
 ]
 
 
-def drive(n=2000, frequency=23.0):
+def drive(n: int = 2000, frequency: float = 23.0) -> Any:
     t = np.arange(n) * DT
     return VOLTS * np.sin(2 * np.pi * frequency * t) * (0.3 + 0.7 * t / t[-1])
 
 
-def answer(model, values, voltage):
+def answer(model: Any, values: Any, voltage: Any) -> Any:
     return model.respond(voltage, model.pack(values), DT, frequency=23.0)
 
 
-def test_the_vocabulary_keeps_what_was_promised():
+def test_the_vocabulary_keeps_what_was_promised() -> None:
     assert set(PROMISED) <= set(models.EFFECT_NAMES)
 
 
 @pytest.mark.parametrize('name', models.EFFECT_NAMES)
-def test_every_effect_fits_some_baseline_and_explains_itself(name):
+def test_every_effect_fits_some_baseline_and_explains_itself(name: Any) -> None:
     without_offset = models.named('classical').without_block('offset')
     tried = [*BASELINES, without_offset]
     for effect in models.described(name):
@@ -59,7 +64,7 @@ def test_every_effect_fits_some_baseline_and_explains_itself(name):
 
 
 @pytest.mark.parametrize(('model', 'effect'), APPLICABLE)
-def test_neutral_changes_nothing_and_starts_change_something(model, effect):
+def test_neutral_changes_nothing_and_starts_change_something(model: Any, effect: Any) -> None:
     model = models.for_range(model, VOLTS, METRES)
     before = model.defaults()
     voltage = drive()
@@ -87,7 +92,7 @@ def test_neutral_changes_nothing_and_starts_change_something(model, effect):
         )
     ),
 )
-def test_two_effects_go_together_and_survive_a_file(one, other, tmp_path):
+def test_two_effects_go_together_and_survive_a_file(one: Any, other: Any, tmp_path: Path) -> None:
     model = models.for_range(models.named('bouc_wen_mode'), VOLTS, METRES)
     values = model.defaults()
     y = answer(model, values, drive())
@@ -104,7 +109,7 @@ def test_two_effects_go_together_and_survive_a_file(one, other, tmp_path):
     )
 
 
-def test_a_second_mode_gets_its_own_names():
+def test_a_second_mode_gets_its_own_names() -> None:
     resonance = models.described('resonance')[0]
     once = models.add_effect(models.named('classical'), resonance)
     twice = models.add_effect(once.model, resonance)
@@ -118,7 +123,7 @@ def test_a_second_mode_gets_its_own_names():
     assert values['resonance_share_2'] == twice.starts[0]['resonance_share_2']
 
 
-def test_an_effect_is_not_added_twice_and_unknown_names_are_refused():
+def test_an_effect_is_not_added_twice_and_unknown_names_are_refused() -> None:
     (asymmetry,) = models.described('asymmetry')
     free = models.add_effect(models.named('classical'), asymmetry)
     with pytest.raises(ModelError, match='asymmetry'):
@@ -128,7 +133,7 @@ def test_an_effect_is_not_added_twice_and_unknown_names_are_refused():
 
 
 @pytest.mark.parametrize('variant', ['nonlocal_memory', 'nonlocal_memory_fine'])
-def test_ranges_are_scaled_once_however_often_a_model_is_suited(variant):
+def test_ranges_are_scaled_once_however_often_a_model_is_suited(variant: str) -> None:
     effect = next(e for e in models.described('nonlocal_memory') if e.variant == variant)
     model = models.for_range(models.named('classical'), VOLTS, METRES)
     candidate = models.add_effect(model, effect, VOLTS, METRES)
@@ -139,7 +144,7 @@ def test_ranges_are_scaled_once_however_often_a_model_is_suited(variant):
     assert [q.scale for q in again.parameters] == [q.scale for q in candidate.model.parameters]
 
 
-def test_fitting_keeps_the_range_that_an_effect_was_given():
+def test_fitting_keeps_the_range_that_an_effect_was_given() -> None:
     effect = models.described('nonlocal_memory')[0]
     candidate = models.add_effect(models.named('classical'), effect, VOLTS, METRES)
     wave = VOLTS * np.sin(2 * np.pi * 5 * DT * np.arange(2000))
@@ -153,7 +158,7 @@ def test_fitting_keeps_the_range_that_an_effect_was_given():
     assert result.residuals['wave'].std() < 1e-3 * METRES
 
 
-def test_a_mode_takes_the_place_of_an_autoregression_with_its_static_gain():
+def test_a_mode_takes_the_place_of_an_autoregression_with_its_static_gain() -> None:
     effect = next(e for e in models.described('resonance') if e.variant == 'series_mode')
     model = models.named('extended')
     candidate = models.add_effect(model, effect)
@@ -167,7 +172,7 @@ def test_a_mode_takes_the_place_of_an_autoregression_with_its_static_gain():
     assert guesses[0]['resonance_frequency'] == pytest.approx(68.0, abs=5.0)
 
 
-def test_linear_model_becomes_an_oscillator_of_the_same_stiffness_and_frequency():
+def test_linear_model_becomes_an_oscillator_of_the_same_stiffness_and_frequency() -> None:
     effect = next(
         each
         for each in models.described('hysteresis')
@@ -182,7 +187,9 @@ def test_linear_model_becomes_an_oscillator_of_the_same_stiffness_and_frequency(
     assert values['offset'] == 1e-6
 
 
-def residual_of(truth, baseline, frequency=7.0, n=10_000, **extra):
+def residual_of(
+    truth: Model, baseline: Model, frequency: Any = 7.0, n: Any = 10_000, **extra: Any
+) -> Residual:
     t = np.arange(n) * DT
     voltage = np.sin(2 * np.pi * frequency * t)
     state = [truth.initial_state(DT), baseline.initial_state(DT)]
@@ -193,7 +200,7 @@ def residual_of(truth, baseline, frequency=7.0, n=10_000, **extra):
     return Residual(voltage, simulated, measured - simulated, DT, frequency)
 
 
-def test_hum_is_guessed_from_the_residual():
+def test_hum_is_guessed_from_the_residual() -> None:
     baseline = models.named('classical')
     (hum,) = models.described('mains_hum')
     candidate = models.add_effect(baseline, hum)
@@ -203,7 +210,7 @@ def test_hum_is_guessed_from_the_residual():
     assert np.hypot(guess['hum_sine'], guess['hum_cosine']) == pytest.approx(2.236e-7, rel=0.1)
 
 
-def test_a_resonance_is_guessed_where_a_harmonic_rings():
+def test_a_resonance_is_guessed_where_a_harmonic_rings() -> None:
     baseline = models.named('classical')
     resonance = models.described('resonance')[0]
     candidate = models.add_effect(baseline, resonance)
@@ -216,7 +223,9 @@ def test_a_resonance_is_guessed_where_a_harmonic_rings():
     ('name', 'parameter', 'largest'),
     [('saturation', 'saturation_high', 1.0), ('slew_limit', 'slew_rate', 2 * np.pi * 7)],
 )
-def test_limits_are_guessed_just_inside_the_drive(name, parameter, largest):
+def test_limits_are_guessed_just_inside_the_drive(
+    name: str, parameter: str, largest: float
+) -> None:
     baseline = models.named('classical')
     candidate = models.add_effect(baseline, models.described(name)[0])
     seen = residual_of(baseline, baseline)

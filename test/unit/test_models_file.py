@@ -1,5 +1,9 @@
 """Model files: what is refused, and that the sentence names what to do."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +16,7 @@ from piezo_hysteresis.models import ModelFile, Provenance
 
 
 @pytest.fixture
-def written():
+def written() -> ModelFile:
     model = models.named('classical')
     return ModelFile(
         model,
@@ -29,7 +33,7 @@ def written():
     )
 
 
-def test_a_saved_model_is_loaded_as_it_was(written, tmp_path):
+def test_a_saved_model_is_loaded_as_it_was(written: ModelFile, tmp_path: Path) -> None:
     written.save(tmp_path / 'model.yaml')
     read = ModelFile.load(tmp_path / 'model.yaml')
     assert read.to_dict() == written.to_dict()
@@ -38,7 +42,7 @@ def test_a_saved_model_is_loaded_as_it_was(written, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ['model.yaml']
 
 
-def edited(written, tmp_path, change):
+def edited(written: ModelFile, tmp_path: Path, change: Callable[..., Any]) -> Path:
     content = written.to_dict()
     change(content)
     path = tmp_path / 'model.yaml'
@@ -67,7 +71,9 @@ def edited(written, tmp_path, change):
         (lambda c: c['provenance'].update(colour='red'), 'unknown colour'),
     ],
 )
-def test_bad_files_are_refused_in_one_sentence(written, tmp_path, change, message):
+def test_bad_files_are_refused_in_one_sentence(
+    written: ModelFile, tmp_path: Path, change: Callable[..., Any], message: str
+) -> None:
     path = edited(written, tmp_path, change)
     with pytest.raises(ModelError, match=message) as caught:
         ModelFile.load(path)
@@ -75,13 +81,13 @@ def test_bad_files_are_refused_in_one_sentence(written, tmp_path, change, messag
     assert str(path) in str(caught.value)
 
 
-def test_numbers_that_yaml_takes_for_text_are_numbers(written, tmp_path):
+def test_numbers_that_yaml_takes_for_text_are_numbers(written: ModelFile, tmp_path: Path) -> None:
     path = edited(written, tmp_path, lambda c: c['parameters']['A'].update(value='3e-5'))
     assert ModelFile.load(path).values['A'] == 3e-5
 
 
 @pytest.mark.parametrize('text', ['', '[1, 2', 'just words', '!!python/object:os.system {}'])
-def test_what_is_no_model_file_is_refused(tmp_path, text):
+def test_what_is_no_model_file_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / 'model.yaml'
     path.write_text(text, encoding='utf-8')
     with pytest.raises(ModelError):
@@ -90,7 +96,7 @@ def test_what_is_no_model_file_is_refused(tmp_path, text):
         ModelFile.load(tmp_path / 'absent.yaml')
 
 
-def test_a_failed_save_leaves_the_old_file(written, tmp_path):
+def test_a_failed_save_leaves_the_old_file(written: ModelFile, tmp_path: Path) -> None:
     target = tmp_path / 'model.yaml'
     target.mkdir()
     with pytest.raises(ModelError, match='cannot write'):
@@ -98,7 +104,7 @@ def test_a_failed_save_leaves_the_old_file(written, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ['model.yaml']
 
 
-def test_node_parameters_are_flat_and_typed(written, tmp_path):
+def test_node_parameters_are_flat_and_typed(written: ModelFile, tmp_path: Path) -> None:
     written.save_ros_parameters(tmp_path / 'params.yaml')
     content = yaml.safe_load((tmp_path / 'params.yaml').read_text(encoding='utf-8'))
     parameters = content['/**']['ros__parameters']
@@ -111,7 +117,7 @@ def test_node_parameters_are_flat_and_typed(written, tmp_path):
     assert again.model.held == {'A0': 0.0}
 
 
-def test_unknown_models_and_parameters_name_the_choices():
+def test_unknown_models_and_parameters_name_the_choices() -> None:
     with pytest.raises(ModelError, match='classical'):
         models.named('quantum')
     model = models.named('classical')
@@ -127,7 +133,7 @@ def test_unknown_models_and_parameters_name_the_choices():
         models.for_range(model, 0.0, 1e-6)
 
 
-def test_held_parameters_are_marked_and_left_alone():
+def test_held_parameters_are_marked_and_left_alone() -> None:
     model = models.named('prandtl_ishlinskii')
     assert 'pi_range' not in model.free_names
     suited = models.for_range(model, 150.0, 20e-6)
@@ -145,7 +151,7 @@ FORMER: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_blocks_of_former_versions_are_read_as_those_of_today():
+def test_blocks_of_former_versions_are_read_as_those_of_today() -> None:
     rows = {name: {'value': value} for name, value in FORMER['values'].items()}
     rows['motion_delay'] |= {'unit': 's', 'std': 1e-6}
     rows['A0']['held'] = True
@@ -163,7 +169,7 @@ def test_blocks_of_former_versions_are_read_as_those_of_today():
     assert dict(read.model.held) == {'A0': 0.0}
 
 
-def test_repeated_blocks_of_former_versions_keep_their_own_numbers():
+def test_repeated_blocks_of_former_versions_keep_their_own_numbers() -> None:
     chain = ['amplifier_lag', 'amplifier_lag_sampled', 'slew_limit_mean', 'gain', 'offset']
     parameters = {'lag_time': 1e-3, 'sampled_lag_time': 2e-3, 'mean_slew_rate': 50.0, 'A1': 1e-4,
                   'offset': 0.0}  # fmt: skip
@@ -176,7 +182,7 @@ def test_repeated_blocks_of_former_versions_keep_their_own_numbers():
     assert read.values['slew_rate'] == 50.0
 
 
-def test_a_stray_parameter_beside_a_former_block_is_still_refused():
+def test_a_stray_parameter_beside_a_former_block_is_still_refused() -> None:
     rows = {'mean_slew_rate': {'value': 1.0}, 'A1': {'value': 1e-4}, 'ghost': {'value': 1.0}}
     text = yaml.safe_dump(
         {'schema': 'piezo_hysteresis/model/1', 'chain': ['slew_limit_mean', 'gain'],

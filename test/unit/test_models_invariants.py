@@ -1,14 +1,18 @@
 """What holds for every registered block and every named model, one list for all of them."""
 
+from __future__ import annotations
+
 import itertools
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 
 from piezo_hysteresis import models
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS, Slot, named_block
-from piezo_hysteresis.blocks.base import Between
+from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.models import Model
 
 DT = 1e-3
@@ -33,7 +37,7 @@ HOMOGENEOUS = {
 }
 
 
-def lively(block_or_model):
+def lively(block_or_model: Any) -> Any:
     """Parameters with which every path of the kernel is taken: none neutral, none at a bound."""
     values = {}
     for q in block_or_model.parameters:
@@ -46,7 +50,7 @@ def lively(block_or_model):
     return block_or_model.pack(values)
 
 
-def signal_for(block, n=3000):
+def signal_for(block: Block, n: int = 3000) -> Any:
     """Return nested loops, a pause and a jump, in the unit of the slot."""
     t = np.arange(n) * DT
     wave = np.sin(2 * np.pi * FREQUENCY * t) * (1 - 0.6 * t / t[-1])
@@ -58,7 +62,7 @@ def signal_for(block, n=3000):
 
 
 @pytest.mark.parametrize('name', BLOCKS)
-def test_one_sample_at_a_time_gives_the_same_bits(name):
+def test_one_sample_at_a_time_gives_the_same_bits(name: Any) -> None:
     block = BLOCKS[name]
     x, p = signal_for(block, 600), lively(block)
     whole = block.respond(x, p, DT, state=block.initial_state(DT, 0.3), frequency=FREQUENCY)
@@ -73,7 +77,7 @@ def test_one_sample_at_a_time_gives_the_same_bits(name):
 
 
 @pytest.mark.parametrize('name', BLOCKS)
-def test_any_chunks_give_the_whole(name):
+def test_any_chunks_give_the_whole(name: Any) -> None:
     block = BLOCKS[name]
     x, p = signal_for(block), lively(block)
     whole = block.respond(x, p, DT, state=block.initial_state(DT), frequency=FREQUENCY)
@@ -86,7 +90,7 @@ def test_any_chunks_give_the_whole(name):
 
 
 @pytest.mark.parametrize('name', models.NAMES)
-def test_models_answer_alike_whole_and_stepwise(name):
+def test_models_answer_alike_whole_and_stepwise(name: Any) -> None:
     model = models.named(name)
     x, p = signal_for(model.blocks[0], 600), lively(model)
     whole = model.respond(x, p, DT, frequency=FREQUENCY)
@@ -111,7 +115,9 @@ def test_models_answer_alike_whole_and_stepwise(name):
         ('transport_delay', 'amplifier_lag', 'bouc_wen_oscillator', 'stiffness', 'sensor_lag'),
     ],
 )  # fmt: skip
-def test_chains_that_move_between_the_ticks_answer_alike_whole_and_stepwise(names):
+def test_chains_that_move_between_the_ticks_answer_alike_whole_and_stepwise(
+    names: tuple[str, ...],
+) -> None:
     model = Model('chain', tuple(named_block(name) for name in names))
     x, p = signal_for(model.blocks[0], 300), lively(model)
     assert any(len(stage.blocks) > 1 for stage in model.stages)
@@ -127,14 +133,14 @@ def test_chains_that_move_between_the_ticks_answer_alike_whole_and_stepwise(name
 
 
 @pytest.mark.parametrize('name', RATE_INDEPENDENT)
-def test_time_does_not_matter_to_rate_independent_blocks(name):
+def test_time_does_not_matter_to_rate_independent_blocks(name: Any) -> None:
     """The answer at the reversals is the same however many samples lie between them."""
     block = BLOCKS[name]
     p = lively(block)
     size = 1.0 if block.slot == 'hysteresis' else 1e-4
     reversals = size * np.array([0.0, 0.9, -0.7, 0.5, -0.95, 0.2, 0.1, 0.98])
 
-    def at_reversals(samples, dt):
+    def at_reversals(samples: int, dt: Any) -> FloatArray:
         path = [np.linspace(a, b, samples + 1)[1:] for a, b in itertools.pairwise(reversals)]
         y = block.respond(np.concatenate(path), p, dt, state=block.initial_state(dt))
         return y[samples - 1 :: samples]
@@ -146,7 +152,7 @@ def test_time_does_not_matter_to_rate_independent_blocks(name):
 
 
 @pytest.mark.parametrize('name', HOMOGENEOUS)
-def test_blocks_are_homogeneous_in_their_weights(name):
+def test_blocks_are_homogeneous_in_their_weights(name: Any) -> None:
     block = BLOCKS[name]
     x, p = signal_for(block), lively(block)
     scaled = p.copy()
@@ -158,7 +164,7 @@ def test_blocks_are_homogeneous_in_their_weights(name):
     np.testing.assert_allclose(y3, 3.0 * y, rtol=0, atol=1e-12 * np.ptp(y3))
 
 
-def test_shared_parameter_names_mean_the_same_thing():
+def test_shared_parameter_names_mean_the_same_thing() -> None:
     units: dict[str, str] = {}
     for block in BLOCKS.values():
         for q in block.parameters:
@@ -168,7 +174,7 @@ def test_shared_parameter_names_mean_the_same_thing():
             assert q.scale > 0, q.name
 
 
-def test_blocks_side_by_side_add_up():
+def test_blocks_side_by_side_add_up() -> None:
     joined = named_block('bouc_wen_exact|electrostriction')
     x = signal_for(joined)
     a, b = named_block('bouc_wen_exact'), named_block('electrostriction')
@@ -181,7 +187,7 @@ def test_blocks_side_by_side_add_up():
 
 
 @pytest.mark.parametrize('name', models.NAMES)
-def test_models_scale_with_the_actuator(name):
+def test_models_scale_with_the_actuator(name: Any) -> None:
     """A model for 150 V and 20 um is the bimorph's in other units."""
     small, large = models.named(name), models.for_range(models.named(name), 150.0, 20e-6)
     x = signal_for(small.blocks[0], 1500)

@@ -1,15 +1,20 @@
 """One name, one thing: what a newcomer looks up by its name is found in one place."""
 
+from __future__ import annotations
+
 import ast
+from ast import Module
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parents[2] / 'src'
 
 
-def classes():
+def classes() -> defaultdict[str, list[tuple[str, ...]]]:
     """Return the files in which each public class is defined."""
     found = defaultdict(list)
     for path in sorted(ROOT.rglob('*.py')):
@@ -20,7 +25,7 @@ def classes():
 
 
 @pytest.mark.component
-def test_no_class_is_called_like_another():
+def test_no_class_is_called_like_another() -> None:
     assert {name: places for name, places in classes().items() if len(places) > 1} == {}
 
 
@@ -28,7 +33,7 @@ def test_no_class_is_called_like_another():
 VAGUE = {'told', 'said', 'wanted', 'words'}
 
 
-def variables(tree):
+def variables(tree: Module) -> Iterator[str]:
     """Return the names of the variables that the functions of a module set."""
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
@@ -38,7 +43,7 @@ def variables(tree):
 
 
 @pytest.mark.component
-def test_no_variable_of_the_source_has_a_name_that_says_nothing():
+def test_no_variable_of_the_source_has_a_name_that_says_nothing() -> None:
     found = {}
     for path in sorted(ROOT.rglob('*.py')):
         names = set(variables(ast.parse(path.read_text(encoding='utf-8')))) & VAGUE
@@ -47,7 +52,7 @@ def test_no_variable_of_the_source_has_a_name_that_says_nothing():
     assert found == {}
 
 
-def private_uses(tree):
+def private_uses(tree: Module) -> Any:
     """Return attributes and imports of others that begin with an underscore."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Store):
@@ -61,7 +66,7 @@ def private_uses(tree):
 
 
 @pytest.mark.component
-def test_tests_use_what_is_public():
+def test_tests_use_what_is_public() -> None:
     of_tuples = {'_replace', '_asdict', '_fields'}
     found = {}
     for path in sorted((ROOT.parent / 'test').rglob('*.py')):
@@ -73,7 +78,7 @@ def test_tests_use_what_is_public():
     assert found == {}
 
 
-def test_no_test_file_is_called_like_another():
+def test_no_test_file_is_called_like_another() -> None:
     """Pytest takes a second one for the first, and refuses to collect the whole of test/."""
     files = [path.name for path in Path(__file__).parents[1].rglob('test_*.py')]
     assert sorted(name for name in set(files) if files.count(name) > 1) == []

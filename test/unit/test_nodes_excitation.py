@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -78,12 +80,14 @@ def test_options_that_are_no_mapping_are_refused_in_one_line(text: str) -> None:
         ([1.0], [1.0], 1.0, {'colour': 'red'}),
     ],
 )
-def test_impossible_sweeps_are_refused(frequencies, amplitudes, seconds, options) -> None:
+def test_impossible_sweeps_are_refused(
+    frequencies: list[Any], amplitudes: Any, seconds: float, options: dict[str, Any]
+) -> None:
     with pytest.raises(PiezoError):
         Sweep(frequencies, amplitudes, seconds, RATE, options=options)
 
 
-def test_a_sweep_leaves_no_voltage_faster_than_it_moves():
+def test_a_sweep_leaves_no_voltage_faster_than_it_moves() -> None:
     sweep = Sweep([1.0], [2.0], 3.0, RATE)
     fastest = 2.0 * np.pi * 1.0 * 2.0 / RATE * 1.001
     sweep.start(100, 5.0)
@@ -100,7 +104,7 @@ def test_a_sweep_leaves_no_voltage_faster_than_it_moves():
     assert sweep.voltage(over) == 0.0
 
 
-def test_a_sweep_begins_at_once_where_it_would_not_jump():
+def test_a_sweep_begins_at_once_where_it_would_not_jump() -> None:
     sweep = Sweep([10.0], [2.0], 1.0, 1000.0)
     sweep.start(7, 0.01)
     assert sweep.starting(7) is sweep.records[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -55,7 +56,7 @@ def test_a_source_that_begins_at_0_was_started_anew() -> None:
 
 
 @pytest.mark.parametrize(('first', 'anew'), [(1000, True), (1000, False), (0, False)])
-def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first, anew) -> None:
+def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first: int, anew: bool) -> None:
     intake = SequenceFilter(anew=anew)
     newest = first + REORDERED + 5
     assert intake.take(newest)
@@ -142,7 +143,7 @@ def test_an_excitation_says_what_it_does_and_whom_it_waits_for() -> None:
     clock = Clock()
     health = ExcitationHealth(clock)
 
-    def level(counts: dict[str, int] | None = None, **doing) -> tuple[Level, str]:
+    def level(counts: dict[str, int] | None = None, **doing: Any) -> tuple[Level, str]:
         known = {'what': '', 'waits': '', 'given_up': '', 'silent': 0.0, 'sample': 7, **doing}
         found = health.judge(Doing(**known), counts or {}, '4 records')
         assert found.values['last_sweep'] == '4 records'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -204,7 +205,7 @@ def swept(
 
 
 @pytest.mark.parametrize(('method', 'limit'), [('rls_ud', 5e-3), ('pi_bank', 2e-2)])
-def test_estimates_can_be_saved_and_simulated(method: str, limit: float, tmp_path) -> None:
+def test_estimates_can_be_saved_and_simulated(method: str, limit: float, tmp_path: Path) -> None:
     course, displacement = swept(method)
     saved = course.model_file(f'{method}, online')
     saved.save(tmp_path / 'model.yaml')

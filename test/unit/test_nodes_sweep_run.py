@@ -283,7 +283,7 @@ def test_samples_without_a_gap_are_known_by_their_ends() -> None:
     assert (known.taken, known.marked, known.edge) == (5, 1, 77)
 
 
-def test_a_drive_out_of_range_is_told_what_would_fit():
+def test_a_drive_out_of_range_is_told_what_would_fit() -> None:
     said = narrowed(-48.0, 48.0, 0.0, 100.0)
     assert 'offset of 50 V (options "{offset: 50}"' in said
     assert 'smaller amplitude' in narrowed(-80.0, 80.0, 0.0, 100.0)

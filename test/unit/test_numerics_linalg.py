@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import solve_lines
 from piezo_hysteresis.discovery.data.annotate import sine_frequency
 from piezo_hysteresis.errors import CompensationError
@@ -17,7 +20,7 @@ from piezo_hysteresis.numerics.harmonics import harmonics
 BAD = (np.nan, np.inf, -np.inf)
 
 
-def problem(seed=1, rows=40, columns=5):
+def problem(seed: int = 1, rows: int = 40, columns: int = 5) -> Any:
     rng = np.random.default_rng(seed)
     return rng.standard_normal((rows, columns)), rng.standard_normal(rows)
 
@@ -25,14 +28,14 @@ def problem(seed=1, rows=40, columns=5):
 # --- what has a solution ------------------------------------------------------------------------
 
 
-def test_the_least_squares_solution_is_numpys_to_the_bit():
+def test_the_least_squares_solution_is_numpys_to_the_bit() -> None:
     matrix, target = problem()
     solved = linalg.solve_least_squares(matrix, target)
     assert solved.sound
     np.testing.assert_array_equal(solved.values, np.linalg.lstsq(matrix, target)[0])
 
 
-def test_dependent_columns_get_the_smallest_solution():
+def test_dependent_columns_get_the_smallest_solution() -> None:
     matrix, target = problem()
     matrix[:, 4] = matrix[:, 3]
     solved = linalg.solve_least_squares(matrix, target)
@@ -40,14 +43,14 @@ def test_dependent_columns_get_the_smallest_solution():
     assert solved.values[3] == pytest.approx(solved.values[4])
 
 
-def test_a_singular_square_gets_the_least_squares_solution():
+def test_a_singular_square_gets_the_least_squares_solution() -> None:
     solved = linalg.solve_square(np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([2.0, 2.0]))
     assert solved.sound
     np.testing.assert_allclose(solved.values, [1.0, 1.0])
 
 
-def test_huge_numbers_are_solved_where_lapack_gives_up(monkeypatch):
-    def gives_up(*_, **__):
+def test_huge_numbers_are_solved_where_lapack_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gives_up(*_: Any, **__: Any) -> None:
         raise np.linalg.LinAlgError('SVD did not converge')
 
     matrix, target = problem()
@@ -59,7 +62,7 @@ def test_huge_numbers_are_solved_where_lapack_gives_up(monkeypatch):
     np.testing.assert_allclose(solved.values * sizes, wanted, rtol=1e-10)
 
 
-def test_the_length_of_a_column_does_not_overflow():
+def test_the_length_of_a_column_does_not_overflow() -> None:
     matrix, _ = problem()
     np.testing.assert_array_equal(linalg.column_norms(matrix), np.linalg.norm(matrix, axis=0))
     huge = linalg.column_norms(1e200 * matrix)
@@ -68,7 +71,7 @@ def test_the_length_of_a_column_does_not_overflow():
     assert list(np.isnan(linalg.column_norms(matrix))) == [False, True, False, False, False]
 
 
-def test_a_line_is_that_of_polyfit():
+def test_a_line_is_that_of_polyfit() -> None:
     values = np.random.default_rng(2).standard_normal(301).cumsum()
     level, slope = linalg.straight_line(values)
     np.testing.assert_allclose([slope, level], np.polyfit(np.arange(301), values, 1), rtol=1e-9)
@@ -78,7 +81,7 @@ def test_a_line_is_that_of_polyfit():
 
 
 @pytest.mark.parametrize('bad', BAD)
-def test_what_is_no_number_is_unsound_and_finite(bad):
+def test_what_is_no_number_is_unsound_and_finite(bad: Any) -> None:
     matrix, target = problem()
     spoilt, spoilt_target = matrix.copy(), target.copy()
     spoilt[7, 2], spoilt_target[3] = bad, bad
@@ -93,13 +96,13 @@ def test_what_is_no_number_is_unsound_and_finite(bad):
     assert linalg.right_singular(spoilt) is None
 
 
-def test_a_solution_that_overflows_is_none():
+def test_a_solution_that_overflows_is_none() -> None:
     solved = linalg.solve_square(np.array([[1e-300]]), np.array([1e300]))
     assert not solved.sound
     assert solved.values[0] == 0.0
 
 
-def test_a_failure_is_told_in_words_of_its_subject():
+def test_a_failure_is_told_in_words_of_its_subject() -> None:
     with (
         pytest.raises(CompensationError, match='scale it'),
         linalg.failing_as(CompensationError('too hard; scale it')),
@@ -111,7 +114,7 @@ def test_a_failure_is_told_in_words_of_its_subject():
 
 
 @pytest.mark.parametrize('bad', BAD)
-def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad):
+def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad: Any) -> None:
     factor, rhs = np.eye(3), np.ones(3)
     factor[1, 2] = bad
     one = np.ones(3)
@@ -120,13 +123,13 @@ def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad):
     class Spoilt:
         grains = np.zeros(3)
 
-        def __init__(self, factor):
+        def __init__(self, factor: FloatArray) -> None:
             self.factor = factor
 
-        def linearise(self, x):
+        def linearise(self, x: Any) -> Any:
             return self.factor, rhs, 1.5
 
-        def cost(self, x):
+        def cost(self, x: Any) -> float:
             return 1.5
 
     done = solve(Spoilt(factor), np.zeros(3), -one, one)
@@ -135,14 +138,14 @@ def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad):
     np.testing.assert_array_equal(done.x, np.zeros(3))
 
 
-def test_a_fit_whose_derivatives_have_no_finite_squares_is_found():
+def test_a_fit_whose_derivatives_have_no_finite_squares_is_found() -> None:
     class Steep:
         grains = np.zeros(2)
 
-        def linearise(self, x):
+        def linearise(self, x: Any) -> Any:
             return 1e200 * np.eye(2), 1e200 * x + 1.0, self.cost(x)
 
-        def cost(self, x):
+        def cost(self, x: Any) -> float:
             return 0.5 * float(np.sum((1e200 * x + 1.0) ** 2))
 
     one = np.ones(2)
@@ -152,7 +155,7 @@ def test_a_fit_whose_derivatives_have_no_finite_squares_is_found():
 
 
 @pytest.mark.parametrize('bad', BAD)
-def test_an_uncertainty_that_cannot_be_found_is_infinite(bad):
+def test_an_uncertainty_that_cannot_be_found_is_infinite(bad: Any) -> None:
     factor = np.triu(np.ones((2, 2)))
     factor[0, 1] = bad
     found = covariance(factor, 1e-4, ('a', 'b'))
@@ -163,7 +166,7 @@ def test_an_uncertainty_that_cannot_be_found_is_infinite(bad):
 
 
 @pytest.mark.parametrize('bad', BAD)
-def test_harmonics_of_what_is_no_number_are_none(bad):
+def test_harmonics_of_what_is_no_number_are_none(bad: Any) -> None:
     error = np.sin(0.01 * np.arange(5000))
     error[100] = bad
     _, phasors, _ = harmonics(error, 10.0, 1e-3)
@@ -176,6 +179,6 @@ def test_harmonics_of_what_is_no_number_are_none(bad):
     assert np.isinf(deviation)
 
 
-def test_a_voltage_that_stands_still_has_no_frequency():
+def test_a_voltage_that_stands_still_has_no_frequency() -> None:
     assert sine_frequency(np.zeros(1000), 1e-3) == 0.0
     assert sine_frequency(np.full(1000, 3.0), 1e-3) == 0.0

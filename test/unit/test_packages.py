@@ -1,11 +1,15 @@
 """package.xml names what a package imports, by the keys of rosdep."""
 
+from __future__ import annotations
+
 import ast
 import re
 import runpy
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,7 +27,7 @@ ELSEWHERE = {
 }
 
 
-def imported(folder):
+def imported(folder: Any) -> Iterator[str]:
     for path in folder.rglob('*.py'):
         if path.name == 'setup.py':
             continue
@@ -36,7 +40,7 @@ def imported(folder):
 
 @pytest.mark.component
 @pytest.mark.parametrize('package', sorted(PACKAGES))
-def test_every_import_is_a_named_dependency(package):
+def test_every_import_is_a_named_dependency(package: Any) -> None:
     text = (SOURCES / package / 'package.xml').read_text()
     named = set(re.findall(r'<(?:exec_)?depend>([^<]+)<', text))
     foreign = {
@@ -57,7 +61,9 @@ WITH_OTHERS = {'apsw', 'lz4', 'backports', 'distributed'}
 BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2'}
 
 
-def metadata(package, monkeypatch, words=('setup.py',)):
+def metadata(
+    package: Any, monkeypatch: Any, words: tuple[Any, ...] = ('setup.py',)
+) -> dict[Any, Any]:
     """Return what setup.py says of a package."""
     said = {}
     monkeypatch.chdir(SOURCES / package)
@@ -69,7 +75,7 @@ def metadata(package, monkeypatch, words=('setup.py',)):
 
 @pytest.mark.component
 @pytest.mark.parametrize('package', sorted(PACKAGES))
-def test_pip_brings_what_a_package_imports(package, monkeypatch):
+def test_pip_brings_what_a_package_imports(package: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     required = metadata(package, monkeypatch)['install_requires']
     names = {re.findall(r'^[\w-]+', each)[0] for each in required}
     foreign = {
@@ -83,7 +89,9 @@ def test_pip_brings_what_a_package_imports(package, monkeypatch):
     assert all('<' in each or '>' in each or ' @ file:' in each for each in required)
 
 
-def test_pip_brings_one_program_and_ros_an_executable_of_each(monkeypatch):
+def test_pip_brings_one_program_and_ros_an_executable_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     by_ros = metadata('piezo_hysteresis', monkeypatch)['entry_points']['console_scripts']
     by_pip = metadata('piezo_hysteresis', monkeypatch, ('setup.py', 'bdist_wheel'))
     assert by_pip['entry_points']['console_scripts'] == ['piezo = piezo_hysteresis.__main__:run']
@@ -92,7 +100,7 @@ def test_pip_brings_one_program_and_ros_an_executable_of_each(monkeypatch):
 
 @pytest.mark.component
 @pytest.mark.parametrize('shell', ['sh', 'bash'])
-def test_piezo_is_a_program_that_needs_nothing_sourced(shell, tmp_path):
+def test_piezo_is_a_program_that_needs_nothing_sourced(shell: str, tmp_path: Path) -> None:
     root = SOURCES.parent
     if not (root / 'install' / 'setup.bash').is_file():
         pytest.skip('the workspace is not built: run "make setup"')

@@ -1,5 +1,9 @@
 """Derivatives that are carried along the path between the ticks."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -90,7 +94,7 @@ def central(model: Model, p: np.ndarray, place: int, u: np.ndarray, share: float
 @pytest.mark.component
 @pytest.mark.parametrize('seed', [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('names', CHAINS, ids=' '.join)
-def test_derivatives_along_a_path_equal_central_differences(names, seed):
+def test_derivatives_along_a_path_equal_central_differences(names: Any, seed: int) -> None:
     model, p = drawn(names, seed)
     assert any(isinstance(stage, PathStage) for stage in model.stages)
     u = drive()
@@ -107,11 +111,13 @@ def test_derivatives_along_a_path_equal_central_differences(names, seed):
         assert min(missed) < 5e-6, name
 
 
-def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(monkeypatch):
+def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     model, p = drawn(('bouc_wen_exact', 'nonlinear_mode', 'resonance'), 3)
     (stage,) = (stage for stage in model.stages if isinstance(stage, PathStage))
 
-    def respond(*args, **kwargs):
+    def respond(*args: Any, **kwargs: Any) -> None:
         raise AssertionError('the whole run was followed once more')
 
     monkeypatch.setattr(PathRun, 'respond', respond)
@@ -125,7 +131,7 @@ def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(monkeypatch):
     np.testing.assert_array_equal(rows[0], rows[1])
 
 
-def test_chunks_of_a_record_go_on_from_each_other(monkeypatch):
+def test_chunks_of_a_record_go_on_from_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     model, p = drawn(('bouc_wen_exact', 'nonlinear_mode', 'stiffness', 'resonance'), 4)
     whole = sensitivities(model, p, model.free_names, drive(), DT)
     monkeypatch.setattr('piezo_hysteresis.models.path_tangents._VALUES', 700)
@@ -135,7 +141,7 @@ def test_chunks_of_a_record_go_on_from_each_other(monkeypatch):
 
 
 @pytest.mark.parametrize('many', [1, 3, 4, 6])
-def test_paths_side_by_side_have_the_bits_of_one(many):
+def test_paths_side_by_side_have_the_bits_of_one(many: int) -> None:
     block = named_block('creep_pair')
     assert block.system is not None
     step = step_of(block.system(block.pack({**block.defaults(), 'creep_share': 0.1})), DT / 8)

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import piezo_hysteresis as ph
+from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.records.record import Record
 
 
-def record(name='a', gain=1e-4):
+def record(name: str = 'a', gain: float = 1e-4) -> Record:
     time = np.arange(1000) * 1e-3
     voltage = np.sin(2 * np.pi * 5.0 * time)
     noise = 1e-8 * np.random.default_rng(0).standard_normal(time.size)
     return ph.Record(name, 1e-3, voltage, gain * voltage + noise)
 
 
-def test_every_name_is_there_and_is_listed():
+def test_every_name_is_there_and_is_listed() -> None:
     assert set(ph.__all__) < set(dir(ph))
     for name in ph.__all__:
         assert getattr(ph, name).__doc__, name
@@ -27,7 +31,7 @@ def test_every_name_is_there_and_is_listed():
         ph.nothing  # noqa: B018
 
 
-def test_the_import_stays_fast_and_knows_no_library():
+def test_the_import_stays_fast_and_knows_no_library() -> None:
     code = (
         'import sys, piezo_hysteresis; '
         'print([m for m in ("numpy", "scipy", "numba", "rclpy") if m in sys.modules])'
@@ -37,11 +41,13 @@ def test_the_import_stays_fast_and_knows_no_library():
 
 
 @pytest.fixture(scope='module')
-def found():
+def found() -> Identification:
     return ph.identify(record(), 'linear_mode')
 
 
-def test_one_record_and_the_name_of_a_model_are_enough(found, tmp_path):
+def test_one_record_and_the_name_of_a_model_are_enough(
+    found: Identification, tmp_path: Path
+) -> None:
     assert found.model.name == 'linear_mode-mode'  # the record shows no mode
     moved = ph.simulate(found, record())
     assert np.std(moved - record().displacement) < 1e-6
@@ -52,7 +58,7 @@ def test_one_record_and_the_name_of_a_model_are_enough(found, tmp_path):
     assert again.values['A1'] == pytest.approx(found.values['A1'], rel=1e-3)
 
 
-def test_blocks_stand_behind_the_name_as_on_the_command_line():
+def test_blocks_stand_behind_the_name_as_on_the_command_line() -> None:
     from piezo_hysteresis.models.choice import chain_of
 
     assert 'mains_hum' in {b.name for b in chain_of('classical+mains_hum')[0].blocks}
@@ -79,12 +85,12 @@ WRONGLY: Any = ph  # what mypy would refuse
         (lambda: WRONGLY.simulate('classical', record()), 'simulate takes what identify returned'),
     ],
 )
-def test_what_is_not_meant_is_said_in_a_sentence(call, says):
+def test_what_is_not_meant_is_said_in_a_sentence(call: Callable[..., Any], says: str) -> None:
     with pytest.raises(ph.PiezoError, match=says):
         call()
 
 
-def test_a_result_is_shown_in_a_few_lines(found):
+def test_a_result_is_shown_in_a_few_lines(found: Identification) -> None:
     lines = repr(found).splitlines()
     assert lines[0] == 'Identification of linear_mode-mode by output_error, converged'
     assert any(line.startswith('  A1 = ') and line.endswith(' m/V') for line in lines)
@@ -93,7 +99,7 @@ def test_a_result_is_shown_in_a_few_lines(found):
 
 
 @pytest.mark.slow
-def test_a_discovery_by_name_is_shown_in_a_few_lines():
+def test_a_discovery_by_name_is_shown_in_a_few_lines() -> None:
     missing = ph.discover([record('a'), record('b', 1.01e-4)], 'linear_mode', workers=1)
     assert missing.verdict.baseline == 'linear_mode'
     lines = repr(missing).splitlines()

@@ -1,5 +1,7 @@
 """Bags: written and read back to the same bits, by us, by rosbags and as ros2 bag expects."""
 
+from __future__ import annotations
+
 import sqlite3
 import struct
 from pathlib import Path
@@ -32,7 +34,15 @@ STORAGES = ('mcap', 'sqlite3')
 INTERFACES = Path(__file__).parents[2] / 'src' / 'piezo_interfaces' / 'msg'
 
 
-def make(name='a', n=200, dt=1e-3, *, reference=False, start=0.0, info=None):
+def make(
+    name: Any = 'a',
+    n: int = 200,
+    dt: float = 1e-3,
+    *,
+    reference: bool = False,
+    start: float = 0.0,
+    info: RecordInfo | None = None,
+) -> Record:
     rng = np.random.default_rng(n)
     return Record(
         name,
@@ -45,7 +55,7 @@ def make(name='a', n=200, dt=1e-3, *, reference=False, start=0.0, info=None):
     )
 
 
-def assert_same(one, other):
+def assert_same(one: Record, other: Record) -> None:
     assert one.name == other.name
     assert one.dt == other.dt
     assert one.info == other.info
@@ -57,7 +67,7 @@ def assert_same(one, other):
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_records_come_back_bit_for_bit(tmp_path, storage):
+def test_records_come_back_bit_for_bit(tmp_path: Path, storage: Any) -> None:
     given_records = [
         make('slow', 300),
         make('long', ROWS + 77, 1 / 3000, reference=True),
@@ -74,7 +84,7 @@ def test_records_come_back_bit_for_bit(tmp_path, storage):
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_rosbags_reads_the_same(tmp_path, storage):
+def test_rosbags_reads_the_same(tmp_path: Path, storage: Any) -> None:
     record = make(n=500, reference=True)
     write_bag(tmp_path / 'bag', [record], storage=storage)
     # A store that knows nothing of ours: the definitions must come out of the bag.
@@ -102,7 +112,7 @@ def test_rosbags_reads_the_same(tmp_path, storage):
 
 
 @pytest.mark.parametrize(('storage', 'suffix'), [('mcap', '.mcap'), ('sqlite3', '.db3')])
-def test_layout_is_what_ros2_bag_expects(tmp_path, storage, suffix):
+def test_layout_is_what_ros2_bag_expects(tmp_path: Path, storage: str, suffix: str) -> None:
     write_bag(tmp_path / 'bag', [make()], storage=storage)
     names = {path.name for path in (tmp_path / 'bag').iterdir()}
     assert names == {'metadata.yaml', f'bag_0{suffix}'}
@@ -125,7 +135,7 @@ def test_layout_is_what_ros2_bag_expects(tmp_path, storage, suffix):
         assert reader.message_count == sum(1 for _ in reader.messages()) == 201
 
 
-def test_the_index_of_an_mcap_file_is_right(tmp_path):
+def test_the_index_of_an_mcap_file_is_right(tmp_path: Path) -> None:
     """Rosbags seeks by our chunk index: a time window must give exactly its messages."""
     write_bag(tmp_path / 'bag', [make(n=2 * ROWS + 5, reference=True)])
     with Reader(tmp_path / 'bag') as reader:
@@ -144,7 +154,7 @@ KINDS = [
 
 
 @pytest.mark.parametrize(('plugin', 'mode'), KINDS)
-def test_bags_of_others_are_read(tmp_path, plugin, mode):
+def test_bags_of_others_are_read(tmp_path: Path, plugin: Any, mode: Any) -> None:
     """Other writer, frames of several lengths, compression, other topics beside ours."""
     store = typestore()
     types = store.types
@@ -174,7 +184,7 @@ def test_bags_of_others_are_read(tmp_path, plugin, mode):
     assert found.start == 0.0  # of a wall clock, seconds in float64 would lose nanoseconds
 
 
-def test_mcap_without_chunks_and_with_lz4_chunks(tmp_path):
+def test_mcap_without_chunks_and_with_lz4_chunks(tmp_path: Path) -> None:
     """As other writers lay it out: messages outside chunks, and another compression."""
     from zlib import crc32
 
@@ -206,14 +216,16 @@ def test_mcap_without_chunks_and_with_lz4_chunks(tmp_path):
         read_bag(tmp_path / 'bad.mcap')
 
 
-def test_definitions_agree_with_the_interfaces():
+def test_definitions_agree_with_the_interfaces() -> None:
     for msgtype, text in MESSAGES.items():
         name = msgtype.rsplit('/', 1)[1]
         theirs = get_types_from_msg((INTERFACES / f'{name}.msg').read_text(), msgtype)
         assert get_types_from_msg(text, msgtype) == theirs
 
 
-def test_an_unknown_definition_is_found_in_the_sourced_prefixes(tmp_path, monkeypatch):
+def test_an_unknown_definition_is_found_in_the_sourced_prefixes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / 'share' / 'lab_msgs' / 'msg'
     folder.mkdir(parents=True)
     (folder / 'Outer.msg').write_text('lab_msgs/Inner[] parts\nstd_msgs/Header header\n')
@@ -228,7 +240,9 @@ def test_an_unknown_definition_is_found_in_the_sourced_prefixes(tmp_path, monkey
 
 @given(frame=st.text(max_size=9), big=st.booleans(), noise=st.binary(min_size=8, max_size=8))
 @settings(max_examples=50, deadline=None)
-def test_decoding_ignores_padding_and_takes_both_byte_orders(frame, big, noise):
+def test_decoding_ignores_padding_and_takes_both_byte_orders(
+    frame: Any, big: Any, noise: Any
+) -> None:
     store = typestore()
     types = store.types
     stamp = types['builtin_interfaces/msg/Time'](sec=-5, nanosec=17)
@@ -248,7 +262,7 @@ def test_decoding_ignores_padding_and_takes_both_byte_orders(frame, big, noise):
     assert decoded.columns['displacement'][0] == 3e-6
 
 
-def test_a_short_or_foreign_message_is_not_decoded():
+def test_a_short_or_foreign_message_is_not_decoded() -> None:
     rows = cdr.encode(fixed_fields(STATE), np.arange(3), {'sample': 1, 'voltage': 2.0,
                                                           'displacement': 3.0})  # fmt: skip
     size = rows.itemsize
@@ -264,14 +278,16 @@ def test_a_short_or_foreign_message_is_not_decoded():
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, storage, monkeypatch):
+def test_nothing_is_overwritten_and_nothing_half_written(
+    tmp_path: Path, storage: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_bag(tmp_path / 'bag', [make()], storage=storage)
     before = {p: p.read_bytes() for p in (tmp_path / 'bag').iterdir()}
     with pytest.raises(RecordError, match='exists already'):
         write_bag(tmp_path / 'bag', [make('b')], storage=storage)
     assert {p: p.read_bytes() for p in (tmp_path / 'bag').iterdir()} == before
 
-    def full(*_):
+    def full(*_: Any) -> None:
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('piezo_hysteresis.records.metadata.Metadata.write', full)
@@ -280,8 +296,10 @@ def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, storage, monk
     assert [path.name for path in tmp_path.iterdir()] == ['bag']
 
 
-def test_a_disk_that_fills_up_under_a_database_is_told_in_a_line(tmp_path, monkeypatch):
-    def full(self, connection, timestamp, data):
+def test_a_disk_that_fills_up_under_a_database_is_told_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: Any, connection: Any, timestamp: Any, data: Any) -> None:
         raise sqlite3.OperationalError('database or disk is full')
 
     monkeypatch.setattr(Sqlite3Writer, 'write', full)
@@ -299,13 +317,15 @@ def test_a_disk_that_fills_up_under_a_database_is_told_in_a_line(tmp_path, monke
         ([make()], 'rosbag1', 'use mcap or sqlite3'),
     ],
 )
-def test_bad_requests_are_refused(tmp_path, records, storage, message):
+def test_bad_requests_are_refused(
+    tmp_path: Path, records: Any, storage: str, message: str
+) -> None:
     with pytest.raises(RecordError, match=message):
         write_bag(tmp_path / 'bag', records, storage=storage)
     assert not list(tmp_path.iterdir())
 
 
-def test_load_mixes_sources_and_names_records_uniquely(tmp_path):
+def test_load_mixes_sources_and_names_records_uniquely(tmp_path: Path) -> None:
     write_bag(tmp_path / 'one', [make('a'), make('b')])
     write_bag(tmp_path / 'two', [make('a')], storage='sqlite3')
     csv = tmp_path / 'a.csv'

@@ -1,7 +1,11 @@
 """The verbs import, export, info, record and play."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +18,7 @@ ROWS = [f'{k / 1000},{k % 11},{0.25 * (k % 7)}' for k in range(60)]
 CSV = '\n'.join(['time_s,voltage_V,displacement_um', *ROWS]) + '\n'
 
 
-def test_csv_to_bag_and_back(tmp_path, capsys):
+def test_csv_to_bag_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ('one', 'two'):
         (tmp_path / f'{name}.csv').write_text(CSV)
     bag, out = tmp_path / 'bag', tmp_path / 'out'
@@ -34,7 +38,7 @@ def test_csv_to_bag_and_back(tmp_path, capsys):
         assert again.dt == first.dt
 
 
-def test_export_makes_file_names_of_any_record_names(tmp_path):
+def test_export_makes_file_names_of_any_record_names(tmp_path: Path) -> None:
     info = RecordInfo('x', 'sine', 5.0, 10.0, 0.01, 'V')
     signal = np.linspace(0, 1, 50)
     names = ['sine 5 Hz', 'sine/5/Hz', '../up', '...', 'Sine_5_Hz']
@@ -51,7 +55,9 @@ def test_export_makes_file_names_of_any_record_names(tmp_path):
     np.testing.assert_array_equal(again.displacement, 1e-6 * signal)
 
 
-def test_info_lists_records_topics_and_damage(tmp_path, capsys):
+def test_info_lists_records_topics_and_damage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     signal = np.arange(4000.0)
     info = RecordInfo('bimorph', 'sine', 23.0)
     write_bag(tmp_path / 'bag', [Record('a', 1e-3, signal, 1e-9 * signal, info=info)])
@@ -69,7 +75,7 @@ def test_info_lists_records_topics_and_damage(tmp_path, capsys):
     assert 'need --salvage' in printed.err
 
 
-def test_damage_is_refused_or_salvaged(tmp_path, capsys):
+def test_damage_is_refused_or_salvaged(tmp_path: Any, capsys: Any) -> None:
     lines = CSV.split('\n')
     del lines[21]
     file = tmp_path / 'a.csv'
@@ -87,7 +93,9 @@ def test_damage_is_refused_or_salvaged(tmp_path, capsys):
     assert [(r.name, len(r)) for r in read_bag(tmp_path / 'bag')] == [('a.1', 20), ('a.2', 39)]
 
 
-def test_a_bag_without_records_still_shows_its_topics(tmp_path, capsys):
+def test_a_bag_without_records_still_shows_its_topics(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from piezo_hysteresis.records.recorder import Recorder
 
     with Recorder(tmp_path / 'bag') as recorder:
@@ -100,7 +108,9 @@ def test_a_bag_without_records_still_shows_its_topics(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('verb', ['export', 'import'])
-def test_existing_output_is_left_alone(tmp_path, capsys, verb):
+def test_existing_output_is_left_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
     (tmp_path / 'a.csv').write_text(CSV)
     (tmp_path / 'out').mkdir()
     assert main([verb, str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'out')]) == 2
@@ -125,7 +135,7 @@ WITHOUT_ROS = (
         ['demo', '--out', 'x'],
     ],
 )
-def test_without_ros_verbs_that_need_it_say_what_to_do(tmp_path, words):
+def test_without_ros_verbs_that_need_it_say_what_to_do(tmp_path: Path, words: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, '-c', WITHOUT_ROS, *words],
         capture_output=True, text=True, cwd=tmp_path, check=False,

@@ -1,6 +1,10 @@
 """CSV files: units in the column names, helpful refusals, and back again."""
 
+from __future__ import annotations
+
 import re
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +24,14 @@ from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
 
 
-def write(path, text):
+def write(path: Path, text: Any) -> Path:
     path.write_text(text, encoding='utf-8')
     return path
 
 
-def rows(n=40, dt=1e-3, head='time_s,voltage_V,displacement_um', join=','):
+def rows(
+    n: int = 40, dt: float = 1e-3, head: str = 'time_s,voltage_V,displacement_um', join: str = ','
+) -> str:
     body = [join.join(map(repr, (k * dt, 10.0 * (k % 7), 0.5 * (k % 5)))) for k in range(n)]
     return '\n'.join([head, *body]) + '\n'
 
@@ -35,7 +41,7 @@ def rows(n=40, dt=1e-3, head='time_s,voltage_V,displacement_um', join=','):
     [('displacement_m', 1), ('displacement_mm', 1e3), ('displacement_um', 1e6),
      ('displacement_nm', 1e9), ('Displacement_UM', 1e6), ('displacement_µm', 1e6)],
 )  # fmt: skip
-def test_lengths_come_in_metres(tmp_path, column, scale):
+def test_lengths_come_in_metres(tmp_path: Path, column: str, scale: float) -> None:
     text = rows(head=f'time_s,voltage_V,{column}').split('\n')
     text = [text[0], *(f'{a},{b},{float(c) * scale * 1e-6!r}' for a, b, c in
                        (line.split(',') for line in text[1:-1]))]  # fmt: skip
@@ -46,7 +52,7 @@ def test_lengths_come_in_metres(tmp_path, column, scale):
     assert record.info.input_unit == 'V'
 
 
-def test_times_voltages_forces_references_and_further_columns(tmp_path):
+def test_times_voltages_forces_references_and_further_columns(tmp_path: Path) -> None:
     head = 'comment,reference_nm,time_ms,force_kN,displacement_um'
     text = '\n'.join([head, *(f'x{k},{k % 3},{k * 2},{0.5 * (k % 4)},{k % 5}' for k in range(40))])
     record = read_csv(write(tmp_path / 'a.csv', text))
@@ -58,7 +64,7 @@ def test_times_voltages_forces_references_and_further_columns(tmp_path):
 
 
 @pytest.mark.parametrize('join', [',', ';', '\t'])
-def test_delimiters_comments_and_byte_order_marks(tmp_path, join):
+def test_delimiters_comments_and_byte_order_marks(tmp_path: Path, join: str) -> None:
     head = join.join(['time_s', '"voltage_V"', ' displacement_um '])
     text = '\ufeff# from the oscilloscope\n\n' + rows(head=head, join=join)
     if join == ';':
@@ -68,7 +74,7 @@ def test_delimiters_comments_and_byte_order_marks(tmp_path, join):
     np.testing.assert_allclose(record.displacement[:3], [0, 5e-7, 1e-6])
 
 
-def test_rounded_stamps_of_a_real_instrument(tmp_path):
+def test_rounded_stamps_of_a_real_instrument(tmp_path: Path) -> None:
     """Steps of 0.200010001 and 0.19998 ms are 5 kHz."""
     stamps = np.round(np.arange(1000) * 2e-4, 5) + 1e-8 * (np.arange(1000) % 2)
     lines = [f'{t:.9f},{k % 9},{k % 5}' for k, t in enumerate(stamps)]
@@ -79,7 +85,7 @@ def test_rounded_stamps_of_a_real_instrument(tmp_path):
 
 @pytest.mark.parametrize('unit', ['m', 'mm', 'um', 'nm'])
 @pytest.mark.parametrize('drive', ['V', 'N'])
-def test_written_and_read_back(tmp_path, unit, drive):
+def test_written_and_read_back(tmp_path: Path, unit: str, drive: str) -> None:
     rng = np.random.default_rng(3)
     record = Record(
         'a', 1 / 3000, rng.standard_normal(500), 1e-5 * rng.standard_normal(500), start=2.0,
@@ -112,7 +118,7 @@ def test_written_and_read_back(tmp_path, unit, drive):
         ('time_s,voltage_V,force_N,displacement_um', 'both a voltage and a force'),
     ],
 )
-def test_other_spellings_get_help(tmp_path, head, message):
+def test_other_spellings_get_help(tmp_path: Path, head: str, message: str) -> None:
     width = head.count(',') + 1
     body = '\n'.join(','.join(str(k * (c + 1)) for c in range(width)) for k in range(30))
     with pytest.raises(RecordError, match=message):
@@ -131,14 +137,14 @@ def test_other_spellings_get_help(tmp_path, head, message):
         ('\x00\x01\x02', 'this is no text'),
     ],
 )
-def test_bad_files_are_refused_in_one_sentence(tmp_path, text, message):
+def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, text: Any, message: str) -> None:
     with pytest.raises(RecordError, match=message) as caught:
         read_csv(write(tmp_path / 'a.csv', text))
     assert str(tmp_path / 'a.csv') in str(caught.value)
     assert '\n' not in str(caught.value)
 
 
-def test_missing_files_binary_files_and_unknown_kinds(tmp_path):
+def test_missing_files_binary_files_and_unknown_kinds(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match='does not exist'):
         load([tmp_path / 'none.csv'])
     (tmp_path / 'bin.csv').write_bytes(b'\xff\xfe\x00\x01')
@@ -151,7 +157,7 @@ def test_missing_files_binary_files_and_unknown_kinds(tmp_path):
         load([])
 
 
-def test_lines_that_are_no_numbers_are_salvaged_and_counted(tmp_path):
+def test_lines_that_are_no_numbers_are_salvaged_and_counted(tmp_path: Path) -> None:
     lines = rows(100).split('\n')
     lines[51] = '0.05,oops,1'
     path = write(tmp_path / 'a.csv', '\n'.join(lines))
@@ -160,7 +166,7 @@ def test_lines_that_are_no_numbers_are_salvaged_and_counted(tmp_path):
     assert any('1 lines are not numbers' in str(damage) for damage in found.damage)
 
 
-def test_notes_beside_the_file_are_taken_over(tmp_path):
+def test_notes_beside_the_file_are_taken_over(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.csv', rows())
     notes = write(
         tmp_path / 'records.yaml',
@@ -177,7 +183,9 @@ def test_notes_beside_the_file_are_taken_over(tmp_path):
         read_csv(path)
 
 
-def test_a_large_file_is_read_to_the_same_bits(tmp_path, monkeypatch):
+def test_a_large_file_is_read_to_the_same_bits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip('pyarrow')
     random = np.random.default_rng(3)
     record = Record('r', 1e-3, random.standard_normal(5000), 1e-4 * random.standard_normal(5000))
@@ -193,13 +201,13 @@ def test_a_large_file_is_read_to_the_same_bits(tmp_path, monkeypatch):
     'line', ['0.0305,1.0', '0.0305,x,2.0', '0.0305,,2.0', '# a note', '', '0.0305, 1.0,2.0']
 )
 def test_what_is_not_plain_in_a_large_file_is_read_and_told_as_in_a_small_one(
-    tmp_path, monkeypatch, line
-):
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
     rows = [f'{k / 1000},{k % 7},{k % 11}' for k in range(60)]
     text = '\n'.join(['time_s,voltage_V,displacement_um', *rows[:31], line, *rows[31:]])
     (tmp_path / 'r.csv').write_text(text + '\n')
 
-    def answer():
+    def answer() -> Any:
         try:
             read = read_csv(tmp_path / 'r.csv')
         except RecordError as error:
@@ -220,7 +228,7 @@ LABVIEW = (
 )
 
 
-def lines(separator, comma='.', n=40):
+def lines(separator: Any, comma: Any = '.', n: int = 40) -> str:
     found = [f'{k * 1e-3:.4f}{separator}{k % 7:.2f}{separator}{k % 5:.3f}\n' for k in range(n)]
     return ''.join(found).replace('.', comma)
 
@@ -240,7 +248,9 @@ FOREIGN['d.csv'] = 'Time (S),Voltage (V),Monitor (V),Position/um\n' + ''.join(
 
 @pytest.mark.parametrize('name', FOREIGN)
 @pytest.mark.parametrize('encoding', ['utf-8', 'cp1252', 'utf-16'])
-def test_columns_that_carry_quantity_and_unit_are_taken_and_said(tmp_path, name, encoding):
+def test_columns_that_carry_quantity_and_unit_are_taken_and_said(
+    tmp_path: Path, name: Any, encoding: str
+) -> None:
     path = tmp_path / name
     path.write_text(FOREIGN[name], encoding)
     found = survey([path])
@@ -266,7 +276,7 @@ def test_columns_that_carry_quantity_and_unit_are_taken_and_said(tmp_path, name,
         ('Date,CH1,CH2', 'no column of time, voltage and displacement'),
     ],
 )
-def test_what_is_not_clear_is_not_guessed(tmp_path, head, words):
+def test_what_is_not_clear_is_not_guessed(tmp_path: Path, head: str, words: str) -> None:
     with pytest.raises(RecordError, match=re.escape(words)) as caught:
         load([write(tmp_path / 'a.csv', f'{head}\n{lines(",")}')])
     assert '--displacement COLUMN:UNIT' in str(caught.value)
@@ -283,7 +293,13 @@ def test_what_is_not_clear_is_not_guessed(tmp_path, head, words):
         ('bare.csv', 'Model,TDS\n' + lines(','), ('--skip-rows', '1')),
     ],
 )
-def test_columns_by_number_behind_any_head(tmp_path, name, text, words, capsys):
+def test_columns_by_number_behind_any_head(
+    tmp_path: Path,
+    name: str,
+    text: Any,
+    words: tuple[Any, ...],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     path, bag = write(tmp_path / name, text), tmp_path / 'bag'
     columns = ['--time', '1', '--voltage', '2', '--displacement', '3:um']
     assert main(['import', str(path), *columns, *words, '--out', str(bag)]) == 0
@@ -292,7 +308,9 @@ def test_columns_by_number_behind_any_head(tmp_path, name, text, words, capsys):
     np.testing.assert_array_equal(record.voltage, np.arange(40) % 7)
 
 
-def test_a_number_is_no_topic_of_a_file_of_another_kind(tmp_path, capsys):
+def test_a_number_is_no_topic_of_a_file_of_another_kind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write(tmp_path / 'rec.foo', lines(' '))
     assert main(['import', str(path), '--voltage', '2', '--displacement', '3', '--out', 'x']) == 2
     assert 'data of this kind are not known' in capsys.readouterr().err
@@ -302,7 +320,7 @@ def test_a_number_is_no_topic_of_a_file_of_another_kind(tmp_path, capsys):
     assert 'it has no line 99, but 40 lines' in capsys.readouterr().err
 
 
-def test_a_chosen_column_keeps_the_unit_of_its_name(tmp_path):
+def test_a_chosen_column_keeps_the_unit_of_its_name(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.csv', 'A (ms),B (mV),C (nm)\n' + lines(','))
     log = DamageLog()
     (record,) = csv_records(path, log, {'time': '1', 'voltage': '2', 'displacement': 'C (nm)'})

@@ -1,6 +1,10 @@
 """Damage: each kind has a clear one-line refusal, and what is readable is salvaged and counted."""
 
+from __future__ import annotations
+
 import sqlite3
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +26,7 @@ from piezo_hysteresis.records.recorder import Recorder
 from piezo_hysteresis.records.storage import Topic
 
 
-def test_gaps(tmp_path):
+def test_gaps(tmp_path: Path) -> None:
     keep = np.delete(TICKS, [100, 101, 150])
     path = raw_bag(tmp_path / 'bag', [(keep, keep * 1e-3, 1e-9 * keep)])
     found = refused(path, '3 samples are missing in 2 gaps, the first after 0.099 s')
@@ -32,7 +36,7 @@ def test_gaps(tmp_path):
     assert found.damage[0].count == 2
 
 
-def test_repeated_messages_cost_nothing(tmp_path):
+def test_repeated_messages_cost_nothing(tmp_path: Path) -> None:
     order = np.sort(np.concatenate([TICKS, [7, 8, 250]]))
     path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
     found = survey([path])
@@ -42,7 +46,7 @@ def test_repeated_messages_cost_nothing(tmp_path):
     assert [note.count for note in found.notes] == [3]
 
 
-def test_doubled_samples(tmp_path):
+def test_doubled_samples(tmp_path: Path) -> None:
     order = np.sort(np.concatenate([TICKS, [7, 8, 250]]))
     stroke = 1e-9 * np.arange(order.size)  # the second of a pair says something else
     path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, stroke)])
@@ -52,7 +56,7 @@ def test_doubled_samples(tmp_path):
     assert found.damage[0].lost == 3
 
 
-def test_unsorted_samples(tmp_path):
+def test_unsorted_samples(tmp_path: Path) -> None:
     order = TICKS.copy()
     order[[20, 21]] = order[[21, 20]]
     path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
@@ -60,7 +64,7 @@ def test_unsorted_samples(tmp_path):
     np.testing.assert_array_equal(record.voltage, TICKS)
 
 
-def test_numbers_that_start_again(tmp_path):
+def test_numbers_that_start_again(tmp_path: Path) -> None:
     sample = np.concatenate([TICKS, TICKS])
     stamp = np.concatenate([TICKS * 1e-3, 1.0 + TICKS * 1e-3])
     path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-9 * sample)])
@@ -70,14 +74,14 @@ def test_numbers_that_start_again(tmp_path):
     assert 'start again 1 times: read as 2 runs' in str(found.notes[0])
 
 
-def test_a_clock_that_starts_again_with_the_numbers(tmp_path):
+def test_a_clock_that_starts_again_with_the_numbers(tmp_path: Path) -> None:
     """A simulator that was started anew stamps from 0 once more."""
     sample = np.concatenate([TICKS[40:], TICKS[:50]])
     path = raw_bag(tmp_path / 'bag', [(sample, sample * 1e-3, 1e-9 * sample)], in_order=True)
     assert [len(record) for record in survey([path]).records] == [260, 50]
 
 
-def test_two_halves_in_the_wrong_order_are_no_restart(tmp_path):
+def test_two_halves_in_the_wrong_order_are_no_restart(tmp_path: Path) -> None:
     sample = np.concatenate([TICKS[100:], TICKS[:100]])
     path = raw_bag(tmp_path / 'bag', [(sample, sample * 1e-3, 1e-9 * sample)])
     (record,) = refused(path, '1 samples are out of order').records
@@ -85,7 +89,7 @@ def test_two_halves_in_the_wrong_order_are_no_restart(tmp_path):
 
 
 @pytest.mark.parametrize('numbered', [True, False])
-def test_mixed_rates(tmp_path, numbered):
+def test_mixed_rates(tmp_path: Path, numbered: bool) -> None:
     stamp = np.concatenate([TICKS * 1e-3, 0.3 + 2e-3 * np.arange(200)])
     sample = np.arange(500) if numbered else np.zeros(500, int)
     path = raw_bag(tmp_path / 'bag', [(sample, stamp, 1e-9 * np.arange(500))])
@@ -94,7 +98,7 @@ def test_mixed_rates(tmp_path, numbered):
     assert sum(map(len, found.records)) == 500
 
 
-def test_uneven_rate(tmp_path):
+def test_uneven_rate(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     stamp = np.cumsum(rng.uniform(0.5e-3, 1.4e-3, 300))
     path = raw_bag(tmp_path / 'bag', [(np.zeros(300, int), stamp, 1e-6 * np.sin(20 * stamp))])
@@ -117,7 +121,7 @@ CLOCKS = {
 
 
 @pytest.mark.parametrize('clock', CLOCKS)
-def test_stamps_of_numbered_samples_may_jitter(tmp_path, clock):
+def test_stamps_of_numbered_samples_may_jitter(tmp_path: Path, clock: Any) -> None:
     stamp = 1e9 + TICKS * 1e-3 + CLOCKS[clock]
     path = raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)], in_order=True)
     found = survey([path])
@@ -127,7 +131,7 @@ def test_stamps_of_numbered_samples_may_jitter(tmp_path, clock):
     assert any('its stamps jitter by up to' in str(note) for note in found.notes)
 
 
-def test_numbers_that_are_missing_are_a_gap_whatever_the_stamps_say(tmp_path):
+def test_numbers_that_are_missing_are_a_gap_whatever_the_stamps_say(tmp_path: Path) -> None:
     kept = np.delete(TICKS, [100, 101])
     stamp = kept * 1e-3 + RNG.uniform(0, 0.9e-3, kept.size)
     found = refused(
@@ -136,7 +140,7 @@ def test_numbers_that_are_missing_are_a_gap_whatever_the_stamps_say(tmp_path):
     assert [len(record) for record in found.records] == [100, 198]
 
 
-def test_a_clock_that_jumps_is_said(tmp_path):
+def test_a_clock_that_jumps_is_said(tmp_path: Path) -> None:
     stamp = TICKS * 1e-3 + 3600.0 * (TICKS > 150)
     found = refused(
         raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)]), 'stamps jump by up to 3.6e'
@@ -144,7 +148,7 @@ def test_a_clock_that_jumps_is_said(tmp_path):
     assert [len(record) for record in found.records] == [151, 149]
 
 
-def test_values_that_are_not_numbers(tmp_path):
+def test_values_that_are_not_numbers(tmp_path: Path) -> None:
     value = STROKE.copy()
     value[[40, 41]] = np.nan
     path = raw_bag(tmp_path / 'bag', [(TICKS, TICKS * 1e-3, value)])
@@ -160,14 +164,14 @@ def test_values_that_are_not_numbers(tmp_path):
         (1.5e5, 30e-6, 'the voltage reaches 1.5e'),
     ],
 )
-def test_wrong_units(tmp_path, voltage, displacement, message):
+def test_wrong_units(tmp_path: Path, voltage: float, displacement: float, message: str) -> None:
     shape = np.linspace(0, 1, 100)
     write_bag(tmp_path / 'bag', [Record('a', 1e-3, voltage * shape, displacement * shape)])
     (record,) = refused(tmp_path / 'bag', message).records
     np.testing.assert_array_equal(record.displacement, displacement * shape)
 
 
-def test_two_actuators_by_topic(tmp_path):
+def test_two_actuators_by_topic(tmp_path: Path) -> None:
     part = (TICKS, TICKS * 1e-3, STROKE)
     path = raw_bag(tmp_path / 'bag', [part, (TICKS, TICKS * 1e-3, 2 * STROKE)])
     found = refused(path, r'it holds 2 actuators \(a, b\).*--actuator NAME')
@@ -178,14 +182,14 @@ def test_two_actuators_by_topic(tmp_path):
         read_bag(path, actuator='z')
 
 
-def test_two_actuators_by_marker(tmp_path):
+def test_two_actuators_by_marker(tmp_path: Path) -> None:
     records = [make(100, 'p', actuator='one'), make(100, 'q', actuator='two'), make(100, 'r')]
     write_bag(tmp_path / 'bag', records)
     refused(tmp_path / 'bag', r'it holds 2 actuators \(one, two\)')
     assert [record.name for record in read_bag(tmp_path / 'bag', actuator='two')] == ['q']
 
 
-def test_no_states_and_no_messages(tmp_path):
+def test_no_states_and_no_messages(tmp_path: Path) -> None:
     with Recorder(tmp_path / 'bag') as recorder:
         topic = recorder.add_topic('/chatter', 'std_msgs/msg/String')
         recorder.write(topic, b'\0\1\0\0\2\0\0\0x\0', 0)
@@ -199,7 +203,7 @@ def test_no_states_and_no_messages(tmp_path):
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @pytest.mark.parametrize('part', [0.0, 0.3, 0.9, 0.999])
-def test_truncated_file(tmp_path, storage, part):
+def test_truncated_file(tmp_path: Path, storage: str, part: float) -> None:
     write_bag(tmp_path / 'bag', [make(100_000)], storage=storage)
     (file,) = (path for path in (tmp_path / 'bag').iterdir() if path.suffix != '.yaml')
     data = file.read_bytes()
@@ -220,7 +224,7 @@ def test_truncated_file(tmp_path, storage, part):
         np.testing.assert_array_equal(np.diff(record.voltage), 1 / 256)
 
 
-def test_missing_metadata(tmp_path):
+def test_missing_metadata(tmp_path: Path) -> None:
     for storage in ('mcap', 'sqlite3'):
         bag = tmp_path / storage
         write_bag(bag, [make()], storage=storage)
@@ -239,14 +243,14 @@ def test_missing_metadata(tmp_path):
         ('[1, 2]', 'an entry is missing'),
     ],
 )
-def test_broken_metadata(tmp_path, text, message):
+def test_broken_metadata(tmp_path: Path, text: str, message: str) -> None:
     write_bag(tmp_path / 'bag', [make()])
     (tmp_path / 'bag' / 'metadata.yaml').write_text(text)
     found = refused(tmp_path / 'bag', message)
     assert [len(record) for record in found.records] == [1000]
 
 
-def test_counts_that_do_not_agree(tmp_path):
+def test_counts_that_do_not_agree(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [make()])
     path = tmp_path / 'bag' / 'metadata.yaml'
     path.write_text(path.read_text().replace('message_count: 1000', 'message_count: 1200'))
@@ -254,7 +258,7 @@ def test_counts_that_do_not_agree(tmp_path):
             '1000 are readable')  # fmt: skip
 
 
-def test_a_storage_file_that_is_missing(tmp_path):
+def test_a_storage_file_that_is_missing(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [make()])
     (tmp_path / 'bag' / 'bag_0.mcap').unlink()
     with pytest.raises(RecordError, match=r'bag_0\.mcap is missing'):
@@ -266,7 +270,7 @@ def test_a_storage_file_that_is_missing(tmp_path):
         load([tmp_path / 'empty'], salvage=True)
 
 
-def test_a_flipped_bit_in_a_value(tmp_path):
+def test_a_flipped_bit_in_a_value(tmp_path: Path) -> None:
     file, data = mcap_of(tmp_path)
     start = chunk_starts(data)[1]
     data[start + 1_000_000] ^= 4
@@ -277,7 +281,7 @@ def test_a_flipped_bit_in_a_value(tmp_path):
     assert sum(damage.lost for damage in found.damage) >= rows
 
 
-def test_a_flipped_bit_in_sqlite(tmp_path):
+def test_a_flipped_bit_in_sqlite(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
     file = tmp_path / 'bag' / 'bag_0.db3'
     data = bytearray(file.read_bytes())
@@ -288,7 +292,7 @@ def test_a_flipped_bit_in_sqlite(tmp_path):
     refused(tmp_path / 'bag', 'the checksum of its messages is wrong')
 
 
-def test_a_broken_page_of_sqlite_costs_only_what_is_on_it(tmp_path):
+def test_a_broken_page_of_sqlite_costs_only_what_is_on_it(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [make(20_000)], storage='sqlite3')
     file = tmp_path / 'bag' / 'bag_0.db3'
     data = bytearray(file.read_bytes())
@@ -305,7 +309,7 @@ def test_a_broken_page_of_sqlite_costs_only_what_is_on_it(tmp_path):
     assert found.records[1].voltage[-1] == 19_999 / 256
 
 
-def test_a_broken_index(tmp_path):
+def test_a_broken_index(tmp_path: Path) -> None:
     file, data = mcap_of(tmp_path)
     (start,) = np.frombuffer(bytes(data[-28:-20]), '<u8')
     data[int(start) + 40] ^= 255
@@ -318,7 +322,7 @@ def test_a_broken_index(tmp_path):
     assert [len(record) for record in found.records] == [100_000]
 
 
-def test_a_broken_length_is_passed_with_the_help_of_the_index(tmp_path):
+def test_a_broken_length_is_passed_with_the_help_of_the_index(tmp_path: Path) -> None:
     file, data = mcap_of(tmp_path)
     start = chunk_starts(data)[1]
     data[start - 3] = 255
@@ -328,7 +332,7 @@ def test_a_broken_length_is_passed_with_the_help_of_the_index(tmp_path):
     assert [len(record) for record in found.records] == [100_000]
 
 
-def test_data_that_seem_to_end_early(tmp_path):
+def test_data_that_seem_to_end_early(tmp_path: Path) -> None:
     """One flipped bit makes the head of a chunk look like the end of the data."""
     path = tmp_path / 'cut.mcap'
     _, data = mcap_of(tmp_path)
@@ -343,7 +347,7 @@ def test_data_that_seem_to_end_early(tmp_path):
     assert [len(record) for record in found.records] == [3 * bag_writer.ROWS]
 
 
-def test_unknown_definitions(tmp_path):
+def test_unknown_definitions(tmp_path: Path) -> None:
     with Recorder(tmp_path / 'bag') as recorder:
         text = 'std_msgs/Header header\nuint64 sample\nstring voltage\nfloat64 displacement\n'
         header = definition_of(STATE)[0].split('=' * 80, 1)[1]
@@ -353,7 +357,7 @@ def test_unknown_definitions(tmp_path):
         read_bag(tmp_path / 'bag')
 
 
-def test_other_fields_of_fixed_size_are_welcome(tmp_path):
+def test_other_fields_of_fixed_size_are_welcome(tmp_path: Path) -> None:
     """A driver may add what it likes, in any order, as long as ours are among it."""
     text = ('std_msgs/Header header\nuint8 mode\nuint64 sample\nfloat32 temperature\n'
             'float64 voltage\nfloat64 displacement\n')  # fmt: skip
@@ -372,7 +376,7 @@ def test_other_fields_of_fixed_size_are_welcome(tmp_path):
     np.testing.assert_array_equal(record.displacement, STROKE)
 
 
-def test_a_database_that_is_none(tmp_path):
+def test_a_database_that_is_none(tmp_path: Path) -> None:
     (tmp_path / 'a.db3').write_bytes(b'not a database' * 100)
     with pytest.raises(RecordError, match='not a sqlite3 file'):
         read_bag(tmp_path / 'a.db3')

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +56,7 @@ def test_a_repeat_is_another_record(noise: float) -> None:
         lambda r: r.section(0, 2900),
     ],
 )
-def test_a_changed_record_is_another_one(change) -> None:
+def test_a_changed_record_is_another_one(change: Callable[..., Any]) -> None:
     record = measured(1)
     assert recognised([change(record)], fingerprints([record])) == []
 

@@ -1,5 +1,10 @@
 """Bags of other message types, by the names of their fields."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -16,7 +21,7 @@ DISPLACEMENT = '/laser.point.x:um'
 
 
 @pytest.fixture(scope='module')
-def lab_bag(tmp_path_factory):
+def lab_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a bag: voltage each 4 ms without header, displacement each 2 ms with one."""
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg('lab_msgs/Channel[] channels', 'lab_msgs/msg/Command'))
@@ -49,7 +54,7 @@ def lab_bag(tmp_path_factory):
     return path
 
 
-def test_voltages_hold_and_displacements_are_the_samples(lab_bag):
+def test_voltages_hold_and_displacements_are_the_samples(lab_bag: Path) -> None:
     log = DamageLog()
     (record,) = foreign_records(lab_bag, log, voltage=VOLTAGE, displacement=DISPLACEMENT)
     tick = np.arange(6, 200)
@@ -60,7 +65,9 @@ def test_voltages_hold_and_displacements_are_the_samples(lab_bag):
     assert [note.count for note in log.notes] == [6]
 
 
-def test_the_verb_makes_a_bag_of_ours(lab_bag, tmp_path, capsys):
+def test_the_verb_makes_a_bag_of_ours(
+    lab_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ['import', str(lab_bag), '--out', str(tmp_path / 'bag'), '--voltage', VOLTAGE]
     assert main(words) == 2
     assert 'belong together' in capsys.readouterr().err
@@ -81,19 +88,21 @@ def test_the_verb_makes_a_bag_of_ours(lab_bag, tmp_path, capsys):
         ('/amplifier/command.channels[7].volt', DISPLACEMENT, 'no number channels.7.volt'),
     ],
 )
-def test_what_is_not_there_is_said(lab_bag, voltage, displacement, message):
+def test_what_is_not_there_is_said(
+    lab_bag: Path, voltage: Any, displacement: Any, message: str
+) -> None:
     with pytest.raises(RecordError, match=message):
         foreign_records(lab_bag, DamageLog(), voltage=voltage, displacement=displacement)
 
 
-def test_signals_are_parsed():
+def test_signals_are_parsed() -> None:
     signal = parse_signal('adc/raw.data[2]', 'voltage')
     assert (signal.topic, signal.field, signal.divisor) == ('/adc/raw', ('data', '2'), 1.0)
     assert parse_signal('/x.y.z:nm', 'reference').divisor == 1e9
 
 
 @pytest.fixture(scope='module')
-def robot_bag(tmp_path_factory):
+def robot_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a bag of joint states and wrenches, as ros2_control publishes them."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types = store.types
@@ -122,7 +131,9 @@ def robot_bag(tmp_path_factory):
     return path
 
 
-def test_a_joint_is_found_by_its_name_and_a_wrench_is_a_force(robot_bag, tmp_path):
+def test_a_joint_is_found_by_its_name_and_a_wrench_is_a_force(
+    robot_bag: Path, tmp_path: Path
+) -> None:
     words = ['--force', '/ft.wrench.force.z:N', '--displacement', '/joint_states.position[stage]']
     assert main(['import', str(robot_bag), '--out', str(tmp_path / 'bag'), *words]) == 0
     (record,) = read_bag(tmp_path / 'bag')
@@ -131,7 +142,9 @@ def test_a_joint_is_found_by_its_name_and_a_wrench_is_a_force(robot_bag, tmp_pat
     np.testing.assert_allclose(record.voltage, 0.5 * np.arange(200))
 
 
-def test_a_joint_that_is_not_there_is_said(robot_bag, tmp_path, capsys):
+def test_a_joint_that_is_not_there_is_said(
+    robot_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ['--force', '/ft.wrench.force.z:N', '--displacement', '/joint_states.position[tip]']
     assert main(['import', str(robot_bag), '--out', str(tmp_path / 'bag'), *words]) == 2
     assert 'position.tip' in capsys.readouterr().err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,13 @@ from piezo_hysteresis.records import Record, read_bag, read_csv
 from piezo_hysteresis.records.resampling import resampled
 
 
-def scope(path, names='Time (s),CH1 (V),CH2', n=2000, dt=1e-3, jitter=0.0):
+def scope(
+    path: Path,
+    names: str = 'Time (s),CH1 (V),CH2',
+    n: int = 2000,
+    dt: float = 1e-3,
+    jitter: float = 0.0,
+) -> Any:
     """Write what an oscilloscope does; return time and displacement [um]."""
     time = np.arange(n) * dt
     stamped = time + jitter * np.random.default_rng(1).uniform(-1, 1, n)
@@ -32,7 +40,7 @@ def scope(path, names='Time (s),CH1 (V),CH2', n=2000, dt=1e-3, jitter=0.0):
     ],
     ids=['by name', 'by number'],
 )
-def test_columns_are_named_on_the_command_line(tmp_path, words):
+def test_columns_are_named_on_the_command_line(tmp_path: Path, words: tuple[str, ...]) -> None:
     _, displacement = scope(tmp_path / 'a.csv')
     assert main(['import', str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'bag'), *words]) == 0
     (record,) = read_bag(tmp_path / 'bag')
@@ -41,7 +49,7 @@ def test_columns_are_named_on_the_command_line(tmp_path, words):
     assert np.ptp(record.voltage) == pytest.approx(4.0, rel=1e-3)
 
 
-def test_a_force_is_named_likewise(tmp_path):
+def test_a_force_is_named_likewise(tmp_path: Path) -> None:
     scope(tmp_path / 'a.csv')
     words = ['--time', '1', '--force', 'CH1 (V):mN', '--displacement', 'CH2:um']
     assert main(['import', str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'bag'), *words]) == 0
@@ -59,7 +67,9 @@ def test_a_force_is_named_likewise(tmp_path):
         ((), '--time COLUMN:UNIT'),
     ],
 )
-def test_what_is_no_column_is_said(tmp_path, capsys, words, reason):
+def test_what_is_no_column_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[Any, ...], reason: str
+) -> None:
     scope(tmp_path / 'a.csv', names='t,CH1,CH2')
     if 'Time' in reason:
         scope(tmp_path / 'a.csv')
@@ -68,7 +78,7 @@ def test_what_is_no_column_is_said(tmp_path, capsys, words, reason):
     assert not (tmp_path / 'b').exists()
 
 
-def test_two_rates_become_one(tmp_path):
+def test_two_rates_become_one(tmp_path: Path) -> None:
     head = 'time_s,voltage_V,displacement_um'
     scope(tmp_path / 'slow.csv', head)
     scope(tmp_path / 'fast.csv', head, n=5000, dt=4e-4)
@@ -81,7 +91,7 @@ def test_two_rates_become_one(tmp_path):
     assert fast.displacement[inside] == pytest.approx(slow.displacement[inside], abs=3e-8)
 
 
-def test_what_the_new_rate_cannot_hold_is_filtered_off():
+def test_what_the_new_rate_cannot_hold_is_filtered_off() -> None:
     time = np.arange(20000) * 1e-4
     low, high = np.sin(2 * np.pi * 7 * time), np.sin(2 * np.pi * 1900 * time)
     record = Record('r', 1e-4, low + high, 1e-6 * (low + high))
@@ -100,7 +110,9 @@ def test_what_the_new_rate_cannot_hold_is_filtered_off():
     assert np.std((odd.voltage - np.sin(2 * np.pi * 7 * odd.time))[inside]) < 2e-3
 
 
-def test_jitter_is_refused_with_what_to_do_and_interpolated_when_asked(tmp_path, capsys):
+def test_jitter_is_refused_with_what_to_do_and_interpolated_when_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     head = 'time_s,voltage_V,displacement_um'
     _, displacement = scope(tmp_path / 'a.csv', head, jitter=1.5e-4)
     file, bag = str(tmp_path / 'a.csv'), str(tmp_path / 'bag')
@@ -114,7 +126,7 @@ def test_jitter_is_refused_with_what_to_do_and_interpolated_when_asked(tmp_path,
     assert 1e6 * record.displacement[inside] == pytest.approx(displacement[inside], abs=0.3)
 
 
-def test_salvage_says_what_it_did(tmp_path, capsys):
+def test_salvage_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     head = 'time_s,voltage_V,displacement_um'
     scope(tmp_path / 'a.csv', head)
     lines = (tmp_path / 'a.csv').read_text().splitlines()
@@ -134,7 +146,7 @@ def test_salvage_says_what_it_did(tmp_path, capsys):
 # --- how much is said ---------------------------------------------------------------------------
 
 
-def test_in_a_pipe_progress_is_a_line_now_and_then(capsys):
+def test_in_a_pipe_progress_is_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
     now = [0.0]
     tell = ProgressLines('discover', 30.0, lambda: now[0])
     for second in range(100):
@@ -146,7 +158,9 @@ def test_in_a_pipe_progress_is_a_line_now_and_then(capsys):
     assert left_words(0.0, 9.0) == left_words(1.0, 9.0) == ''
 
 
-def test_a_verbose_error_tells_where_it_arose(tmp_path, capsys):
+def test_a_verbose_error_tells_where_it_arose(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(['info', str(tmp_path / 'no.csv'), '-v']) == 2
     assert 'Traceback' in capsys.readouterr().err
     assert main(['info', str(tmp_path / 'no.csv')]) == 2
@@ -154,7 +168,7 @@ def test_a_verbose_error_tells_where_it_arose(tmp_path, capsys):
     assert talk.level() == talk.Verbosity.USUAL
 
 
-def completed(script, line):
+def completed(script: str, line: str) -> list[str]:
     """Return what bash offers behind a line."""
     words = line.split(' ')
     text = f'{script}\nCOMP_WORDS=({line} "")\nCOMP_CWORD={len(words)}\n'
@@ -165,7 +179,7 @@ def completed(script, line):
     return done.stdout.split()
 
 
-def test_bash_completes_verbs_options_and_choices(capsys):
+def test_bash_completes_verbs_options_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['completion', 'bash']) == 0
     script = capsys.readouterr().out
     assert completed(script, 'piezo comp') == ['compensate', 'completion']

@@ -1,6 +1,9 @@
 """Markers and references of a bag: what they end, what they may not say, what is left out."""
 
+from __future__ import annotations
+
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +15,7 @@ from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, defin
 from piezo_hysteresis.records.recorder import Recorder
 
 
-def test_markers_end_records_and_samples_outside_are_noted(tmp_path):
+def test_markers_end_records_and_samples_outside_are_noted(tmp_path: Path) -> None:
     """As a live sweep: idle, record one, pause, record two, idle."""
     from piezo_hysteresis.records.definitions import typestore
 
@@ -40,7 +43,7 @@ def test_markers_end_records_and_samples_outside_are_noted(tmp_path):
     assert any('100 samples lie outside' in str(note) for note in found.notes)
 
 
-def test_a_marker_that_states_another_rate(tmp_path):
+def test_a_marker_that_states_another_rate(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [make(100)])
     record = make(100)
     assert read_bag(tmp_path / 'bag')[0].dt == record.dt
@@ -56,7 +59,7 @@ def test_a_marker_that_states_another_rate(tmp_path):
     refused(tmp_path / 'bag', 'marker says 2000 Hz but its samples come at 1000 Hz')
 
 
-def test_markers_of_another_definition(tmp_path):
+def test_markers_of_another_definition(tmp_path: Path) -> None:
     """What was added is left alone; what is missing or no number is said."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -94,7 +97,7 @@ def test_markers_of_another_definition(tmp_path):
         assert found.records[0].info.amplitude == (0.0 if np.isnan(value) else 0.5)
 
 
-def test_references_that_do_not_cover_a_record_are_left_out(tmp_path):
+def test_references_that_do_not_cover_a_record_are_left_out(tmp_path: Path) -> None:
     fields = bag_writer.fixed_fields(REFERENCE)
     with Recorder(tmp_path / 'bag') as recorder:
         state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])
@@ -111,7 +114,7 @@ def test_references_that_do_not_cover_a_record_are_left_out(tmp_path):
     assert any('10 samples have no reference' in str(note) for note in found.notes)
 
 
-def test_metadata_of_our_bags_are_plain_yaml(tmp_path):
+def test_metadata_of_our_bags_are_plain_yaml(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
     content = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
     assert set(content['rosbag2_bagfile_information']['custom_data']) == {

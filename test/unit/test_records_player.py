@@ -1,7 +1,11 @@
 """The player: every message once, in the order of its log time, when it is due."""
 
+from __future__ import annotations
+
 import math
 import threading
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,19 +20,19 @@ from piezo_hysteresis.records.recorder import Recorder
 class Time:
     """A clock that only waiting moves."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now = 100.0
 
-    def clock(self):
+    def clock(self) -> float:
         return self.now
 
-    def wait(self, seconds):
+    def wait(self, seconds: Any) -> None:
         assert seconds > 0
         self.now += seconds
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory):
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(1)
     n = bag_writer.ROWS + 500
     records = [
@@ -42,7 +46,7 @@ def bag(tmp_path_factory):
 
 
 @pytest.mark.component
-def test_order_and_content_are_those_of_rosbags(bag):
+def test_order_and_content_are_those_of_rosbags(bag: Path) -> None:
     with Reader(bag) as reader:
         theirs = sorted((time, c.topic, data) for c, time, data in reader.messages())
     player = Player(bag, rate=math.inf)
@@ -59,7 +63,7 @@ def test_order_and_content_are_those_of_rosbags(bag):
 
 
 @pytest.mark.parametrize('rate', [0.5, 1.0, 20.0])
-def test_messages_come_when_they_are_due(bag, rate):
+def test_messages_come_when_they_are_due(bag: Path, rate: float) -> None:
     time = Time()
     player = Player(bag, rate=rate, topics=['piezo/record/marker'], clock=time.clock,
                     wait=time.wait)  # fmt: skip
@@ -69,7 +73,7 @@ def test_messages_come_when_they_are_due(bag, rate):
     assert due[1][1] == pytest.approx(34 / rate)
 
 
-def test_loops_until_stopped(bag):
+def test_loops_until_stopped(bag: Path) -> None:
     time = Time()
     player = Player(bag, loop=True, topics=['/piezo/record/marker'], clock=time.clock,
                     wait=time.wait)  # fmt: skip
@@ -82,7 +86,7 @@ def test_loops_until_stopped(bag):
     assert time.now == pytest.approx(100.0 + 2 * 34)
 
 
-def test_a_stop_ends_a_long_wait_at_once(bag):
+def test_a_stop_ends_a_long_wait_at_once(bag: Path) -> None:
     player = Player(bag, rate=1e-3, topics=['/piezo/record/marker'])
     messages = iter(player)
     next(messages)
@@ -92,7 +96,7 @@ def test_a_stop_ends_a_long_wait_at_once(bag):
     timer.join()
 
 
-def test_messages_of_overlapping_chunks_are_merged(tmp_path):
+def test_messages_of_overlapping_chunks_are_merged(tmp_path: Path) -> None:
     times = [5, 1, 9, 3, 2, 8, 0, 7]
     with Recorder(tmp_path / 'bag', flush_interval=30, split=1 << 14) as recorder:
         topic = recorder.add_topic('/x', 'lab_msgs/msg/X')
@@ -104,7 +108,7 @@ def test_messages_of_overlapping_chunks_are_merged(tmp_path):
     assert all(m.payload == bytes([m.log_time]) * 3000 for m in played)
 
 
-def test_refusals(bag, tmp_path):
+def test_refusals(bag: Path, tmp_path: Path) -> None:
     with pytest.raises(RecordError, match='must be positive, got 0'):
         Player(bag, rate=0)
     with pytest.raises(RecordError, match='must be positive, got nan'):
@@ -120,7 +124,7 @@ def test_refusals(bag, tmp_path):
 
 
 @pytest.mark.component
-def test_damaged_bags_are_played_only_when_salvaging(bag, tmp_path):
+def test_damaged_bags_are_played_only_when_salvaging(bag: Path, tmp_path: Path) -> None:
     data = (bag / 'bag_0.mcap').read_bytes()
     file = tmp_path / 'cut.mcap'
     file.write_bytes(data[: len(data) // 2])

@@ -1,5 +1,7 @@
 """The recorder loses nothing: not when killed, not when terminated, not on a full disk."""
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess
@@ -7,6 +9,7 @@ import sys
 import textwrap
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,25 +25,25 @@ NAME = '/piezo/actuator/state'
 FIELDS = bag_writer.fixed_fields(STATE)
 
 
-def payloads(count, first=0):
+def payloads(count: int, first: int = 0) -> list[Any]:
     ticks = np.arange(first, first + count)
     columns = {'sample': ticks, 'voltage': ticks * 0.5, 'displacement': ticks * 1e-9}
     rows = cdr.encode(FIELDS, ticks * 1_000_000, columns)
     return [row.tobytes() for row in rows]
 
 
-def feed(recorder, topic, messages, first=0):
+def feed(recorder: Recorder, topic: int, messages: list[Any], first: int = 0) -> None:
     for k, message in enumerate(messages, start=first):
         recorder.write(topic, message, k * 1_000_000)
 
 
-def by_rosbags(path):
+def by_rosbags(path: Path) -> list[Any]:
     with Reader(path) as reader:
         return [data for _, _, data in reader.messages()]
 
 
 @pytest.mark.parametrize('split', [1 << 26, 1 << 16])
-def test_what_was_handed_over_is_in_the_bag_byte_for_byte(tmp_path, split):
+def test_what_was_handed_over_is_in_the_bag_byte_for_byte(tmp_path: Path, split: int) -> None:
     messages = payloads(3000)
     odd = [bytes([k % 256]) * (k % 300) for k in range(500)]
     with Recorder(tmp_path / 'bag', flush_interval=0.02, split=split) as recorder:
@@ -71,11 +74,11 @@ def test_what_was_handed_over_is_in_the_bag_byte_for_byte(tmp_path, split):
 
 
 @pytest.mark.component
-def test_memory_does_not_grow_with_what_was_written(tmp_path):
+def test_memory_does_not_grow_with_what_was_written(tmp_path: Path) -> None:
     """The index of a file that is recorded for hours is read back from it, not kept."""
     import tracemalloc
 
-    def record(chunks):
+    def record(chunks: int) -> int:
         for k in range(chunks):
             for topic in topics:
                 recorder.write(topic, bytes(40), k)
@@ -98,7 +101,9 @@ def test_memory_does_not_grow_with_what_was_written(tmp_path):
 
 
 @pytest.mark.slow
-def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
+def test_every_state_on_disk_is_a_valid_bag(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Copy the bag in front of every single write that the recorder makes."""
     import shutil
 
@@ -106,20 +111,20 @@ def test_every_state_on_disk_is_a_valid_bag(tmp_path, monkeypatch):
     write = os.pwrite
     cut = os.ftruncate
 
-    def look():
+    def look() -> None:
         if (tmp_path / 'bag').exists():
             copy = tmp_path / f'copy_{len(seen)}'
             shutil.copytree(tmp_path / 'bag', copy)
             seen.append(copy)
 
-    def pwrite(fd, data, at):
+    def pwrite(fd: Any, data: Any, at: Any) -> int:
         look()
         # A write may also stop half way: the next look must find that harmless too.
         half = write(fd, bytes(data)[: max(len(data) // 2, 9)], at)
         look()
         return half
 
-    def ftruncate(fd, size):
+    def ftruncate(fd: Any, size: Any) -> None:
         look()
         cut(fd, size)
         look()
@@ -176,7 +181,7 @@ SCRIPT = textwrap.dedent("""
 
 @pytest.mark.component
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])
-def test_a_killed_recording_is_readable(tmp_path, how):
+def test_a_killed_recording_is_readable(tmp_path: Path, how: Any) -> None:
     script = tmp_path / 'script.py'
     script.write_text(SCRIPT)
     with subprocess.Popen(
@@ -204,13 +209,15 @@ def test_a_killed_recording_is_readable(tmp_path, how):
         assert any('not closed' in str(note) for note in found.notes)
 
 
-def test_a_full_disk_keeps_everything_and_counts_the_rest(tmp_path, monkeypatch):
+def test_a_full_disk_keeps_everything_and_counts_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from piezo_hysteresis.records import metadata
 
     write = os.pwrite
     room = [60_000]
 
-    def pwrite(fd, data, at):
+    def pwrite(fd: Any, data: Any, at: Any) -> int:
         if room[0] < len(data):
             raise OSError(28, 'No space left on device')
         room[0] -= len(data)
@@ -219,7 +226,7 @@ def test_a_full_disk_keeps_everything_and_counts_the_rest(tmp_path, monkeypatch)
     monkeypatch.setattr(os, 'pwrite', pwrite)
     plain = metadata.Metadata.write
 
-    def write_metadata(self, folder):
+    def write_metadata(self: Any, folder: Any) -> None:
         if room[0] < 10_000:
             raise OSError(28, 'No space left on device')
         plain(self, folder)
@@ -241,12 +248,14 @@ def test_a_full_disk_keeps_everything_and_counts_the_rest(tmp_path, monkeypatch)
     assert len(record) == status.written
 
 
-def test_a_disk_that_has_room_again_goes_on(tmp_path, monkeypatch):
+def test_a_disk_that_has_room_again_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
 
     write = os.pwrite
     full = [False]
 
-    def pwrite(fd, data, at):
+    def pwrite(fd: Any, data: Any, at: Any) -> int:
         if full[0]:
             raise OSError(28, 'No space left on device')
         return write(fd, data, at)
@@ -266,7 +275,7 @@ def test_a_disk_that_has_room_again_goes_on(tmp_path, monkeypatch):
     assert by_rosbags(tmp_path / 'bag') == messages
 
 
-def test_a_really_full_file_system(tmp_path):
+def test_a_really_full_file_system(tmp_path: Path) -> None:
     """A file system of half a megabyte of our own, where the machine lets us mount one."""
     mount = tmp_path / 'small'
     mount.mkdir()
@@ -292,7 +301,7 @@ def test_a_really_full_file_system(tmp_path):
         subprocess.run(['umount', mount], check=True)
 
 
-def test_a_slow_disk_drops_and_counts(tmp_path):
+def test_a_slow_disk_drops_and_counts(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / 'bag', flush_interval=30, queue=1000)
     topic = recorder.add_topic('/x', 'lab_msgs/msg/X')
     taken = [recorder.write(topic, bytes(100), k) for k in range(30)]
@@ -306,7 +315,7 @@ def test_a_slow_disk_drops_and_counts(tmp_path):
     assert custom['piezo_hysteresis.state'] == 'closed'
 
 
-def test_refusals(tmp_path):
+def test_refusals(tmp_path: Path) -> None:
     (tmp_path / 'bag').mkdir()
     with pytest.raises(RecordError, match='exists already'):
         Recorder(tmp_path / 'bag')
@@ -324,7 +333,7 @@ def test_refusals(tmp_path):
         read_bag(tmp_path / 'new')
 
 
-def test_a_flush_that_is_waited_for_has_it_all_in_the_bag(tmp_path):
+def test_a_flush_that_is_waited_for_has_it_all_in_the_bag(tmp_path: Path) -> None:
     with Recorder(tmp_path / 'bag', flush_interval=60.0) as recorder:
         topic = recorder.add_topic('/words', 'std_msgs/msg/String')
         for k in range(10):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import numpy as np
@@ -41,7 +43,7 @@ FLAGS = (
 )  # fmt: skip
 
 
-def photographed(page, picture, width, height=1500):
+def photographed(page: Path, picture: Path, width: int, height: int = 1500) -> Any:
     """Show a page in the browser; return the picture and what the console says of faults."""
     done = subprocess.run(
         [BROWSER, *FLAGS, f'--user-data-dir={picture.parent / "profile"}',
@@ -55,13 +57,13 @@ def photographed(page, picture, width, height=1500):
     return matplotlib.image.imread(picture), faults
 
 
-def share(image, colour):
+def share(image: Any, colour: str) -> float:
     wanted = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
     return float(np.mean(np.max(np.abs(image[..., :3] - wanted), axis=-1) < 0.04))
 
 
 @pytest.mark.parametrize('width', [390, 1280], ids=['phone', 'desk'])
-def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path, width):
+def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path: Path, width: int) -> None:
     time = np.arange(2000) * 1e-3
     u = np.sin(2 * np.pi * 5 * time)
     curves = [
@@ -90,7 +92,7 @@ def test_a_browser_draws_every_plot_and_finds_no_fault(tmp_path, width):
     assert np.all(image[:, -1, :3] == 1.0)
 
 
-def test_the_report_of_an_identification_reads_on_a_phone(tmp_path):
+def test_the_report_of_an_identification_reads_on_a_phone(tmp_path: Path) -> None:
     model, time = named('classical'), np.arange(1200) * 1e-3
     voltage = np.sin(2 * np.pi * 5 * time)
     values = {'A1': 1.6e-4, 'A': 3e-5, 'A0': 0.0, 'beta': 1.2, 'gamma': 0.2, 'offset': 0.0}
@@ -105,7 +107,7 @@ def test_the_report_of_an_identification_reads_on_a_phone(tmp_path):
     assert np.all(image[:, -1, :3] == 1.0)
 
 
-def test_on_paper_plots_are_whole_and_few_pages_are_white(tmp_path):
+def test_on_paper_plots_are_whole_and_few_pages_are_white(tmp_path: Path) -> None:
     time = np.arange(2000.0) * 1e-3
     curves = [Curve('a', time, 1e-6 * np.sin(20 * time)), Curve('b', time, 1e-6 * np.cos(time))]
     figures = tuple(

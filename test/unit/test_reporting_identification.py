@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
 from piezo_hysteresis.reporting.identification_report import (
@@ -41,7 +43,7 @@ def records() -> list[Record]:
 
 
 @pytest.fixture(scope='module')
-def found(records):
+def found(records: list[Record]) -> Identification:
     return identify(records, named('classical'), count=1)
 
 
@@ -50,7 +52,7 @@ def text_of(page: str) -> str:
     return ' '.join(re.sub(r'<[^>]+>', ' ', body).split())
 
 
-def test_the_verdict_is_that_of_the_worst_record(found):
+def test_the_verdict_is_that_of_the_worst_record(found: Identification) -> None:
     worst = max(found.records, key=lambda row: row.nrmse_percent)
     text = sentence_of(found)
     assert worst.record == 'sine_10Hz'
@@ -58,7 +60,7 @@ def test_the_verdict_is_that_of_the_worst_record(found):
     assert 'lacks something' in text
 
 
-def test_the_verdict_warns_of_what_cannot_be_used(found):
+def test_the_verdict_warns_of_what_cannot_be_used(found: Identification) -> None:
     assert 'did not converge' in sentence_of(replace(found, converged=False))
     rows = (replace(found.records[0], free_run_rms=np.inf, nrmse_percent=np.inf),)
     assert 'diverges' in sentence_of(replace(found, records=(*rows, *found.records[1:])))
@@ -66,7 +68,7 @@ def test_the_verdict_warns_of_what_cannot_be_used(found):
     assert 'lacks' not in sentence_of(quiet)
 
 
-def test_what_comes_next_depends_on_what_was_found(found):
+def test_what_comes_next_depends_on_what_was_found(found: Identification) -> None:
     first = next_section(found, ['sweep'], 'out/own').text.splitlines()[0]
     assert f'discover sweep --baseline {found.model.name} ' in first
     quiet = replace(found, noise_floor=found.records[2].free_run_rms)
@@ -74,7 +76,9 @@ def test_what_comes_next_depends_on_what_was_found(found):
 
 
 @pytest.mark.component
-def test_the_page_answers_in_order_and_tells_where_the_error_sits(records, found):
+def test_the_page_answers_in_order_and_tells_where_the_error_sits(
+    records: list[Record], found: Identification
+) -> None:
     page = identification_page(records, found, data=['sweep'])
     titles = re.findall(r'<h2>(.*?)</h2>', page)
     assert titles == [
@@ -98,7 +102,7 @@ def test_the_page_answers_in_order_and_tells_where_the_error_sits(records, found
     assert re.findall(r'(?:src|href)=', shown) == []
 
 
-def test_harmonics_of_known_size():
+def test_harmonics_of_known_size() -> None:
     time = np.arange(1003) * DT
     error = 3.0 + 2.0 * np.cos(2 * np.pi * 5 * time) - 0.5 * np.sin(2 * np.pi * 15 * time)
     sizes = harmonics(error, 5.0, DT)
@@ -110,7 +114,9 @@ def test_harmonics_of_known_size():
 
 
 @pytest.mark.component
-def test_the_verb_leaves_the_report_beside_the_model(tmp_path, records, capsys):
+def test_the_verb_leaves_the_report_beside_the_model(
+    tmp_path: Path, records: list[Record], capsys: pytest.CaptureFixture[str]
+) -> None:
     write_csv(tmp_path / 'mine.csv', records[0])
     out = tmp_path / 'out'
     words = ['identify', str(tmp_path / 'mine.csv'), '--model', 'classical', '--out', str(out)]

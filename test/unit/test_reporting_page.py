@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.reporting.page import PageSection, Table, render, table, write_report
+from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table, write_report
 from piezo_hysteresis.reporting.plots import (
     PALETTE,
     Curve,
@@ -41,16 +43,16 @@ class Page(HTMLParser):
         self.words: list[str] = []
         self.feed(text)
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag: Any, attrs: Any) -> None:
         self.tags.append(tag)
         if tag not in ('meta', 'link', 'img', 'br'):
             self.open.append(tag)
         self.fetched += [value for name, value in attrs if name in self.FETCHING]
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag: Any) -> None:
         assert self.open.pop() == tag
 
-    def handle_data(self, data):
+    def handle_data(self, data: Any) -> None:
         if self.open and self.open[-1] not in ('script', 'style'):
             self.words.append(data)
 
@@ -59,7 +61,7 @@ class Page(HTMLParser):
         return ' '.join(' '.join(self.words).split())
 
 
-def every_figure():
+def every_figure() -> tuple[Plot, Plot, Plot, Plot, Plot]:
     return (
         loop_figure([Curve('measured', SINE, SINE), Curve('model', SINE, SINE)], 'loop', 'a', 'V'),
         trace_figure([Curve('error', TIME, SINE)], 'trace', 'b'),
@@ -70,7 +72,7 @@ def every_figure():
     )  # fmt: skip
 
 
-def test_a_page_fetches_nothing_and_is_well_formed():
+def test_a_page_fetches_nothing_and_is_well_formed() -> None:
     text = render('Title', 'It works.', [PageSection('One', 'Some text.', every_figure())])
     page = Page(text)
     assert page.fetched == []
@@ -84,7 +86,7 @@ def test_a_page_fetches_nothing_and_is_well_formed():
 
 
 @pytest.mark.component
-def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place():
+def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place() -> None:
     sections = [PageSection('First part', '', every_figure()), PageSection('Second part', 'End.')]
     text = render('Title', 'The verdict.', sections)
     shown_text = Page(text).text
@@ -95,12 +97,12 @@ def test_the_verdict_comes_before_every_section_and_every_plot_has_its_place():
     assert text.count('<figcaption>') == len(every_figure())
 
 
-def test_a_page_without_plots_carries_no_library():
+def test_a_page_without_plots_carries_no_library() -> None:
     text = render('Title', 'Fine.', [PageSection('One', 'Words.', (), (table(['a'], [[1]]),))])
     assert len(text) < 20_000
 
 
-def test_words_of_a_user_stay_words():
+def test_words_of_a_user_stay_words() -> None:
     name = '<script>alert(1)</script>&"'
     rows = table([name], [[name]], name)
     figure = trace_figure([Curve('</script><b>', TIME, SINE)], name, name)
@@ -111,21 +113,21 @@ def test_words_of_a_user_stay_words():
     assert page.text.count('alert(1)') >= 6
 
 
-def test_prose_has_paragraphs_lists_and_typed_words():
+def test_prose_has_paragraphs_lists_and_typed_words() -> None:
     text = render('t', 'v', [PageSection('s', 'One `word`.\n\n- a\n- b\n\nTwo\nlines.')])
     assert '<p>One <code>word</code>.</p>' in text
     assert '<ul><li>a</li><li>b</li></ul>' in text
     assert '<p>Two lines.</p>' in text
 
 
-def test_tables_say_what_is_not_known_and_refuse_ragged_rows():
+def test_tables_say_what_is_not_known_and_refuse_ragged_rows() -> None:
     rows = table(['a', 'b', 'c'], [[1.23456789, None, True], [float('nan'), 'x', 3]]).rows
     assert rows == (('1.235', '–', 'yes'), ('–', 'x', '3'))
     with pytest.raises(ValueError, match='1 cells under 2 headers'):
         Table(('a', 'b'), (('x',),))
 
 
-def test_a_report_is_written_whole_or_not_at_all(tmp_path):
+def test_a_report_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     target = tmp_path / 'deep' / 'report.html'
     write_report(target, 't', 'v', [PageSection('s')])
     assert target.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
@@ -136,11 +138,11 @@ def test_a_report_is_written_whole_or_not_at_all(tmp_path):
         write_report(blocked / 'report.html', 't', 'v', [])
 
 
-def axis_labels(plot):
+def axis_labels(plot: Plot) -> Any:
     return plot.figure.xaxis[0].axis_label, plot.figure.yaxis[0].axis_label
 
 
-def test_axes_carry_units_and_displacements_are_drawn_in_micrometres():
+def test_axes_carry_units_and_displacements_are_drawn_in_micrometres() -> None:
     loop, trace, spectrum, bars, _ = every_figure()
     assert axis_labels(loop) == ('voltage [V]', 'displacement [µm]')
     assert axis_labels(trace) == ('time [s]', 'displacement [µm]')
@@ -152,7 +154,7 @@ def test_axes_carry_units_and_displacements_are_drawn_in_micrometres():
         assert plot.figure.sizing_mode == 'stretch_width'
 
 
-def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside():
+def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside() -> None:
     plot = bars_before_after([1.0, 23.0], [1e-6, 4e-5], [2e-8, float('nan')], 1e-8).figure
     tops = [list(r.data_source.data['top']) for r in plot.renderers]
     assert tops[0] == pytest.approx([1.0, 40.0])
@@ -161,8 +163,8 @@ def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside():
     assert plot.y_range.start < 0.01 < plot.y_range.end
 
 
-def test_the_palette_is_told_apart_in_grey():
-    def lightness(colour):
+def test_the_palette_is_told_apart_in_grey() -> None:
+    def lightness(colour: str) -> Any:
         r, g, b = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
         return 0.2126 * r**2.2 + 0.7152 * g**2.2 + 0.0722 * b**2.2
 
@@ -176,7 +178,7 @@ def test_the_palette_is_told_apart_in_grey():
     st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=3000),
     st.integers(min_value=4, max_value=500),
 )
-def test_thinning_keeps_the_extremes_in_order(values, points):
+def test_thinning_keeps_the_extremes_in_order(values: Any, points: Any) -> None:
     y = np.array(values)
     x = np.arange(y.size, dtype=float)
     xs, ys = thinned(x, y, points)
@@ -187,7 +189,7 @@ def test_thinning_keeps_the_extremes_in_order(values, points):
     np.testing.assert_array_equal(ys, y[xs.astype(int)])
 
 
-def test_a_single_spike_survives_thinning():
+def test_a_single_spike_survives_thinning() -> None:
     y = np.zeros(1_000_000)
     y[123_456] = 1.0
     xs, ys = thinned(np.arange(y.size, dtype=float), y)
@@ -195,7 +197,7 @@ def test_a_single_spike_survives_thinning():
 
 
 @pytest.mark.parametrize('offset', [0.0, 1e3])
-def test_a_spectrum_reads_the_amplitude_of_a_sine(offset):
+def test_a_spectrum_reads_the_amplitude_of_a_sine(offset: float) -> None:
     frequency, amplitude = amplitude_spectrum(offset + 3 * np.sin(2 * np.pi * 50 * TIME), 1e-3)
     assert frequency[np.argmax(amplitude)] == pytest.approx(50.0)
     assert amplitude.max() == pytest.approx(3.0, rel=1e-9)
@@ -203,13 +205,13 @@ def test_a_spectrum_reads_the_amplitude_of_a_sine(offset):
     assert amplitude[0] < 1e-9 * max(offset, 1.0)
 
 
-def test_last_periods():
+def test_last_periods() -> None:
     assert last_periods(1000, 10.0, 1e-3, 2) == slice(799, 1000)
     assert last_periods(1000, 0.0, 1e-3, 2, warm_up=100) == slice(100, 1000)
     assert last_periods(1000, 10.0, 1e-3, 20, warm_up=100) == slice(100, 1000)
 
 
-def test_numbers_as_people_read_them():
+def test_numbers_as_people_read_them() -> None:
     assert shown('m/V') == ('µm/V', 1e6)
     assert shown('1/m^2') == ('1/µm²', 1e-12)
     assert shown('Hz') == ('Hz', 1.0)
@@ -222,7 +224,7 @@ def test_numbers_as_people_read_them():
     assert with_deviation(0.001, 5.0) == ('0.001', '5')
 
 
-def test_links_lead_to_pages_beside_this_one_only():
+def test_links_lead_to_pages_beside_this_one_only() -> None:
     page = render('t', 'see [one](one/report.html), [two](http://x/y) [three](javascript:f)', [])
     assert '<a href="one/report.html">one</a>' in page
     assert page.count('<a ') == 1

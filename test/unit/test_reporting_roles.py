@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from bokeh.models import GlyphRenderer
 
 from piezo_hysteresis.reporting.folding import Value, folded, weights_figures
+from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, ROLES
 from piezo_hysteresis.reporting.plots import (
     Curve,
@@ -22,12 +25,12 @@ TIME = np.arange(400.0) * 1e-3
 WAVE = 1e-6 * np.sin(2 * np.pi * 5 * TIME)
 
 
-def glyphs(plot):
+def glyphs(plot: Plot) -> list[Any]:
     return [each.glyph for each in plot.figure.renderers if isinstance(each, GlyphRenderer)]
 
 
-def test_a_run_has_one_colour_in_every_plot():
-    def drawn(curves):
+def test_a_run_has_one_colour_in_every_plot() -> None:
+    def drawn(curves: list[tuple[str, str]]) -> list[Any]:
         return [Curve(name, TIME, WAVE, role) for name, role in curves]
 
     two = [('feedforward', 'feedforward'), ('both', 'attenuated')]
@@ -43,7 +46,7 @@ def test_a_run_has_one_colour_in_every_plot():
     assert len(set(traces)) == 4
 
 
-def test_before_and_after_look_alike_as_bars_and_lines():
+def test_before_and_after_look_alike_as_bars_and_lines() -> None:
     bars = [glyph.fill_color for glyph in glyphs(bars_before_after(['a'], [1e-6], [1e-7], None))]
     lines = [
         glyph.line_color
@@ -54,7 +57,7 @@ def test_before_and_after_look_alike_as_bars_and_lines():
     assert bars == lines == [ROLES['before'], ROLES['after']]
 
 
-def test_what_lies_on_another_is_broken():
+def test_what_lies_on_another_is_broken() -> None:
     curves = [Curve('measured', TIME, WAVE), Curve('model', TIME, WAVE, 'model')]
     below, above = glyphs(loop_figure(curves, 't', 'c'))
     assert list(below.line_dash) == []
@@ -65,14 +68,14 @@ def test_what_lies_on_another_is_broken():
 
 
 @pytest.mark.parametrize(('span', 'many'), [(5.0, True), (1e5, False)])
-def test_an_axis_of_few_decades_has_more_than_powers_of_ten(span, many):
+def test_an_axis_of_few_decades_has_more_than_powers_of_ten(span: float, many: bool) -> None:
     curve = Curve('a', np.arange(2.0), 1e-6 * np.array([1.0, span]))
     plot = xy_figure([curve], 't', 'c', 'x', 'y', log_y=True)
     ticks = getattr(plot.figure.yaxis[0].ticker, 'ticks', [])
     assert ({1.0, 2.0, 5.0} <= set(ticks)) == many
 
 
-def test_elements_of_one_kind_stand_on_one_line():
+def test_elements_of_one_kind_stand_on_one_line() -> None:
     elements = [Value(f'fine{k}', 1e-6 * k, 1e-7, 'm/V') for k in range(1, 40)]
     others = [Value('A1', 4e-5, 2e-6, 'm/V'), Value('gamma', 0.25, None, '1/V')]
     lines = folded([*others, *elements])
@@ -85,13 +88,13 @@ def test_elements_of_one_kind_stand_on_one_line():
     assert list(bar.data_source.data['y']) == pytest.approx(list(range(1, 40)))
 
 
-def test_few_elements_are_listed():
+def test_few_elements_are_listed() -> None:
     few = [Value(f'c{k}', 1.0 * k, None, '1') for k in (1, 2, 3)]
     assert [name for name, _, _ in folded(few)] == ['c1', 'c2', 'c3']
     assert weights_figures(few) == ()
 
 
-def test_a_spike_outside_of_what_is_drawn_is_noticed():
+def test_a_spike_outside_of_what_is_drawn_is_noticed() -> None:
     error = 1e-7 * np.sin(np.arange(3000.0))
     assert not stands_out(error, error[-100:])
     error[500] = 3e-5

@@ -1,5 +1,7 @@
 """The signature of every effect, measured from the output alone: order, sign, amplitude, rate."""
 
+from __future__ import annotations
+
 import ast
 import math
 from pathlib import Path
@@ -15,7 +17,7 @@ from piezo_sim import Plant
 
 
 @pytest.mark.parametrize('f', [1.0, 7.0, 23.0])
-def test_electrostriction_gives_mean_and_second_harmonic_with_the_square(f):
+def test_electrostriction_gives_mean_and_second_harmonic_with_the_square(f: float) -> None:
     p = plant('electrostriction', electrostriction__coefficient=0.04)
     full, half = response(p, f, 1.0), response(p, f, 0.5)
     assert full[0].real == pytest.approx(2e-6)
@@ -26,7 +28,7 @@ def test_electrostriction_gives_mean_and_second_harmonic_with_the_square(f):
     assert np.abs(full[3:]).max() < 1e-12
 
 
-def test_delay_shifts_the_phase_in_proportion_to_the_frequency_and_nothing_else():
+def test_delay_shifts_the_phase_in_proportion_to_the_frequency_and_nothing_else() -> None:
     p, straight = plant('transport_delay', amplifier__delay=0.0042), Plant()
     for f in (5.0, 20.0, 40.0):
         ratio = response(p, f)[1] / response(straight, f)[1]
@@ -34,7 +36,7 @@ def test_delay_shifts_the_phase_in_proportion_to_the_frequency_and_nothing_else(
         assert abs(ratio) == pytest.approx(1.0)
 
 
-def test_dead_time_grows_with_the_amplitude():
+def test_dead_time_grows_with_the_amplitude() -> None:
     p = plant('amplitude_dead_time', amplifier__delay_per_volt=5e-3)
     lags = [-degrees(response(p, 10.0, a)[1]) for a in (0.25, 1.0)]
     assert lags[1] > 2.0 * lags[0] > 0
@@ -42,7 +44,7 @@ def test_dead_time_grows_with_the_amplitude():
     assert spectrum[3] > 0.01 * spectrum[1]
 
 
-def test_amplifier_lag_is_a_low_pass():
+def test_amplifier_lag_is_a_low_pass() -> None:
     p = plant('amplifier_lag', amplifier__lag_time_constant=2e-3, rate=20_000.0)
     for f in (20.0, 100.0):
         ratio = response(p, f)[1] * np.exp(1j * np.pi * f / p.rate) / 1e-4
@@ -51,7 +53,7 @@ def test_amplifier_lag_is_a_low_pass():
         assert degrees(ratio) == pytest.approx(degrees(exact), abs=0.2)
 
 
-def test_saturation_cuts_the_tips_beyond_its_level_only():
+def test_saturation_cuts_the_tips_beyond_its_level_only() -> None:
     p = plant('saturation', amplifier__clip_low=-0.9, amplifier__clip_high=0.9)
     assert np.abs(response(p, 7.0, 0.85)[2:]).max() < 1e-12
     spectra = [np.abs(response(p, f, 1.0)) for f in (1.0, 7.0, 20.0)]
@@ -61,7 +63,7 @@ def test_saturation_cuts_the_tips_beyond_its_level_only():
     assert np.abs(held(p, 7.0)[0]).max() == pytest.approx(0.9e-4)
 
 
-def test_slew_limit_bites_above_a_rate_and_limits_the_slope():
+def test_slew_limit_bites_above_a_rate_and_limits_the_slope() -> None:
     p = plant('slew_limit', amplifier__slew_rate=60.0)
     slow, fast = held(p, 5.0)[0], held(p, 40.0)[0]
     assert np.abs(np.abs(response(p, 5.0))[2:]).max() < 1e-12
@@ -71,7 +73,7 @@ def test_slew_limit_bites_above_a_rate_and_limits_the_slope():
     assert spectrum[3] > 0.05 * spectrum[1]
 
 
-def test_dac_moves_in_steps():
+def test_dac_moves_in_steps() -> None:
     p = plant('dac_quantisation', amplifier__resolution=0.02)
     steps = held(p, 3.0)[0] / (0.02 * 1e-4)
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
@@ -81,7 +83,7 @@ def test_dac_moves_in_steps():
 
 
 @pytest.mark.parametrize('law', ['bouc_wen', 'play', 'preisach'])
-def test_hysteresis_opens_a_lagging_loop_of_odd_harmonics_at_any_rate(law):
+def test_hysteresis_opens_a_lagging_loop_of_odd_harmonics_at_any_rate(law: str) -> None:
     p = plant(law)
     areas = []
     for f in (1.0, 10.0, 25.0):
@@ -95,7 +97,7 @@ def test_hysteresis_opens_a_lagging_loop_of_odd_harmonics_at_any_rate(law):
     np.testing.assert_allclose(areas, areas[0], rtol=0.02)
 
 
-def test_asymmetry_adds_even_harmonics_with_its_sign_and_builds_up_with_the_travel():
+def test_asymmetry_adds_even_harmonics_with_its_sign_and_builds_up_with_the_travel() -> None:
     spectra = {a: response(plant('asymmetry', 'bouc_wen', bouc_wen__asymmetry=a), 7.0)
                for a in (-0.1, 0.0, 0.1)}  # fmt: skip
     assert abs(spectra[0.0][2]) < 1e-9
@@ -113,12 +115,12 @@ def test_asymmetry_adds_even_harmonics_with_its_sign_and_builds_up_with_the_trav
 
 
 @pytest.mark.parametrize('law', ['play', 'preisach'])
-def test_asymmetry_of_the_other_laws_is_even_too(law):
+def test_asymmetry_of_the_other_laws_is_even_too(law: str) -> None:
     assert abs(response(plant('asymmetry', law), 7.0)[2]) > 1e-7
     assert abs(response(plant(law), 7.0)[2]) < 1e-9
 
 
-def test_a_larger_exponent_makes_small_loops_thinner():
+def test_a_larger_exponent_makes_small_loops_thinner() -> None:
     """The loss of a small loop grows with amplitude^(n + 2)."""
     for n in (1.0, 2.0):
         p = plant('hysteresis_exponent', 'bouc_wen', bouc_wen__exponent=n)
@@ -130,7 +132,7 @@ def test_a_larger_exponent_makes_small_loops_thinner():
 
 
 @pytest.mark.parametrize('law', ['bouc_wen', 'play', 'preisach'])
-def test_rate_dependence_widens_the_loop_with_the_logarithm_of_the_rate(law):
+def test_rate_dependence_widens_the_loop_with_the_logarithm_of_the_rate(law: str) -> None:
     p = plant('rate_dependence', law, rate_dependence__widening=0.1, rate=10_000.0)
     areas = [loop_area(*held(p, f)[::-1]) / f for f in (5.0, 50.0, 500.0)]
     assert 1.1 * areas[0] < areas[1] < areas[2] / 1.05
@@ -138,7 +140,7 @@ def test_rate_dependence_widens_the_loop_with_the_logarithm_of_the_rate(law):
 
 
 @pytest.mark.parametrize('law', ['bouc_wen', 'play', 'preisach'])
-def test_rate_dependence_widens_the_loop_with_a_power_of_the_rate(law):
+def test_rate_dependence_widens_the_loop_with_a_power_of_the_rate(law: str) -> None:
     numbers = {
         'rate_dependence__widening': 0.1,
         'rate_dependence__exponent': 0.5,
@@ -150,7 +152,7 @@ def test_rate_dependence_widens_the_loop_with_a_power_of_the_rate(law):
     assert areas[2] - areas[1] == pytest.approx(2.0 * (areas[1] - areas[0]), rel=0.1)
 
 
-def test_gain_decay_takes_off_amplitude_with_its_time_constant():
+def test_gain_decay_takes_off_amplitude_with_its_time_constant() -> None:
     p = plant('gain_decay', depolarisation__loss=0.2, depolarisation__time_constant=2.0)
     _, command = sine(10.0, seconds=10.0)
     reading = p.run(command)
@@ -160,7 +162,7 @@ def test_gain_decay_takes_off_amplitude_with_its_time_constant():
         assert np.ptp(piece) / 2e-4 == pytest.approx(expected, rel=0.01)
 
 
-def test_backlash_loses_its_width_whatever_the_amplitude():
+def test_backlash_loses_its_width_whatever_the_amplitude() -> None:
     p = plant('backlash', backlash__half_width=2e-6)
     for a in (0.1, 0.5, 1.0):
         assert np.ptp(held(p, 5.0, a)[0]) == pytest.approx(2 * (a * 1e-4 - 2e-6), rel=1e-9)
@@ -173,7 +175,7 @@ def test_backlash_loses_its_width_whatever_the_amplitude():
 
 
 @pytest.mark.parametrize('order', [3, 5])
-def test_resonance_lifts_the_harmonic_that_meets_it(order):
+def test_resonance_lifts_the_harmonic_that_meets_it(order: int) -> None:
     p = plant('resonance', 'play', structure__natural_frequency=69.0,
               structure__damping_ratio=0.02)  # fmt: skip
     peak = 69.0 / order
@@ -189,7 +191,7 @@ def test_resonance_lifts_the_harmonic_that_meets_it(order):
 
 @pytest.mark.parametrize(('effect', 'mode'), [('second_mode', 2), ('third_mode', 3),
                                               ('fourth_mode', 4)])  # fmt: skip
-def test_a_further_mode_resonates_at_its_frequency_with_its_share(effect, mode):
+def test_a_further_mode_resonates_at_its_frequency_with_its_share(effect: str, mode: int) -> None:
     values = {f'mode_{mode}__frequency': 300.0, f'mode_{mode}__share': 0.2,
               f'mode_{mode}__damping_ratio': 0.05}  # fmt: skip
     p = plant(effect, rate=100_000.0, **values)
@@ -201,7 +203,7 @@ def test_a_further_mode_resonates_at_its_frequency_with_its_share(effect, mode):
     assert (gains[60.0] - 1) / (gains[30.0] - 1) == pytest.approx(4.0, rel=0.1)
 
 
-def test_stiffness_gives_a_third_harmonic_with_the_cube_of_the_amplitude():
+def test_stiffness_gives_a_third_harmonic_with_the_cube_of_the_amplitude() -> None:
     for sign in (1, -1):
         p = plant('stiffness', 'resonance', structure__natural_frequency=400.0,
                   structure__damping_ratio=0.5, structure__cubic=sign * 4e6)  # fmt: skip
@@ -212,7 +214,7 @@ def test_stiffness_gives_a_third_harmonic_with_the_cube_of_the_amplitude():
         assert abs(spectra[1.0][2]) < 1e-10
 
 
-def test_a_load_lowers_frequency_by_its_mass_and_motion_by_its_spring():
+def test_a_load_lowers_frequency_by_its_mass_and_motion_by_its_spring() -> None:
     values = {'structure__natural_frequency': 100.0, 'structure__damping_ratio': 0.02,
               'structure__stiffness': 1e6}  # fmt: skip
     mass = 1e6 / (2 * math.pi * 100.0) ** 2
@@ -225,7 +227,7 @@ def test_a_load_lowers_frequency_by_its_mass_and_motion_by_its_spring():
     assert p.run(np.full(3000, 1.0))[-1] == pytest.approx(0.5e-4, rel=1e-6)
 
 
-def test_friction_holds_small_motion_and_lets_large_motion_pass():
+def test_friction_holds_small_motion_and_lets_large_motion_pass() -> None:
     p = plant('friction', 'resonance', friction__coulomb=2e-6, friction__presliding=2e-6,
               friction__stiction=1.0, structure__natural_frequency=300.0,
               structure__damping_ratio=0.7)  # fmt: skip
@@ -237,7 +239,7 @@ def test_friction_holds_small_motion_and_lets_large_motion_pass():
     assert degrees(response(p, 2.0, 1.0)[1]) < -1
 
 
-def test_restoring_hysteresis_opens_a_loop_though_the_ceramic_is_straight():
+def test_restoring_hysteresis_opens_a_loop_though_the_ceramic_is_straight() -> None:
     p = plant('restoring_hysteresis', 'resonance', structure__natural_frequency=300.0,
               structure__damping_ratio=0.7)  # fmt: skip
     straight = plant('resonance', structure__natural_frequency=300.0, structure__damping_ratio=0.7)
@@ -246,7 +248,7 @@ def test_restoring_hysteresis_opens_a_loop_though_the_ceramic_is_straight():
     assert abs(response(p, 1.0)[3]) > 1e-7 > abs(response(straight, 1.0)[3])
 
 
-def test_amplitude_damping_lowers_the_peak_of_large_motion_only():
+def test_amplitude_damping_lowers_the_peak_of_large_motion_only() -> None:
     values = {'structure__natural_frequency': 68.0, 'structure__damping_ratio': 0.015}
     p = plant('amplitude_damping', 'resonance', structure__quadratic_damping=200.0, **values)
     gains = [abs(response(p, 68.0, a, 4.0)[1]) / a / 1e-4 for a in (1e-4, 0.03, 1.0)]
@@ -254,7 +256,7 @@ def test_amplitude_damping_lowers_the_peak_of_large_motion_only():
     assert gains[0] > 1.2 * gains[1] > 3 * gains[2]
 
 
-def test_parametric_excitation_makes_combination_tones():
+def test_parametric_excitation_makes_combination_tones() -> None:
     p = plant('parametric_excitation', 'resonance', structure__natural_frequency=200.0,
               structure__pump_frequency=31.0, structure__pump_depth=0.1)  # fmt: skip
     reading, _ = held(p, 7.0, 0.3, 4.0)
@@ -264,7 +266,7 @@ def test_parametric_excitation_makes_combination_tones():
     assert lines[14] < 1e-9
 
 
-def test_contact_acts_beyond_its_position_only():
+def test_contact_acts_beyond_its_position_only() -> None:
     free, stopped = (
         plant(*on, 'resonance', structure__natural_frequency=200.0, structure__damping_ratio=0.7)
         for on in ((), ('contact',))
@@ -276,7 +278,7 @@ def test_contact_acts_beyond_its_position_only():
     assert before.max() - after.max() > 5e-6
 
 
-def test_the_error_of_a_scale_repeats_with_its_pitch():
+def test_the_error_of_a_scale_repeats_with_its_pitch() -> None:
     p = plant('cyclic_error', sensor__cyclic_error=1e-6, sensor__cyclic_period=20e-6)
     levels = np.repeat(np.linspace(0.0, 0.6, 25), 2)  # at 100 um/V a pitch is 0.2 V
     reading = p.run(np.append(levels, 0.0))[1:][1::2]
@@ -285,7 +287,7 @@ def test_the_error_of_a_scale_repeats_with_its_pitch():
     np.testing.assert_allclose(reading, expected, atol=1e-12)
 
 
-def test_self_heating_follows_the_mean_square_of_the_voltage_rate():
+def test_self_heating_follows_the_mean_square_of_the_voltage_rate() -> None:
     p = plant('self_heating', heating__gain=0.05, heating__reference=100.0,
               heating__time_constant=1.0)  # fmt: skip
     _, command = sine(20.0, 1.0, 12.0)
@@ -301,14 +303,14 @@ def test_self_heating_follows_the_mean_square_of_the_voltage_rate():
 # -- slow ----------------------------------------------------------------------------------------
 
 
-def test_creep_follows_a_step_exponentially():
+def test_creep_follows_a_step_exponentially() -> None:
     p = plant('creep', creep__gain_1=0.1, creep__time_1=0.5, creep__gain_2=0.0, creep__gain_3=0.0)
     reading = p.run(np.full(4001, 1.0))[1:]
     time = np.arange(1, 4001) / 1000
     np.testing.assert_allclose(reading, 1e-4 * (1.1 - 0.1 * np.exp(-time / 0.5)), rtol=1e-9)
 
 
-def test_log_creep_gains_the_same_in_every_decade_of_time():
+def test_log_creep_gains_the_same_in_every_decade_of_time() -> None:
     p = plant('log_creep', log_creep__gain=0.02, log_creep__start=0.05)
     reading = p.run(np.full(110_000, 1.0)) / 1e-4
     gained = [reading[int(1000 * 10 * t)] - reading[int(1000 * t)] for t in (0.2, 1.0, 5.0)]
@@ -316,7 +318,7 @@ def test_log_creep_gains_the_same_in_every_decade_of_time():
 
 
 @pytest.mark.parametrize('amplitude', [0.0, 0.5, 1.0])
-def test_drift_is_the_same_whatever_the_drive(amplitude):
+def test_drift_is_the_same_whatever_the_drive(amplitude: float) -> None:
     p = plant('drift', drift__rate=0.3e-6, drift__warming=0.0)
     _, command = sine(5.0, amplitude, 4.0)
     means = p.run(command).reshape(4, -1).mean(axis=1)

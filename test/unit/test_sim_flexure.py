@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,14 +19,14 @@ from piezo_sim.presets import read_preset
 STAGE = Flexure(72e9, 14e-3, 3e-3, 3.5e-3, 10e-3)
 
 
-def test_the_printed_stiffness_is_that_of_the_printed_dimensions():
+def test_the_printed_stiffness_is_that_of_the_printed_dimensions() -> None:
     """47.52 N/um is printed; the modulus that the text gives makes 1.4 % less of it."""
     assert STAGE.stiffness == pytest.approx(47.52e6, rel=3e-4)
     assert STAGE.hinge_stiffness == pytest.approx(594.0, rel=3e-4)
     assert Flexure(71e9, 14e-3, 3e-3, 3.5e-3, 10e-3).stiffness == pytest.approx(46.87e6, rel=1e-4)
 
 
-def test_the_work_of_the_force_is_the_energy_of_the_hinges():
+def test_the_work_of_the_force_is_the_energy_of_the_hinges() -> None:
     moved = 6e-6
     assert STAGE.angle(moved) == pytest.approx(6e-4)
     assert STAGE.energy(moved) == pytest.approx(0.5 * STAGE.stiffness * moved**2)
@@ -34,7 +36,7 @@ def test_the_work_of_the_force_is_the_energy_of_the_hinges():
 
 
 @pytest.mark.parametrize('thickness', [3e-3, 0.5e-3, 1e-4])
-def test_exact_bending_is_the_integral_over_the_hinge(thickness):
+def test_exact_bending_is_the_integral_over_the_hinge(thickness: float) -> None:
     hinge = Flexure(72e9, 14e-3, thickness, 3.5e-3, 10e-3)
     x = np.linspace(-3.5e-3, 3.5e-3, 400_001)
     height = thickness + 2 * 3.5e-3 - 2 * np.sqrt(3.5e-3**2 - x**2)
@@ -42,7 +44,7 @@ def test_exact_bending_is_the_integral_over_the_hinge(thickness):
     assert hinge.exact_hinge_stiffness == pytest.approx(1 / turned, rel=1e-6)
 
 
-def test_the_printed_formula_is_that_of_thin_hinges():
+def test_the_printed_formula_is_that_of_thin_hinges() -> None:
     ratios = []
     for thickness in (3e-3, 0.5e-3, 5e-5):
         hinge = Flexure(72e9, 14e-3, thickness, 3.5e-3, 10e-3)
@@ -54,7 +56,7 @@ def test_the_printed_formula_is_that_of_thin_hinges():
 @pytest.mark.parametrize(
     'wrong', [{'thickness': 0.0}, {'radius': -1.0}, {'modulus': math.nan}, {'hinges': 0}]
 )
-def test_impossible_dimensions_are_named(wrong):
+def test_impossible_dimensions_are_named(wrong: dict[str, Any]) -> None:
     given = {
         'modulus': 72e9, 'depth': 0.01, 'thickness': 1e-3, 'radius': 3e-3, 'link': 0.01, **wrong,
     }  # fmt: skip
@@ -65,7 +67,7 @@ def test_impossible_dimensions_are_named(wrong):
 # --- preset and verb ----------------------------------------------------------------------------
 
 
-def test_the_preset_is_made_by_it():
+def test_the_preset_is_made_by_it() -> None:
     preset = load_preset('fang_p845_stage')
     assert preset.flexure == STAGE
     values = preset.values()
@@ -74,7 +76,7 @@ def test_the_preset_is_made_by_it():
     assert free * STAGE.left(values['structure.stiffness']) == pytest.approx(loaded)
 
 
-def preset_with(tmp_path, **change):
+def preset_with(tmp_path: Path, **change: dict[Any, Any]) -> Path:
     content = {
         'flexure': {
             'modulus': 72e9, 'depth': 14e-3, 'thickness': 3e-3, 'radius': 3.5e-3, 'link': 0.01,
@@ -91,7 +93,7 @@ def preset_with(tmp_path, **change):
     return tmp_path / 'mine.yaml'
 
 
-def test_a_preset_takes_its_own_dimensions(tmp_path):
+def test_a_preset_takes_its_own_dimensions(tmp_path: Path) -> None:
     found = read_preset(preset_with(tmp_path, flexure={'hinges': 4}))
     assert found.parameters['structure.load_stiffness'] == pytest.approx(STAGE.stiffness / 2)
 
@@ -107,7 +109,9 @@ def test_a_preset_takes_its_own_dimensions(tmp_path):
         ({'parameters': {}}, None),
     ],
 )
-def test_what_is_wrong_in_a_preset_is_said(change, says, tmp_path):
+def test_what_is_wrong_in_a_preset_is_said(
+    change: dict[str, Any], says: str | None, tmp_path: Path
+) -> None:
     path = preset_with(tmp_path, **change)
     if says is None:
         content = yaml.safe_load(path.read_text())
@@ -118,7 +122,9 @@ def test_what_is_wrong_in_a_preset_is_said(change, says, tmp_path):
         read_preset(path)
 
 
-def test_the_verb_prints_the_design_and_the_lines_of_a_preset(capsys, tmp_path):
+def test_the_verb_prints_the_design_and_the_lines_of_a_preset(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert main(['stage', '--preset', 'fang_p845_stage', '--stroke', '6e-6']) == 0
     printed = capsys.readouterr().out
     assert '47.529 N/um' in printed
@@ -141,7 +147,9 @@ def test_the_verb_prints_the_design_and_the_lines_of_a_preset(capsys, tmp_path):
         ('--preset nobody', 'no preset'),
     ],
 )
-def test_the_verb_says_what_is_missing(words, says, capsys):
+def test_the_verb_says_what_is_missing(
+    words: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(['stage', *words.split()]) == 2
     printed = capsys.readouterr().err
     assert printed.startswith('error: ')

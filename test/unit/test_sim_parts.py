@@ -1,6 +1,10 @@
 """The compiled physics against independent solutions: SciPy's solvers and closed forms."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,18 +17,18 @@ from piezo_sim.parts.noise import normal, uniform
 RATE = 1000.0
 
 
-def _path(seed, count=400, size=0.9):
+def _path(seed: int, count: int = 400, size: float = 0.9) -> np.ndarray:
     """Commands that wander, with steps and reversals."""
     rng = np.random.default_rng(seed)
     return np.clip(np.cumsum(rng.normal(0.0, 0.2, count)), -size, size)
 
 
-def _quiet(**switches):
+def _quiet(**switches: Any) -> dict[Any, Any]:
     return {f'effects.{name}': on for name, on in switches.items()}
 
 
 @pytest.mark.parametrize('exponent', [1.0, 1.5, 3.0])
-def test_bouc_wen_is_its_differential_equation(exponent):
+def test_bouc_wen_is_its_differential_equation(exponent: float) -> None:
     alpha, beta, gamma, extra = 0.5, 1.3, 0.4, 0.08
     plant = Plant({
         **_quiet(bouc_wen=True, asymmetry=True, hysteresis_exponent=True),
@@ -37,7 +41,7 @@ def test_bouc_wen_is_its_differential_equation(exponent):
     for v in path:
         sign = math.copysign(1.0, v - last)
 
-        def rate(_, e, sign=sign):
+        def rate(_: Any, e: Any, sign: Any = sign) -> Any:
             size = abs(e[0]) * (abs(e[0]) / saturation) ** (exponent - 1.0)
             return alpha + sign * extra - (beta * math.copysign(1, e[0] * sign) + gamma) * size
 
@@ -50,12 +54,12 @@ def test_bouc_wen_is_its_differential_equation(exponent):
     np.testing.assert_allclose(readings, expected, atol=1e-10)  # half a millionth of the stroke
 
 
-def _monotone(start, end, pieces=1):
+def _monotone(start: Any, end: Any, pieces: int = 1) -> np.ndarray:
     return np.linspace(start, end, pieces + 1)[1:]
 
 
 @pytest.mark.parametrize('law', ['play', 'preisach'])
-def test_nonlocal_memory_closes_minor_loops_and_forgets_them(law):
+def test_nonlocal_memory_closes_minor_loops_and_forgets_them(law: str) -> None:
     """Return-point memory and wiping out, whatever happened inside the minor loop."""
     straight, detour = (Plant(_quiet(**{law: True})) for _ in range(2))
     head = np.concatenate([_monotone(0, 0.9), _monotone(0.9, -0.8), _monotone(-0.8, 0.4)])
@@ -72,7 +76,7 @@ def test_nonlocal_memory_closes_minor_loops_and_forgets_them(law):
     assert fine.displacement == pytest.approx(coarse.displacement, abs=1e-18)
 
 
-def test_bouc_wen_has_no_return_point_memory():
+def test_bouc_wen_has_no_return_point_memory() -> None:
     ends = []
     for inner in ([], [0.0, 0.4] * 5):
         plant = Plant(_quiet(bouc_wen=True))
@@ -81,7 +85,7 @@ def test_bouc_wen_has_no_return_point_memory():
     assert abs(ends[1] - ends[0]) > 1e-6
 
 
-def test_play_is_the_sum_of_its_operators():
+def test_play_is_the_sum_of_its_operators() -> None:
     plant = Plant(_quiet(play=True))
     values = plant.parameters
     path, q, expected = _path(2), np.zeros(12), []
@@ -93,7 +97,7 @@ def test_play_is_the_sum_of_its_operators():
     np.testing.assert_allclose(plant.run(np.append(path, 0.0))[1:], expected, atol=1e-17)
 
 
-def test_preisach_is_a_grid_of_relays():
+def test_preisach_is_a_grid_of_relays() -> None:
     """The closed form against relays on a fine grid weighted by its density."""
     plant = Plant(
         {
@@ -128,7 +132,7 @@ def test_preisach_is_a_grid_of_relays():
 
 @pytest.mark.parametrize('tau', [0.0, 0.7e-3])
 @pytest.mark.parametrize('slew', [FAR, 400.0])
-def test_the_amplifier_is_the_limited_first_order_lag(tau, slew):
+def test_the_amplifier_is_the_limited_first_order_lag(tau: float, slew: Any) -> None:
     if tau == 0.0:
         expected = 1.0 if slew == FAR else 0.4
         assert toward(0.0, 1.0, 1e-3, tau, slew) == pytest.approx(expected)
@@ -142,7 +146,7 @@ def test_the_amplifier_is_the_limited_first_order_lag(tau, slew):
     assert toward(halfway, 1.0, 1.9e-3, tau, slew) == pytest.approx(answer.y[0, -1], abs=1e-7)
 
 
-def _structure(extra, command, rate=RATE):
+def _structure(extra: dict[Any, Any], command: np.ndarray, rate: Any = RATE) -> Any:
     plant = Plant(
         {**_quiet(resonance=True), 'structure.natural_frequency': 90.0,
          'structure.damping_ratio': 0.04, **extra},
@@ -151,7 +155,9 @@ def _structure(extra, command, rate=RATE):
     return plant.run(np.append(command, 0.0))[1:], plant.parameters
 
 
-def _solve(force, command, states, rate=RATE):
+def _solve(
+    force: Callable[..., Any], command: np.ndarray, states: int, rate: Any = RATE
+) -> np.ndarray:
     """Integrate x'' = force(x, v, extra, w, t) sample by sample with SciPy."""
     state, out = np.zeros(2 + states), []
     for k, u in enumerate(command):
@@ -167,7 +173,7 @@ def _solve(force, command, states, rate=RATE):
 OMEGA, ZETA = 2 * math.pi * 90.0, 0.04
 
 
-def _linear(s, w):
+def _linear(s: Any, w: Any) -> Any:
     return OMEGA**2 * (w - s[0]) - 2 * ZETA * OMEGA * s[1]
 
 
@@ -213,7 +219,7 @@ CASES = {
 
 
 @pytest.mark.parametrize('effect', sorted(CASES))
-def test_nonlinear_structures_follow_their_equations_of_motion(effect):
+def test_nonlinear_structures_follow_their_equations_of_motion(effect: Any) -> None:
     extra, states, force = CASES[effect]
     command = _path(3, 60)
     measured, _ = _structure({**extra, f'effects.{effect}': True}, command)
@@ -222,7 +228,7 @@ def test_nonlinear_structures_follow_their_equations_of_motion(effect):
 
 
 @pytest.mark.parametrize('zeta', [0.001, 0.5, 1.0, 1.0 + 1e-9, 4.0])
-def test_linear_modes_are_exact_whatever_their_damping(zeta):
+def test_linear_modes_are_exact_whatever_their_damping(zeta: float) -> None:
     from scipy.linalg import expm
 
     command = _path(4, 100)
@@ -235,7 +241,7 @@ def test_linear_modes_are_exact_whatever_their_damping(zeta):
     np.testing.assert_allclose(measured, expected, atol=1e-15 if zeta < 2 else 1e-13)
 
 
-def test_delay_and_lag_act_in_continuous_time():
+def test_delay_and_lag_act_in_continuous_time() -> None:
     """A lagged mode behind a delay of a fraction of a sample, against a fine simulation."""
     delay, tau = 2.37e-3, 0.8e-3
     command = _path(5, 80)
@@ -244,7 +250,7 @@ def test_delay_and_lag_act_in_continuous_time():
          'amplifier.lag_time_constant': tau}, command,
     )  # fmt: skip
 
-    def force(s, w, t):
+    def force(s: Any, w: Any, t: Any) -> list[Any]:
         late = math.floor((t - delay) * RATE + 1e-9)
         target = command[late] if late >= 0 else 0.0
         return [s[1], _linear(s, 1e-4 * s[2]), (target - s[2]) / tau]
@@ -262,7 +268,7 @@ def test_delay_and_lag_act_in_continuous_time():
     assert np.abs(measured - expected).max() < 1e-5 * np.ptp(expected)  # delay to 1/16384 sample
 
 
-def test_random_numbers_are_even_normal_and_independent_of_stream_and_count():
+def test_random_numbers_are_even_normal_and_independent_of_stream_and_count() -> None:
     seed = np.uint64(7)
     draws = np.array([[normal(seed, s, np.uint64(k)) for k in range(20_000)] for s in (1, 2)])
     even = np.array([uniform(seed, 1, np.uint64(k)) for k in range(20_000)])

@@ -1,7 +1,10 @@
 """The plant as its users see it: stepping, tuning while running, refusals, faults."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +22,7 @@ NOISY = {
 }  # fmt: skip
 
 
-def test_stepping_and_arrays_of_any_length_give_the_same_bits():
+def test_stepping_and_arrays_of_any_length_give_the_same_bits() -> None:
     plant = Plant.from_preset('fdk_pzba_00030', overrides=NOISY, seed=4)
     _, command = sine(23.0, seconds=0.3)
     whole = plant.run(command)
@@ -30,12 +33,12 @@ def test_stepping_and_arrays_of_any_length_give_the_same_bits():
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
 
 
-def test_a_reading_is_taken_before_the_voltage_of_its_tick_acts():
+def test_a_reading_is_taken_before_the_voltage_of_its_tick_acts() -> None:
     plant = Plant()
     assert [plant.exchange(v) for v in (1.0, 0.0, 0.0)] == pytest.approx([0.0, 1e-4, 0.0])
 
 
-def test_the_seed_decides_the_noise_and_nothing_else():
+def test_the_seed_decides_the_noise_and_nothing_else() -> None:
     plant = Plant.from_preset('generic_bouc_wen', seed=1)
     _, command = sine(7.0)
     first = plant.run(command)
@@ -50,7 +53,7 @@ def test_the_seed_decides_the_noise_and_nothing_else():
     )
 
 
-def test_noise_of_one_effect_does_not_depend_on_the_others():
+def test_noise_of_one_effect_does_not_depend_on_the_others() -> None:
     _, command = sine(7.0, seconds=0.5)
     runs = {}
     for hum in (False, True):
@@ -61,7 +64,7 @@ def test_noise_of_one_effect_does_not_depend_on_the_others():
     np.testing.assert_allclose(runs[True], runs[False], atol=1e-18)
 
 
-def test_a_snapshot_brings_everything_back():
+def test_a_snapshot_brings_everything_back() -> None:
     plant = Plant.from_preset('fdk_pzba_00030', overrides=NOISY)
     _, command = sine(23.0, seconds=0.5)
     plant.run(command)
@@ -72,7 +75,7 @@ def test_a_snapshot_brings_everything_back():
 
 
 @pytest.mark.parametrize('wrong', [math.nan, math.inf, -math.inf, 5.001, -5.001])
-def test_an_impossible_command_is_refused_and_counted_and_the_last_one_held(wrong):
+def test_an_impossible_command_is_refused_and_counted_and_the_last_one_held(wrong: float) -> None:
     plant, other = (Plant.from_preset('fdk_pzba_00030') for _ in range(2))
     plant.run([0.5, 0.5, wrong, wrong])
     other.run([0.5, 0.5, 0.5, 0.5])
@@ -99,7 +102,9 @@ def test_an_impossible_command_is_refused_and_counted_and_the_last_one_held(wron
         ({'effects.restoring_hysteresis': True, 'restoring.gamma': 1e6}, 'makes energy'),
     ],
 )  # fmt: skip
-def test_impossible_physics_is_refused_with_the_reason_and_nothing_changes(changes, reason):
+def test_impossible_physics_is_refused_with_the_reason_and_nothing_changes(
+    changes: dict[str, Any], reason: str
+) -> None:
     plant = Plant.from_preset('generic_bouc_wen')
     before = plant.parameters
     with pytest.raises(PlantError, match=reason):
@@ -112,7 +117,7 @@ def test_impossible_physics_is_refused_with_the_reason_and_nothing_changes(chang
 
 
 @pytest.mark.parametrize('rate', [0.0, -1.0, math.nan, 1e9])
-def test_an_impossible_rate_is_refused(rate):
+def test_an_impossible_rate_is_refused(rate: float) -> None:
     with pytest.raises(PlantError, match='the rate must lie'):
         Plant(rate=rate)
 
@@ -125,7 +130,7 @@ BASES: tuple[dict[str, bool], ...] = (
 
 @pytest.mark.parametrize('base', BASES, ids=['static', 'dynamic'])
 @pytest.mark.parametrize('effect', [row.name for row in Plant().effect_table])
-def test_switching_an_effect_while_running_makes_no_jump(effect, base):
+def test_switching_an_effect_while_running_makes_no_jump(effect: Any, base: Any) -> None:
     """Displacement and speed go on from where they are, both when it goes on and off."""
     plant = Plant(base)
     _, command = sine(7.0, seconds=0.333)
@@ -143,7 +148,7 @@ def test_switching_an_effect_while_running_makes_no_jump(effect, base):
 
 
 @pytest.mark.parametrize('base', BASES, ids=['static', 'dynamic'])
-def test_tuning_any_parameter_while_running_makes_no_jump(base):
+def test_tuning_any_parameter_while_running_makes_no_jump(base: Any) -> None:
     plant = Plant({**base, 'effects.bouc_wen': True, 'effects.electrostriction': True,
                    'effects.backlash': True, 'effects.load': True})  # fmt: skip
     rng = np.random.default_rng(0)
@@ -156,14 +161,14 @@ def test_tuning_any_parameter_while_running_makes_no_jump(base):
         assert plant.displacement == pytest.approx(place, abs=1e-15), row.name
 
 
-def test_a_low_pass_that_is_switched_on_goes_on_from_the_present_reading():
+def test_a_low_pass_that_is_switched_on_goes_on_from_the_present_reading() -> None:
     plant = Plant()
     before = plant.run(np.full(10, 0.5))[-1]
     plant.switch('sensor_bandwidth')
     assert plant.exchange(0.5) == pytest.approx(before, rel=1e-12)
 
 
-def test_a_switched_off_effect_ends_where_a_plant_without_it_is():
+def test_a_switched_off_effect_ends_where_a_plant_without_it_is() -> None:
     plant, plain = Plant({'effects.resonance': True}), Plant({'effects.resonance': True})
     level = np.full(3000, 0.5)
     plant.switch('bouc_wen')
@@ -174,7 +179,7 @@ def test_a_switched_off_effect_ends_where_a_plant_without_it_is():
     assert plant.displacement == pytest.approx(plain.displacement, rel=1e-9)
 
 
-def test_faults_begin_with_the_next_tick_and_end_in_time():
+def test_faults_begin_with_the_next_tick_and_end_in_time() -> None:
     plant = Plant()
     plant.run(np.full(10, 0.5))
     plant.inject('sensor_dropout', 0.003)
@@ -190,7 +195,7 @@ def test_faults_begin_with_the_next_tick_and_end_in_time():
     assert plant.exchange(1.0) == pytest.approx(1e-4)
 
 
-def test_a_tripped_amplifier_discharges_and_ignores_commands_until_it_is_back():
+def test_a_tripped_amplifier_discharges_and_ignores_commands_until_it_is_back() -> None:
     plant = Plant()
     plant.run(np.full(10, 1.0))
     plant.inject('amplifier_trip', 0.04)
@@ -202,14 +207,14 @@ def test_a_tripped_amplifier_discharges_and_ignores_commands_until_it_is_back():
 @pytest.mark.parametrize(
     ('fault', 'duration'), [('fire', 1.0), ('none', -1.0), ('none', math.nan)]
 )
-def test_unknown_faults_are_refused(fault, duration):
+def test_unknown_faults_are_refused(fault: str, duration: float) -> None:
     with pytest.raises(PlantError):
         Plant().inject(fault, duration)
     assert set(FAULTS) == {'none', 'sensor_dropout', 'stuck_sensor', 'amplifier_trip'}
 
 
 @pytest.mark.parametrize('name', preset_names())
-def test_the_tables_describe_every_parameter_and_effect(name):
+def test_the_tables_describe_every_parameter_and_effect(name: Any) -> None:
     plant = Plant.from_preset(name)
     rows = {row.name: row for row in plant.parameter_table}
     for row in rows.values():
@@ -225,7 +230,7 @@ def test_the_tables_describe_every_parameter_and_effect(name):
     assert set(plant.parameters) - set(rows) == {f'effects.{e.name}' for e in plant.effect_table}
 
 
-def test_defaults_scale_with_the_size_of_the_actuator():
+def test_defaults_scale_with_the_size_of_the_actuator() -> None:
     small = {row.name: row.default for row in Plant().parameter_table}
     flap = {row.name: row.default for row in load_preset('zhou_tef').table()}
     assert flap['backlash.half_width'] == pytest.approx(2.6 * small['backlash.half_width'])
@@ -237,7 +242,7 @@ def test_defaults_scale_with_the_size_of_the_actuator():
     assert dimensions('rad') == (0, 0)
 
 
-def test_an_unknown_preset_lists_those_there_are():
+def test_an_unknown_preset_lists_those_there_are() -> None:
     with pytest.raises(PresetError, match='fdk_pzba_00030, generic_bouc_wen'):
         Plant.from_preset('nonsense')
     with pytest.raises(PresetError):
@@ -257,21 +262,23 @@ def test_an_unknown_preset_lists_those_there_are():
         ('effects: {creep: true}', 'effects is a list'),
     ],
 )
-def test_a_wrong_preset_file_is_refused_with_the_reason(tmp_path, text, reason):
+def test_a_wrong_preset_file_is_refused_with_the_reason(
+    tmp_path: Path, text: str, reason: str
+) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(text)
     with pytest.raises(PresetError, match=reason):
         read_preset(file)
 
 
-def test_a_preset_outside_the_bounds_is_refused(tmp_path):
+def test_a_preset_outside_the_bounds_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text('parameters: {structure.damping_ratio: -0.1}')
     with pytest.raises(PlantError, match=r'structure\.damping_ratio'):
         Plant(preset=read_preset(file))
 
 
-def test_the_manual_names_every_effect_preset_fault_and_waveform():
+def test_the_manual_names_every_effect_preset_fault_and_waveform() -> None:
     text = (Path(__file__).parents[2] / 'docs' / 'simulator.md').read_text()
     words = [row.name for row in Plant().effect_table]
     words += [*preset_names(), *FAULTS, *(kind for kind in KINDS if 'composite' not in kind)]
@@ -281,7 +288,7 @@ def test_the_manual_names_every_effect_preset_fault_and_waveform():
 @pytest.mark.parametrize(
     'effect', ['friction', 'contact', 'stiffness', 'restoring_hysteresis', 'amplitude_damping']
 )
-def test_an_effect_without_effect_says_so(effect):
+def test_an_effect_without_effect_says_so(effect: str) -> None:
     overrides = {'effects.resonance': False, 'effects.noise': False, f'effects.{effect}': True}
     plant = Plant.from_preset('generic_bouc_wen', overrides=overrides)
     assert f'effects.{effect} without effect' in plant.idle_effects

@@ -1,5 +1,9 @@
 """Each preset shows what its paper reports, measured from the output alone."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 from sim_signals import degrees, harmonics, loop_area, response, sine
@@ -8,12 +12,12 @@ from piezo_sim import Plant, preset_names
 
 
 @pytest.fixture(scope='module')
-def bimorph():
+def bimorph() -> Plant:
     return Plant.from_preset('fdk_pzba_00030')
 
 
 @pytest.fixture(scope='module')
-def lines(bimorph):
+def lines(bimorph: Plant) -> dict[int, Any]:
     """Harmonics in per cent of the fundamental at every frequency the papers show."""
     frequencies = (1, 10, 13, 14, 15, 18, 20, 22, 23, 24, 26, 28, 35)
     result = {}
@@ -23,7 +27,9 @@ def lines(bimorph):
     return result
 
 
-def test_bimorph_at_1_hz_has_an_off_centre_loop_with_few_odd_harmonics(bimorph, lines):
+def test_bimorph_at_1_hz_has_an_off_centre_loop_with_few_odd_harmonics(
+    bimorph: Plant, lines: dict[int, Any]
+) -> None:
     assert lines[1][3] == pytest.approx(1.80, abs=0.05)
     assert lines[1][5] == pytest.approx(0.45, abs=0.03)
     assert lines[1][7] < 0.05
@@ -39,11 +45,13 @@ def test_bimorph_at_1_hz_has_an_off_centre_loop_with_few_odd_harmonics(bimorph, 
     [(13, 5, 4.7), (14, 5, 6.4), (15, 3, 3.0), (15, 5, 1.9), (18, 3, 4.5), (20, 3, 7.4),
      (22, 3, 24.7), (23, 3, 37.4), (24, 3, 12.5), (26, 3, 4.8), (28, 3, 2.8)],
 )  # fmt: skip
-def test_bimorph_harmonics_follow_the_spectra_of_000(lines, f, order, percent):
+def test_bimorph_harmonics_follow_the_spectra_of_000(
+    lines: dict[int, Any], f: int, order: int, percent: float
+) -> None:
     assert lines[f][order] == pytest.approx(percent, rel=0.03)
 
 
-def test_bimorph_odd_harmonic_oscillation_peaks_at_14_and_23_hz(lines):
+def test_bimorph_odd_harmonic_oscillation_peaks_at_14_and_23_hz(lines: dict[int, Any]) -> None:
     thirds = {f: lines[f][3] for f in (18, 20, 22, 23, 24, 26, 28)}
     assert max(thirds, key=thirds.__getitem__) == 23
     assert lines[14][5] == max(lines[f][5] for f in lines)
@@ -51,7 +59,7 @@ def test_bimorph_odd_harmonic_oscillation_peaks_at_14_and_23_hz(lines):
     assert all(lines[f][order] < 1.5 for f in lines for order in (2, 4, 6))
 
 
-def test_bimorph_loop_at_23_hz_is_twisted_twice_and_at_35_hz_is_smooth(bimorph):
+def test_bimorph_loop_at_23_hz_is_twisted_twice_and_at_35_hz_is_smooth(bimorph: Plant) -> None:
     crossings = {}
     for f in (23, 35):
         bimorph.reset()
@@ -67,17 +75,17 @@ def test_bimorph_loop_at_23_hz_is_twisted_twice_and_at_35_hz_is_smooth(bimorph):
     assert crossings == {23: 2, 35: 0}
 
 
-def test_bimorph_lags_visibly_at_35_hz(bimorph):
+def test_bimorph_lags_visibly_at_35_hz(bimorph: Plant) -> None:
     assert degrees(response(bimorph, 35)[1]) == pytest.approx(-12.8, abs=0.3)
 
 
-def test_bimorph_polarity_turns_between_66_and_69_hz(bimorph):
+def test_bimorph_polarity_turns_between_66_and_69_hz(bimorph: Plant) -> None:
     assert degrees(response(bimorph, 66, 0.2, 4.0)[1]) == pytest.approx(-44, abs=5)
     at_69 = degrees(response(bimorph, 69, 1.0, 4.0)[1])
     assert at_69 == pytest.approx(-152, abs=1)
 
 
-def test_bimorph_resonates_at_68_hz_and_rolls_off_beyond_80(bimorph):
+def test_bimorph_resonates_at_68_hz_and_rolls_off_beyond_80(bimorph: Plant) -> None:
     static = abs(response(bimorph, 1)[1])
     gain = {f: 20 * np.log10(abs(response(bimorph, f, seconds=4)[1]) / static)
             for f in (50, 60, 66, 67, 68, 69, 70, 80, 100)}  # fmt: skip
@@ -86,13 +94,13 @@ def test_bimorph_resonates_at_68_hz_and_rolls_off_beyond_80(bimorph):
     assert gain[100] == pytest.approx(-1.5, abs=0.3)
 
 
-def test_bimorph_moves_about_as_far_as_its_data_sheet_says():
+def test_bimorph_moves_about_as_far_as_its_data_sheet_says() -> None:
     plant = Plant.from_preset('fdk_pzba_00030')
     plant.run(np.full(3000, 70 / 15))
     assert plant.displacement == pytest.approx(0.6e-3, rel=0.15)
 
 
-def test_drag_keeps_full_drive_at_resonance_physical_and_the_rest_as_it_is():
+def test_drag_keeps_full_drive_at_resonance_physical_and_the_rest_as_it_is() -> None:
     plant = Plant.from_preset('fdk_pzba_00030', overrides={'effects.amplitude_damping': True})
     assert abs(response(plant, 68, 1.0, 3.0)[1]) < 2.2e-3
     spectrum = np.abs(response(plant, 23, seconds=4.0))
@@ -100,7 +108,7 @@ def test_drag_keeps_full_drive_at_resonance_physical_and_the_rest_as_it_is():
 
 
 @pytest.fixture(scope='module')
-def flap():
+def flap() -> Plant:
     # Fast enough for the hold of the D/A converter not to add to the lag.
     return Plant.from_preset('zhou_tef', rate=50_000.0, overrides={'effects.noise': False})
 
@@ -110,8 +118,8 @@ def flap():
     [(1, 73.8, None), (10, 82.4, -14.5), (20, 91.8, None), (40, 110, None), (60, 128, -25.8)],
 )
 def test_flap_actuator_errs_as_002_reports_and_more_so_at_higher_frequencies(
-    flap, f, micrometres, phase
-):
+    flap: Plant, f: int, micrometres: float, phase: float | None
+) -> None:
     flap.reset()
     _, command = sine(f, 60.0, 2.0, flap.rate)
     reading = flap.run(command)[-round(flap.rate) :]
@@ -125,11 +133,13 @@ def test_flap_actuator_errs_as_002_reports_and_more_so_at_higher_frequencies(
 
 
 @pytest.fixture(scope='module')
-def stack():
+def stack() -> Plant:
     return Plant.from_preset('xiao_pi_stack', overrides={'effects.noise': False})
 
 
-def test_stack_moves_30_micrometres_and_its_triangle_errors_grow_with_the_frequency(stack):
+def test_stack_moves_30_micrometres_and_its_triangle_errors_grow_with_the_frequency(
+    stack: Plant,
+) -> None:
     rms = []
     for f in (10, 50, 100):
         stack.reset()
@@ -148,7 +158,9 @@ def test_stack_moves_30_micrometres_and_its_triangle_errors_grow_with_the_freque
 @pytest.mark.parametrize(
     ('f', 'decibel', 'phase'), [(10, -0.48, -4.4), (60, -0.73, -17.5), (100, -0.99, -28.8)]
 )
-def test_stack_without_hysteresis_is_the_transfer_function_of_003(f, decibel, phase):
+def test_stack_without_hysteresis_is_the_transfer_function_of_003(
+    f: int, decibel: float, phase: float
+) -> None:
     plant = Plant.from_preset('xiao_pi_stack', rate=20_000.0)
     plant.set_parameters({f'effects.{name}': False for name in ('bouc_wen', 'noise')})
     _, command = sine(f, 20.0, 1.0, plant.rate, offset=50.0)
@@ -159,7 +171,7 @@ def test_stack_without_hysteresis_is_the_transfer_function_of_003(f, decibel, ph
     assert degrees(spectrum) + 180 * f / plant.rate == pytest.approx(phase, abs=0.3)
 
 
-def test_stage_moves_18_micrometres_monotonically_and_its_loop_widens_beyond_1_hz():
+def test_stage_moves_18_micrometres_monotonically_and_its_loop_widens_beyond_1_hz() -> None:
     # At 1 kHz the stairs of the D/A converter would strike the mode of the stage.
     plant = Plant.from_preset('fang_p845_stage', 10_000.0, overrides={'effects.noise': False})
     width, height = {}, {}
@@ -178,7 +190,7 @@ def test_stage_moves_18_micrometres_monotonically_and_its_loop_widens_beyond_1_h
     assert height[10.0] < height[5.0] < height[1.0]
 
 
-def test_stage_feels_the_stiffness_of_its_flexure():
+def test_stage_feels_the_stiffness_of_its_flexure() -> None:
     stage = Plant.from_preset('fang_p845_stage', overrides={'effects.bouc_wen': False})
     free = Plant.from_preset(
         'fang_p845_stage', overrides={'effects.bouc_wen': False, 'effects.load': False}
@@ -187,7 +199,7 @@ def test_stage_feels_the_stiffness_of_its_flexure():
     assert moved[1] / moved[0] == pytest.approx(1.4752, rel=1e-3)
 
 
-def test_reference_stage_is_linear():
+def test_reference_stage_is_linear() -> None:
     plant = Plant.from_preset('smooth_reference', overrides={'effects.noise': False})
     for f in (1, 14, 23, 50):
         spectrum = np.abs(response(plant, f))
@@ -197,7 +209,7 @@ def test_reference_stage_is_linear():
 
 
 @pytest.mark.parametrize('name', preset_names())
-def test_every_preset_moves_as_far_as_it_says(name):
+def test_every_preset_moves_as_far_as_it_says(name: Any) -> None:
     plant = Plant.from_preset(name)
     preset = plant.preset
     time = np.arange(round(2 * plant.rate)) / plant.rate

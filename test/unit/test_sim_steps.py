@@ -1,5 +1,10 @@
 """Halving every integration step changes the output by less than 1e-6 of the stroke."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from sim_signals import sine
@@ -18,7 +23,7 @@ WORLDS = {
 }
 
 
-def _command(voltage, bias, rate, seconds=1.5):
+def _command(voltage: float, bias: float, rate: Any, seconds: float = 1.5) -> Any:
     """Slow, fast and small motion, a step, a hold and ringing afterwards."""
     time, slow = sine(7.0, 0.55 * voltage, seconds, rate)
     command = slow + 0.4 * voltage * np.sin(2 * np.pi * 23.0 * time + 1.0)
@@ -27,15 +32,15 @@ def _command(voltage, bias, rate, seconds=1.5):
     return bias + command
 
 
-def _change(make, command):
+def _change(make: Callable[..., Any], command: Any) -> Any:
     coarse, fine = (make(refine).run(command) for refine in (0, 1))
     return np.abs(coarse - fine).max() / np.ptp(fine)
 
 
 @pytest.mark.parametrize('lag', [False, True])
 @pytest.mark.parametrize('name', preset_names())
-def test_presets_do_not_depend_on_the_step(name, lag):
-    def make(refine):
+def test_presets_do_not_depend_on_the_step(name: Any, lag: bool) -> None:
+    def make(refine: int) -> Plant:
         overrides = {**STILL, 'effects.amplifier_lag': lag}
         return Plant.from_preset(name, overrides=overrides, refine=refine)
 
@@ -45,12 +50,12 @@ def test_presets_do_not_depend_on_the_step(name, lag):
 
 @pytest.mark.parametrize('world', WORLDS)
 @pytest.mark.parametrize('effect', EFFECTS)
-def test_effects_do_not_depend_on_the_step(effect, world):
+def test_effects_do_not_depend_on_the_step(effect: Any, world: Any) -> None:
     overrides = {**WORLDS[world], f'effects.{effect}': True}
     assert _change(lambda n: Plant(overrides, refine=n), _command(1.0, 0.0, 1000.0)) < 1e-6
 
 
-def test_the_refinement_is_a_finer_integration():
+def test_the_refinement_is_a_finer_integration() -> None:
     """A pair of runs that agree because nothing was refined would prove nothing."""
     overrides = {'effects.resonance': True, 'effects.friction': True}
     assert _change(lambda n: Plant(overrides, refine=n), _command(1.0, 0.0, 1000.0)) > 0.0

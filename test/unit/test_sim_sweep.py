@@ -1,6 +1,10 @@
 """Sweeps and the command line: what is written, what is not, and what is refused."""
 
+from __future__ import annotations
+
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +20,7 @@ from piezo_sim.sweep import grid, record_names, record_seed, simulate
 SINES = grid('sine', [5.0, 23.0], [0.5, 1.0], {'duration': 0.5})
 
 
-def test_a_sweep_is_the_plant_run_from_rest_with_the_seed_of_the_record():
+def test_a_sweep_is_the_plant_run_from_rest_with_the_seed_of_the_record() -> None:
     records = simulate('fdk_pzba_00030', SINES, seed=3)
     assert [r.name for r in records] == [
         'sine_5Hz_0.5V', 'sine_23Hz_0.5V', 'sine_5Hz_1V', 'sine_23Hz_1V',
@@ -30,7 +34,7 @@ def test_a_sweep_is_the_plant_run_from_rest_with_the_seed_of_the_record():
     assert last.info.warm_up == pytest.approx(0.05)
 
 
-def test_a_record_does_not_depend_on_the_others():
+def test_a_record_does_not_depend_on_the_others() -> None:
     alone = simulate('fdk_pzba_00030', SINES[:1], seed=3)[0]
     among = simulate('fdk_pzba_00030', SINES, seed=3)[0]
     np.testing.assert_array_equal(alone.displacement, among.displacement)
@@ -39,7 +43,7 @@ def test_a_record_does_not_depend_on_the_others():
 
 
 @pytest.mark.parametrize('kind', sorted(KINDS))
-def test_every_waveform_runs_on_an_actuator_with_a_bias(kind):
+def test_every_waveform_runs_on_an_actuator_with_a_bias(kind: Any) -> None:
     settings = {'offset': 50.0} if has_setting(kind, 'offset') else {}
     record = simulate('xiao_pi_stack', [{'kind': kind, **settings}], rate=1000.0)[0]
     assert record.info.excitation == kind
@@ -49,7 +53,7 @@ def test_every_waveform_runs_on_an_actuator_with_a_bias(kind):
         assert abs(record.displacement[1] - record.displacement[0]) < 1e-6
 
 
-def test_names_are_made_unique():
+def test_names_are_made_unique() -> None:
     specs = [{'kind': 'rest'}, {'kind': 'rest'}, {'kind': 'sine', 'name': 'rest'}]
     assert record_names(specs) == ['rest', 'rest_2', 'rest_3']
 
@@ -64,16 +68,18 @@ def test_names_are_made_unique():
         ('fdk_pzba_00030', [{'kind': 'sine', 'tone': 1.0}], WaveformError, 'no setting'),
     ],
 )
-def test_an_impossible_sweep_is_refused(preset, specs, error, reason):
+def test_an_impossible_sweep_is_refused(preset: str, specs: Any, error: Any, reason: str) -> None:
     with pytest.raises(error, match=reason):
         simulate(preset, specs)
 
 
-def _cli(*words):
+def _cli(*words: Any) -> int:
     return main([str(word) for word in words])
 
 
-def test_the_bag_of_a_sweep_holds_what_was_simulated_and_no_label(tmp_path, capsys):
+def test_the_bag_of_a_sweep_holds_what_was_simulated_and_no_label(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag, labels = tmp_path / 'sweep', tmp_path / 'labels.json'
     code = _cli(
         'sweep', '--preset', 'generic_bouc_wen', '--frequencies', '5,23', '--seconds', 0.4,
@@ -99,7 +105,7 @@ def test_the_bag_of_a_sweep_holds_what_was_simulated_and_no_label(tmp_path, caps
     assert told['overrides'] == overrides
 
 
-def test_archives_csv_and_plans(tmp_path):
+def test_archives_csv_and_plans(tmp_path: Path) -> None:
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {kind: step, amplitude: 0.5, duration: 1.0, name: creep}\n- {kind: rest}\n')
     archive = tmp_path / 'sweep.npz'
@@ -128,7 +134,13 @@ def test_archives_csv_and_plans(tmp_path):
         (('--out', 'x', '--reveal', 'x.txt'), '.json or .yaml'),
     ],
 )
-def test_mistakes_are_one_line_and_leave_nothing(tmp_path, monkeypatch, capsys, words, reason):
+def test_mistakes_are_one_line_and_leave_nothing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+    reason: str,
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert _cli('sweep', *words) == 2
     error = capsys.readouterr().err
@@ -148,14 +160,16 @@ def test_mistakes_are_one_line_and_leave_nothing(tmp_path, monkeypatch, capsys, 
         ('--options', 'a'),
     ],
 )
-def test_unreadable_options_are_refused(words, capsys):
+def test_unreadable_options_are_refused(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as stopped:
         _cli('sweep', *words, '--out', 'x')
     assert stopped.value.code == 2
     assert 'error' in capsys.readouterr().err
 
 
-def test_presets_and_descriptions_are_listed(capsys):
+def test_presets_and_descriptions_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert _cli('presets') == 0
     assert 'zhou_tef' in capsys.readouterr().out
     assert _cli('describe', 'zhou_tef') == 0
@@ -168,7 +182,7 @@ def test_presets_and_descriptions_are_listed(capsys):
     assert all(kind in text for kind in KINDS)
 
 
-def test_it_tells_its_version(capsys):
+def test_it_tells_its_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match='0'):
         main(['--version'])
     assert capsys.readouterr().out.strip() == '0.1.0'

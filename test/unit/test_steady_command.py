@@ -1,5 +1,9 @@
 """Commands that come late leave no step behind that is faster than what is allowed."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +14,7 @@ PLAN = np.concatenate([np.sin(2 * np.pi * 100.0 * np.arange(3000) / RATE), np.ze
 SLEW = 700.0
 
 
-def driven(delays, slew=SLEW, eased=0):
+def driven(delays: np.ndarray, slew: Any = SLEW, eased: int = 0) -> Any:
     """Return what an actuator applies that keeps its own pace, and how much was held back.
 
     The state of tick k is answered `delays[k]` ticks later, in order; a command acts from the
@@ -41,7 +45,9 @@ def starved(seed: int, typical: float) -> np.ndarray:
 
 @pytest.mark.parametrize('typical', [0.9, 1.5, 3.0])
 @pytest.mark.parametrize('seed', range(4))
-def test_no_step_is_faster_than_allowed_where_commands_come_late(seed, typical):
+def test_no_step_is_faster_than_allowed_where_commands_come_late(
+    seed: Any, typical: float
+) -> None:
     applied, eased = driven(starved(seed, typical))
     assert np.abs(np.diff(applied)).max() <= SLEW / RATE * (1 + 1e-6)
     assert eased > 0
@@ -52,13 +58,13 @@ def test_no_step_is_faster_than_allowed_where_commands_come_late(seed, typical):
     assert np.abs(np.diff(before)).max() > 1.5 * SLEW / RATE
 
 
-def test_commands_in_time_are_those_of_the_plan():
+def test_commands_in_time_are_those_of_the_plan() -> None:
     applied, eased = driven(np.full(PLAN.size, 0.5))
     np.testing.assert_array_equal(applied, PLAN[: applied.size])
     assert eased == 0
 
 
-def test_what_is_held_where_commands_come_back_to_it_goes_on():
+def test_what_is_held_where_commands_come_back_to_it_goes_on() -> None:
     """A command like the one that acts tells nothing of what was sent between the two."""
     now = 0.0
     steady = SteadyCommand(RATE, lambda: now)
@@ -72,7 +78,7 @@ def test_what_is_held_where_commands_come_back_to_it_goes_on():
     assert steady.next(201, -0.5, 700.0) == -0.5
 
 
-def test_a_jump_becomes_a_ramp_and_without_a_limit_stays_one():
+def test_a_jump_becomes_a_ramp_and_without_a_limit_stays_one() -> None:
     steady = SteadyCommand(RATE)
     steady.hear(0, 0.0)
     assert steady.next(1, 5.0, 0.0) == 5.0
@@ -85,7 +91,7 @@ def test_a_jump_becomes_a_ramp_and_without_a_limit_stays_one():
     assert not steady.behind
 
 
-def test_an_actuator_that_goes_its_own_way_is_met_where_it_is():
+def test_an_actuator_that_goes_its_own_way_is_met_where_it_is() -> None:
     steady = SteadyCommand(RATE)
     for k in range(10):
         steady.hear(k, 0.1 * k)
@@ -94,7 +100,7 @@ def test_an_actuator_that_goes_its_own_way_is_met_where_it_is():
     assert steady.next(11, 1.1, 700.0) == pytest.approx(-2.3)
 
 
-def test_an_actuator_that_takes_no_commands_is_not_waited_for_for_ever():
+def test_an_actuator_that_takes_no_commands_is_not_waited_for_for_ever() -> None:
     steady = SteadyCommand(RATE)
     for k in range(1500):
         steady.hear(k, 2.0)

@@ -1,5 +1,7 @@
 """Programs of ours keep the linear algebra in one thread, unless the user said otherwise."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
@@ -14,7 +16,9 @@ TOLD = 'import os; import {module}; print(os.environ["OPENBLAS_NUM_THREADS"])'
     'module', ['piezo_hysteresis.cli.main', 'piezo_hysteresis.nodes.links.feedforward']
 )
 @pytest.mark.parametrize(('said', 'meant'), [(None, '1'), ('3', '3')])
-def test_linear_algebra_works_in_the_thread_that_calls_it(module, said, meant):
+def test_linear_algebra_works_in_the_thread_that_calls_it(
+    module: str, said: str | None, meant: str
+) -> None:
     environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'}
     if said is not None:
         environment['OPENBLAS_NUM_THREADS'] = said

@@ -1,8 +1,12 @@
 """What is known of an effect or block stands with it; no other room calls one by its name."""
 
+from __future__ import annotations
+
 import ast
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,14 +28,14 @@ LABELS = {  # of a line in a figure
 }
 
 
-def names():
+def names() -> set[str]:
     """Return the names that can only mean a block or an effect; parameters have names, too."""
     known = {*BLOCKS, *(e.name for e in EFFECTS), *(e.variant for e in EFFECTS)}
     parameters = {q.name for block in BLOCKS.values() for q in block.parameters}
     return known - parameters - {'input', 'gain'}
 
 
-def literals(path):
+def literals(path: Path) -> Iterator[Any]:
     """Return line and text of every string in the code of a file, docstrings left out."""
     tree = ast.parse(path.read_text(encoding='utf-8'))
     docstrings = {
@@ -46,7 +50,7 @@ def literals(path):
             yield node.lineno, str(node.value)
 
 
-def named_outside():
+def named_outside() -> defaultdict[str, list[str]]:
     found = defaultdict(list)
     known = names()
     for path in sorted(CORE.rglob('*.py')):
@@ -61,17 +65,17 @@ def named_outside():
 
 
 @pytest.mark.component
-def test_no_other_room_names_a_block_or_an_effect():
+def test_no_other_room_names_a_block_or_an_effect() -> None:
     assert dict(named_outside()) == {}
 
 
-def test_a_name_that_is_written_elsewhere_is_noticed(tmp_path):
+def test_a_name_that_is_written_elsewhere_is_noticed(tmp_path: Path) -> None:
     file = tmp_path / 'other.py'
     file.write_text('"""creep"""\nLIST = ("creep", "mode")\n')
     assert [text for _, text in literals(file) if text in names()] == ['creep', 'mode']
 
 
-def test_a_record_at_rest_says_nothing_of_a_curved_sensor():
+def test_a_record_at_rest_says_nothing_of_a_curved_sensor() -> None:
     from piezo_hysteresis.blocks.effect import Residual
     from piezo_hysteresis.blocks.sensor_curve import guess
 

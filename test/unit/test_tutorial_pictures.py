@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ import draw_tutorials  # noqa: E402
 
 
 @pytest.mark.parametrize('name', draw_tutorials.NAMES)
-def test_every_tutorial_of_the_verbs_shows_its_picture(name):
+def test_every_tutorial_of_the_verbs_shows_its_picture(name: Any) -> None:
     assert (
         f'](../pictures/tutorials/{name}.png)' in (draw_tutorials.PAGES / f'{name}.md').read_text()
     )

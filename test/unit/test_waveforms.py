@@ -1,8 +1,13 @@
 """Every kind of waveform through the same list of checks, then what each promises."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.parameters.tables import EXCITATION
 from piezo_hysteresis.waveforms import (
     KINDS,
@@ -33,7 +38,7 @@ SPECS: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize('kind', sorted(KINDS))
-def test_velocity_and_acceleration_are_the_derivatives(kind):
+def test_velocity_and_acceleration_are_the_derivatives(kind: Any) -> None:
     waveform = from_spec({'kind': kind, **SPECS.get(kind, {})})
     rng = np.random.default_rng(5)
     h = 1e-6
@@ -53,7 +58,7 @@ def test_velocity_and_acceleration_are_the_derivatives(kind):
 
 
 @pytest.mark.parametrize('kind', sorted(KINDS))
-def test_every_kind_builds_from_its_defaults_and_any_shape_of_time(kind):
+def test_every_kind_builds_from_its_defaults_and_any_shape_of_time(kind: Any) -> None:
     waveform = from_spec({'kind': kind})
     time = np.linspace(0.0, waveform.duration, 12).reshape(3, 4)
     samples = waveform.sample(time)
@@ -85,23 +90,25 @@ def test_every_kind_builds_from_its_defaults_and_any_shape_of_time(kind):
         ({'kind': 'sequence', 'parts': [{'kind': 'x'}]}, 'no waveform x'),
     ],
 )
-def test_a_wrong_specification_is_refused_with_the_reason(spec, reason):
+def test_a_wrong_specification_is_refused_with_the_reason(
+    spec: dict[str, Any], reason: str
+) -> None:
     with pytest.raises(WaveformError, match=reason.replace('(', r'\(')):
         from_spec(spec)
 
 
-def test_whole_numbers_are_taken_for_numbers_and_the_other_way_round():
+def test_whole_numbers_are_taken_for_numbers_and_the_other_way_round() -> None:
     assert vars(from_spec({'kind': 'sine', 'frequency': 3}))['frequency'] == 3.0
     assert from_spec({'kind': 'staircase', 'steps': 4.0}) == staircase(1.0, 4, 1.0)
 
 
-def _lines(waveform, period, highest):
+def _lines(waveform: Multisine, period: float, highest: float) -> FloatArray:
     time = np.arange(4096) / 4096 * period
     return np.abs(np.fft.rfft(waveform.sample(time).value))[: int(highest * period) + 2] / 2048
 
 
 @pytest.mark.parametrize('grid', ['full', 'odd', 'odd_random'])
-def test_a_multisine_excites_its_grid_evenly_up_to_its_peak(grid):
+def test_a_multisine_excites_its_grid_evenly_up_to_its_peak(grid: str) -> None:
     waveform = Multisine(2.0, 0.5, 40.0, 10.0, grid=grid, seed=1)
     lines = _lines(waveform, 2.0, 40.0)
     excited = np.flatnonzero(lines > 1e-6)
@@ -115,7 +122,7 @@ def test_a_multisine_excites_its_grid_evenly_up_to_its_peak(grid):
     assert peak == pytest.approx(2.0, rel=0.01)
 
 
-def test_the_seed_decides_the_multisine():
+def test_the_seed_decides_the_multisine() -> None:
     time = np.linspace(0.0, 1.0, 50)
     one, same, other = (
         Multisine(1.0, 1.0, 9.0, 1.0, seed=s).sample(time).value for s in (1, 1, 2)
@@ -125,27 +132,27 @@ def test_the_seed_decides_the_multisine():
 
 
 @pytest.mark.parametrize('law', ['linear', 'logarithmic'])
-def test_a_chirp_runs_between_its_frequencies(law):
+def test_a_chirp_runs_between_its_frequencies(law: str) -> None:
     chirp = from_spec({'kind': 'chirp', 'frequency': 2.0, 'highest': 50.0, 'law': law})
     samples = chirp.sample(np.array([0.0, 5.0, 10.0]))
     middle = 26.0 if law == 'linear' else 10.0
     np.testing.assert_allclose(samples.frequency, [2.0, middle, 50.0])
 
 
-def test_stairs_hold_their_levels():
+def test_stairs_hold_their_levels() -> None:
     stairs = staircase(1.0, 2, hold=1.0, rise=0.2, offset=10.0)
     held = stairs.sample(np.arange(0, stairs.duration) + 0.5).value - 10.0
     np.testing.assert_allclose(held, [0, 0.5, 1, 0.5, 0, -0.5, -1, -0.5, 0])
 
 
-def test_a_step_jumps_at_its_time_and_not_before():
+def test_a_step_jumps_at_its_time_and_not_before() -> None:
     step = step_and_hold(2.0, 3.0, delay=1.0)
     np.testing.assert_array_equal(
         step.sample(np.array([0.0, 0.999, 1.0, 2.9])).value, [0, 0, 2, 2]
     )
 
 
-def test_reversal_curves_turn_at_spread_points_and_come_back():
+def test_reversal_curves_turn_at_spread_points_and_come_back() -> None:
     curves = reversal_curves(1.0, 3, rate=4.0)
     values = np.array(curves.values)
     np.testing.assert_allclose(values[[0, -1]], 0.0)
@@ -154,7 +161,7 @@ def test_reversal_curves_turn_at_spread_points_and_come_back():
     assert np.abs(curves.sample(np.linspace(0.01, curves.duration - 0.01, 99)).velocity).max() == 4
 
 
-def test_a_sequence_goes_on_where_the_part_before_ended():
+def test_a_sequence_goes_on_where_the_part_before_ended() -> None:
     sequence = Sequence((Sine(1.0, 2.0, 1.25), Sine(1.0, 3.0, 2.0)))
     before = sequence.sample(np.array([1.25 - 1e-9]))
     after = sequence.sample(np.array([1.25]))
@@ -164,12 +171,12 @@ def test_a_sequence_goes_on_where_the_part_before_ended():
     assert after.frequency[0] == 3.0
 
 
-def test_composites_know_their_common_frequency():
+def test_composites_know_their_common_frequency() -> None:
     samples = from_spec({'kind': 'composite_zhou2021_low'}).sample(np.array([0.05]))
     assert samples.frequency[0] == pytest.approx(10.0)
 
 
-def test_kinds_of_former_versions_are_read_with_a_notice():
+def test_kinds_of_former_versions_are_read_with_a_notice() -> None:
     with pytest.warns(FutureWarning, match='is called composite_xiao2014 now'):
         former = from_spec({'kind': 'composite_003'})
     assert np.array_equal(

@@ -4,17 +4,20 @@
 ``NUMBA_CACHE_DIR`` is known beforehand; what set-up compiled is not.
 """
 
+from __future__ import annotations
+
 import importlib.abc
 import importlib.util
 import os
 import sys
 import time
+from typing import Any
 
 
-def hold_up(dispatcher):
+def hold_up(dispatcher: Any) -> None:
     compiled = dispatcher._FunctionCompiler.compile
 
-    def slowly(self, args, return_type):
+    def slowly(self: Any, args: Any, return_type: Any) -> Any:
         if self.py_func.__qualname__ == os.environ['SLOW_KERNEL']:
             end = time.monotonic() + float(os.environ['SLOW_SECONDS'])
             while time.monotonic() < end:  # as the compiler does, this fills the thread
@@ -24,10 +27,10 @@ def hold_up(dispatcher):
     dispatcher._FunctionCompiler.compile = slowly
 
 
-def forget(cache):
+def forget(cache: Any) -> None:
     everywhere, read = cache.folders, cache.KernelCache._read
 
-    def known(self, *key):
+    def known(self: Any, *key: Any) -> Any:
         slow = self._function.__qualname__ == os.environ['SLOW_KERNEL']
         cache.folders = (lambda: everywhere()[:1]) if slow else everywhere
         try:
@@ -44,13 +47,13 @@ WAYS = {'numba.core.dispatcher': hold_up, 'piezo_kernels.cache': forget}
 class Finder(importlib.abc.MetaPathFinder):
     """Changes a module as soon as it is imported."""
 
-    def find_spec(self, name, path=None, target=None):
+    def find_spec(self, name: Any, path: Any = None, target: Any = None) -> Any:
         change = WAYS.pop(name, None)
         spec = None if change is None else importlib.util.find_spec(name)
         if change is not None and spec is not None and spec.loader is not None:
             execute = spec.loader.exec_module
 
-            def exec_module(module):
+            def exec_module(module: Any) -> None:
                 execute(module)
                 change(module)
 
