@@ -58,6 +58,15 @@ def test_one_record_and_the_name_of_a_model_are_enough(
     assert again.values['A1'] == pytest.approx(found.values['A1'], rel=1e-3)
 
 
+def test_one_path_need_not_be_a_list(tmp_path: Path) -> None:
+    file = tmp_path / 'r.csv'
+    rows = '\n'.join(f'{k / 1000},{k % 7},{k % 7}' for k in range(200))
+    file.write_text(f'time_s,voltage_V,displacement_um\n{rows}\n')
+    for given in (file, str(file), [file]):
+        (loaded,) = ph.load(given)
+        assert len(loaded) == 200
+
+
 def test_blocks_stand_behind_the_name_as_on_the_command_line() -> None:
     from piezo_hysteresis.models.choice import chain_of
 

@@ -52,7 +52,10 @@ class Survey:
 
 
 def load(
-    paths: Sequence[str | Path], *, salvage: bool = False, actuator: str | None = None
+    paths: str | Path | Sequence[str | Path],
+    *,
+    salvage: bool = False,
+    actuator: str | None = None,
 ) -> list[Record]:
     """Read records from any mix of bag folders, ``.mcap``/``.db3`` files and CSV files.
 
@@ -60,7 +63,7 @@ def load(
 
     Parameters
     ----------
-    paths : sequence of str or Path
+    paths : str, Path or sequence of them
         At least one.
     salvage : bool
         Return what is readable of damaged data; everything lost or mended is a `DamageWarning`.
@@ -72,7 +75,8 @@ def load(
     RecordError
         If the data cannot be used as they are.
     """
-    found = survey(paths, salvage=salvage, actuator=actuator)
+    several = [paths] if isinstance(paths, str | Path) else paths
+    found = survey(several, salvage=salvage, actuator=actuator)
     for damage in found.damage:
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
     for record in found.left_out:
