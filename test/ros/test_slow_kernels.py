@@ -71,7 +71,7 @@ def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
     """The excitation counts a link that starts for one that works, and so does the simulator."""
     health = listener.watch_health()
     processes.serve('simulator', {'clock': 'lock_step', 'lock_step_deadline': 1.0})
-    processes.environment.update(slowed(tmp_path, ATTENUATION, 4.0))
+    processes.environment.update(slowed(tmp_path, ATTENUATION, 8.0))
     processes.serve('feedforward')
     processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls', 'orders': [3]})
     listener.tells(health, 'attenuation', 'state', 'starting')
@@ -91,7 +91,7 @@ def test_a_player_waits_for_a_listener_that_compiles(
     phase = np.arange(500) * 0.03
     write_bag(bag, [Record('short', 1e-3, np.sin(phase), 1e-6 * np.sin(phase - 0.2))])
     heard = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
-    processes.environment.update(slowed(tmp_path / 'kernels', 'update', 4.0))
+    processes.environment.update(slowed(tmp_path / 'kernels', 'update', 8.0))
     health = listener.watch_health()
     processes.start('piezo_hysteresis', 'identification', namespace='piezo')
     listener.tells(health, 'piezo/identification', 'state', 'starting')

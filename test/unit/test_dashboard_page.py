@@ -119,6 +119,7 @@ def test_an_axis_is_calm_and_leaves_a_zoom_alone() -> None:
     assert follower.range.end > 5.0
 
 
+@pytest.mark.component
 def test_a_page_shows_what_is_known() -> None:
     backend = Backend()
     filled(backend)
