@@ -26,18 +26,19 @@ demo: setup
 lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
 
-# Durations and results by test stay in out/tests. Files of live tests stay whole, since processes
-# are shared within them.
+# Durations and results by test stay in out/tests. Files of live tests and of studies stay whole:
+# processes are shared within them, and what takes a minute to compile.
 pytest := python -m pytest -n 2 --durations=30
 fast := --dist worksteal test/docs test/property test/unit
 live := --dist loadfile --no-loadscope-reorder --reruns 1 test/ros
 
 test: lint
-	@$(run) $(pytest) -m 'not slow' --junitxml=out/tests/fast.xml $(fast)
+	@$(run) PIEZO_UNIT_SECONDS=1 $(pytest) -m 'not slow' --junitxml=out/tests/fast.xml $(fast)
 	@$(run) $(pytest) -m 'not slow' --junitxml=out/tests/live.xml $(live)
 
 studies: dev
-	@$(run) $(pytest) -m slow --junitxml=out/tests/studies.xml --dist worksteal test
+	@$(run) $(pytest) -m slow --junitxml=out/tests/studies.xml \
+	  --dist loadfile --no-loadscope-reorder test
 
 clean:
 	rm -rf build install log .venv out
