@@ -161,6 +161,7 @@ def test_a_recorder_that_does_not_confirm_is_named_within_the_deadline(bench: Be
     result = bench.result(bench.send()).result
     assert not result.success
     assert '/stuck to confirm the marker of record sine_5Hz_1V' in result.message
+    bench.listener.until(lambda: len(bench.markers) >= count + 2)  # it may come after the result
     assert [m.excitation for m in bench.markers[count:]] == ['sine', 'failed']
     node.signal(signal.SIGCONT)
     result = bench.result(bench.send()).result
