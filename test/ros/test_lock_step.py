@@ -156,6 +156,8 @@ def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
         running[name].signal(signal.SIGKILL)
         processes.forget(running[name])
         listener.serve(0.3)  # nothing moves
+        # The feedforward hears the actuator while no reference comes; the listener is the fourth.
+        settings['simulator']['wait_for'] = 4
         last, stood = states[-1].voltage, states[-1].sample
         begin = len(states)
         running[name] = start(name)
