@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from frozen_rounds import plays
 from scipy.signal import lfilter
 
 from piezo_hysteresis.arrays import FloatArray
@@ -36,18 +37,6 @@ from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.reporting.discovery_folder import model_file
 
 DT, STROKE = 2e-3, 4e-5
-
-
-def plays(u: FloatArray) -> FloatArray:
-    """Return a bank of plays with a curve behind it: no block of the suite [m]."""
-    total = 0.7 * u
-    for radius, weight in ((0.1, 0.2), (0.3, 0.15), (0.6, 0.1)):
-        y, last = np.empty(u.size), 0.0
-        for k, x in enumerate(u):
-            last = max(x - radius, min(x + radius, last))
-            y[k] = last
-        total = total + weight * y
-    return np.asarray(1.7e-5 * (total + 0.01 * total**2))
 
 
 def actuator(frequency: float, amplitude: float, seed: int) -> Record:
