@@ -13,8 +13,8 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup"')
 
-from in_process import LiveNodes  # noqa: E402
 from listening import Listener  # noqa: E402
+from live_nodes import LiveNodes  # noqa: E402
 
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.

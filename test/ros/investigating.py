@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from in_process import LiveNodes, NodeThread
 from listening import Listener
+from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.cli.node import PACKAGES
@@ -60,7 +60,7 @@ class Bench:
         self.client = ActionClient(listener.node, Investigate, 'investigate')
         listener.until(self.client.server_is_ready)
 
-    def start(self, name: str) -> NodeProcess | NodeThread:
+    def start(self, name: str) -> NodeProcess:
         """Start a node with the settings that it has here."""
         model: dict[str, object] = {'model_file': str(self.model)}
         world = {'clock': 'lock_step', 'preset': PRESET, 'effects.creep': True, 'wait_for': 2}

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from in_process import LiveNodes
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from listening import Listener
+from live_nodes import LiveNodes
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.models import ModelFile, named
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import write_bag

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.models import ModelFile, named

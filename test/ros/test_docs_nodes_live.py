@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_common import topics
 from piezo_common.sheet import NodeSheet

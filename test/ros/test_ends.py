@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_prefix
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
 

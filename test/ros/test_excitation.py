@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from std_msgs.msg import Header

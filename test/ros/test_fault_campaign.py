@@ -6,13 +6,12 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
-from in_process import LiveNodes, NodeThread
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.records.bag_content import read_content
 from piezo_hysteresis.records.damage import DamageLog
@@ -35,18 +34,9 @@ SEED = 20
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 
 
-class Threads(LiveNodes):
-    """Serves by threads what is asked for as processes."""
-
-    def start(  # type: ignore[override]
-        self, package: str, executable: str, *words: Any, **names: Any
-    ) -> NodeThread:
-        return self.serve(executable, *words, **names)
-
-
 @pytest.fixture(scope='module')
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Campaign]:
-    with Threads() as nodes:
+    with LiveNodes() as nodes:
         yield from campaign_of(nodes, tmp_path_factory.mktemp('campaign'))
 
 

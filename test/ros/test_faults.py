@@ -8,8 +8,8 @@ import time
 from typing import Any
 
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.cli.node import PACKAGES
 from piezo_interfaces.msg import ActuatorState

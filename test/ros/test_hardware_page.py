@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_common.stamps import nanoseconds_of

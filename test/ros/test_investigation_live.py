@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
-from in_process import LiveNodes
 from investigating import PATIENCE, Bench, write_model
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from in_process import LiveNodes
 from investigating import LIMITS, PATIENCE, Bench, write_model
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal

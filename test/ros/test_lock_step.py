@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from in_process import LiveNodes, NodeThread
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.compensation.base import Limits, Link
@@ -71,14 +71,12 @@ def offline() -> LoopResult:
     return closed_loop(reference, links, plant, limits, 1.0 / RATE)
 
 
-@pytest.mark.parametrize('where', ['threads', 'processes'])
+@pytest.mark.parametrize('run', ['once', 'again'])
 def test_nodes_give_the_numbers_of_the_offline_loop(
-    processes: LiveNodes, listener: Listener, tmp_path: Path, where: str
+    processes: LiveNodes, listener: Listener, tmp_path: Path, run: str
 ) -> None:
-    def start(name: str, settings: dict[str, object]) -> NodeProcess | NodeThread:
-        if where == 'threads':
-            return processes.serve(name, settings)
-        return processes.start(PACKAGES[name], name, settings)
+    def start(name: str, settings: dict[str, object]) -> NodeProcess:
+        return processes.serve(name, settings)
 
     model = tmp_path / 'model.yaml'
     ModelFile(named('extended'), MODEL).save(model)

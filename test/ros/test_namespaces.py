@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_ros_common.qos import LOOP

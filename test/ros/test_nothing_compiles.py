@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_common.table import ParameterTable
 from piezo_hysteresis.errors import PiezoError

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from in_process import LiveNodes, NodeThread
 from listening import Listener
+from live_nodes import LiveNodes
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -20,6 +20,7 @@ from piezo_common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters import tables
 from piezo_hysteresis.records import Record, write_bag
 from piezo_interfaces.msg import ActuatorState
+from piezo_ros_common.processes import NodeProcess
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 
@@ -68,7 +69,7 @@ class Everything:
             'attenuation': {'voltage/command': 'voltage/attenuated'},
             'feedback': {'voltage/feedforward': 'voltage/attenuated'},
         }
-        self.nodes: dict[str, NodeThread] = {}
+        self.nodes: dict[str, NodeProcess] = {}
         self.kept_up: int | None = None
         for name in TABLES:
             self.nodes[name] = processes.serve(name, settings.get(name), remap=remap.get(name))

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from in_process import LiveNodes, NodeThread
 from listening import Listener
+from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
 
@@ -23,6 +23,7 @@ from piezo_hysteresis.records import Record, read_bag
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate
 from piezo_interfaces.srv import SaveModel
+from piezo_ros_common.processes import NodeProcess
 
 pytestmark = pytest.mark.ros
 
@@ -164,7 +165,7 @@ def test_online_and_offline_identification_agree(
     assert estimate.free_run_rms > 0.0
 
 
-def play(processes: LiveNodes, bag: Path, **settings: Any) -> NodeThread:
+def play(processes: LiveNodes, bag: Path, **settings: Any) -> NodeProcess:
     return processes.serve('player', {'bag': str(bag), 'lock_step': True, **settings})
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import Record, write_bag

@@ -10,8 +10,8 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 
 from piezo_common import topics
 from piezo_interfaces.msg import Reference

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import pytest
-from in_process import LiveNodes
 from listening import Driver, Listener
+from live_nodes import LiveNodes
 from std_srvs.srv import Trigger
 
 from piezo_interfaces.msg import LoopStatus

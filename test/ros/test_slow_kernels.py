@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from in_process import LiveNodes
 from listening import Listener
+from live_nodes import LiveNodes
 from rcl_interfaces.msg import Log
 
 from piezo_hysteresis.records import Record, write_bag

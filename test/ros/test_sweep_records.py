@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
-from in_process import LiveNodes, NodeThread
 from listening import Listener
+from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import read_bag, survey
@@ -41,7 +41,7 @@ class Bench:
     def start(self, clock: str = 'lock_step', *, stops: bool = False, **excitation: Any) -> None:
         """Start the loop; a simulator that `stops` is a process."""
         settings = {'clock': clock, 'preset': PRESET}
-        self.simulator: NodeProcess | NodeThread = (
+        self.simulator: NodeProcess = (
             self.processes.start('piezo_sim', 'simulator', settings)
             if stops
             else self.processes.serve('simulator', settings)
@@ -49,10 +49,10 @@ class Bench:
         self.processes.serve('excitation', excitation)
         self.listener.until(self._client.server_is_ready)
 
-    def record(self, name: str, *, stops: bool = False) -> NodeProcess | NodeThread:
+    def record(self, name: str, *, stops: bool = False) -> NodeProcess:
         """Start a recorder and return as soon as the graph knows its name, not what it does."""
         settings = {'out': str(self.folder / name)}
-        node: NodeProcess | NodeThread = (
+        node: NodeProcess = (
             self.processes.start('piezo_hysteresis', 'recorder', settings, name=name)
             if stops
             else self.processes.serve('recorder', settings, name=name)
@@ -71,7 +71,7 @@ class Bench:
         self.listener.until(future.done)
         return future.result()
 
-    def close(self, node: NodeProcess | NodeThread) -> Path:
+    def close(self, node: NodeProcess) -> Path:
         """End a recorder; return its bag."""
         assert node.stop(30.0) == 0
         self.processes.forget(node)

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import yaml
-from in_process import LiveNodes
+from live_nodes import LiveNodes
 
 from piezo_hysteresis.cli.main import main
 
