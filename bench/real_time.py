@@ -194,7 +194,7 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
         serve(SETTLE)
         first = max(watch.states) + 1
         before = watch.tally()
-        pids = [node.pid for node in processes.started]
+        pids = [node.pid for node in processes.nodes]
         cpu, begun = cpu_seconds(pids), time.monotonic()
         serve(seconds)
         cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - begun

@@ -74,7 +74,7 @@ def pytest_runtest_makereport(item: Any, call: Any) -> Any:
     if report.failed:
         for group in getattr(item, 'funcargs', {}).values():
             if isinstance(group, LiveNodes):
-                for node in group.started:
+                for node in group.nodes:
                     title = f'{node.name} (code {node.returncode})'
                     report.sections.append((title, node.tail(20).replace(' | ', '\n')))
     return report

@@ -33,7 +33,7 @@ def bench(processes: LiveNodes, listener: Listener, model: Path, tmp_path: Path)
 
 
 def node(bench: Bench, name: str) -> NodeProcess:
-    return next(each for each in bench.processes.started if each.name == name)
+    return next(each for each in bench.processes.nodes if each.name == name)
 
 
 def end(bench: Bench, name: str) -> None:

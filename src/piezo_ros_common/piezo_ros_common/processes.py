@@ -15,7 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Protocol, Self
+from typing import IO, Self
 
 from ament_index_python.packages import get_package_prefix
 
@@ -30,28 +30,6 @@ INTERRUPTED = threading.Event()
 
 class ProcessError(Exception):
     """A node process died or did not end in time; the message says which and what to do."""
-
-
-class RunningNode(Protocol):
-    """A node that can be watched and ended, whatever serves it."""
-
-    name: str
-
-    @property
-    def returncode(self) -> int | None:
-        """Exit code, None while it runs."""
-
-    def signal(self, number: int) -> None:
-        """Send a signal."""
-
-    def stop(self) -> int:
-        """End it; return the exit code."""
-
-    def wait(self, timeout: float) -> int:
-        """Wait for it to end by itself; return the exit code."""
-
-    def tail(self) -> str:
-        """Return its last words."""
 
 
 class NodeProcess:
@@ -164,7 +142,7 @@ class NodeProcesses:
             'PYTHONUNBUFFERED': '1',
         }
         self._folder = tempfile.TemporaryDirectory(prefix='piezo_')
-        self._running: list[RunningNode] = []
+        self._running: list[NodeProcess] = []
 
     def _claim_domain(self) -> int:
         """Return a domain that is ours until we end: two loops in one domain would mix."""
@@ -230,16 +208,11 @@ class NodeProcesses:
         return node
 
     @property
-    def nodes(self) -> tuple[RunningNode, ...]:
-        """Every node, whatever serves it."""
+    def nodes(self) -> tuple[NodeProcess, ...]:
+        """Every node that was started."""
         return tuple(self._running)
 
-    @property
-    def started(self) -> tuple[NodeProcess, ...]:
-        """Every process that was started."""
-        return tuple(node for node in self._running if isinstance(node, NodeProcess))
-
-    def forget(self, node: RunningNode) -> None:
+    def forget(self, node: NodeProcess) -> None:
         """End `node` for good and expect nothing of it any more."""
         node.stop()
         self._running.remove(node)
@@ -262,7 +235,7 @@ class NodeProcesses:
                     f'node {node.name} ended with code {node.returncode}: {node.tail()}'
                 )
 
-    def wait_for(self, node: RunningNode, timeout: float) -> int:
+    def wait_for(self, node: NodeProcess, timeout: float) -> int:
         """Wait until `node` ends, watching the others meanwhile.
 
         Raises

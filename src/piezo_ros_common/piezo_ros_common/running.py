@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 import rclpy
 from rclpy.context import Context
@@ -87,12 +87,6 @@ def _ticks(executor: Executor, context: Context | None) -> bool:
     return bool(ticked.done())
 
 
-class EndRequest(Protocol):
-    """Says whether a node is asked to end."""
-
-    requested: bool
-
-
 class Interrupt:
     """Notes the signals that end a process; nothing is cut short by them.
 
@@ -123,7 +117,7 @@ def spin(
     nodes: Sequence[Node],
     executor: Executor,
     stop: Future | None = None,
-    interrupt: EndRequest | None = None,
+    interrupt: Interrupt | None = None,
 ) -> None:
     """Serve `nodes` by `executor` until they are shut down, interrupted or `stop` is done."""
     for node in nodes:

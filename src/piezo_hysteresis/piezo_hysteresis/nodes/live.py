@@ -127,11 +127,11 @@ class Observer:
 
     def _starting(self) -> object:
         """Return what changes while nodes start: who is ready, works or uses the processor."""
-        names = [node.name for node in self._processes.started]
+        names = [node.name for node in self._processes.nodes]
         ready = tuple(map(self._neighbours.is_ready, names))
         busy = (
             node.processor_time
-            for node, is_ready in zip(self._processes.started, ready, strict=True)
+            for node, is_ready in zip(self._processes.nodes, ready, strict=True)
             if not is_ready
         )
         return ready, self._neighbours.newest, tuple(busy)
