@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from piezo_hysteresis.arrays import FloatArray
+from studies import closed_loops as loops
 from studies import papers_bimorph as bimorph
 from studies.papers_bimorph import DT, Length
 from studies.papers_page import Entry, finish, loop
@@ -117,46 +119,79 @@ def compare(
 
 
 def figures_17_22(length: Length) -> list[Entry]:
-    """Show the controlled displacement over the reference at 10, 23 and 30 Hz."""
-    shown = {10.0: 'a straight line', 23.0: 'a unique shape, dominated by the third harmonic',
-            30.0: 'a straight line'}  # fmt: skip
-    cases = [(number, f, 'basic') for number, f in ((17, 10.0), (18, 23.0), (19, 30.0))]
-    cases += [(number, f, 'printed') for number, f in ((20, 10.0), (21, 23.0), (22, 30.0))]
+    """Show displacement over desired displacement, open loop and controlled."""
+    shown = [(k, f) for k, f in enumerate((10.0, 23.0, 30.0)) if f in length.frequencies]
     return [
-        controlled(number, f, kind, 'hysteresis is left' if kind == 'basic' else shown[f], length)
-        for number, f, kind in cases
-        if f in length.frequencies
+        *(open_loop(17 + k, f, length.identify) for k, f in shown),
+        *(controlled(20 + k, f, length) for k, f in shown),
     ]
 
 
-def controlled(number: int, f: float, kind: str, said: str, length: Length) -> Entry:
-    """Return one of them."""
-    each = bimorph.tracked(f, kind, length)
+def open_loop(number: int, f: float, seconds: float) -> Entry:
+    """Return a figure of the identification record: the response to a sine of 1 V."""
+    record = loops.bimorph_record(f, seconds)
+    desired = loops.bimorph_amplitude(f) * record.voltage
+    model = bimorph.rls(f, 0, seconds).free_run(record.voltage)
+    accuracy = (
+        f'free run of the extended model {1e6 * error_of(model, record.displacement, f):.1f}'
+    )
+    said = 'the identification accuracy at 23 Hz is worse than at the other two frequencies'
+    return shape(
+        number, f'open loop at {f:.0f} Hz', said, record.displacement, desired, f,
+        f'; {accuracy} um from the measurement',
+    )  # fmt: skip
+
+
+def controlled(number: int, f: float, length: Length) -> Entry:
+    """Return a figure of the tracking run with the extended model, (12) as printed."""
+    each = bimorph.tracked(f, 'printed', length)
+    said = {23.0: 'the response has a unique shape, dominated by the third harmonic'}.get(
+        f, 'the compensation accuracy is better than at 23 Hz'
+    )
+    solved = 1e6 * bimorph.tracking_error(f, 'extended', length)
+    return shape(
+        number, f'controlled at {f:.0f} Hz by the extended model', said,
+        each.displacement, each.reference, f, '',
+        f'Fujii 2018 (16), (17) on the same model: rms error {solved:.1f} um',
+    )  # fmt: skip
+
+
+def shape(
+    number: int,
+    shows: str,
+    said: str,
+    displacement: FloatArray,
+    desired: FloatArray,
+    f: float,
+    more: str,
+    deviating: str = '',
+) -> Entry:
+    """Return a figure of `displacement` over `desired` [m], with its harmonics."""
     part = slice(-round(3.0 / f / DT), None)
-    third = bimorph.lines(each.displacement, f, (1, 3))
-    share = 100 * abs(third[3]) / abs(third[1])
-    phase = bimorph.phase_difference(each.displacement, each.reference, f)
-    error = 1e6 * bimorph.tracking_error(f, kind, length)
+    lines = bimorph.lines(displacement, f, (1, 3))
+    share = 100 * abs(lines[3]) / abs(lines[1])
+    phase = bimorph.phase_difference(displacement, desired, f)
+    error = 1e6 * error_of(displacement, desired, f)
 
     def draw(figure: Figure) -> None:
         axis = figure.subplots()
-        loop(axis, each.reference[part] * 1e6, each.displacement[part], '')
-        finish(axis, 'reference [µm]', 'displacement [µm]')
+        shown = displacement[part] - displacement[part].mean()
+        loop(axis, desired[part] * 1e6, shown, '')
+        finish(axis, 'desired displacement [µm]', 'displacement [µm]')
 
-    model = 'basic' if kind == 'basic' else 'extended'
-    other = ''
-    if kind != 'basic':
-        other = (
-            f'Fujii 2018 (16), (17) on the same model: rms error '
-            f'{1e6 * bimorph.tracking_error(f, "extended", length):.1f} um'
-        )
     return Entry(
-        'Tatebatake 2017', f'Figure {number}',
-        f'controlled at {f:.0f} Hz by the {model} model', said,
+        'Tatebatake 2017', f'Figure {number}', shows, said,
         f'third harmonic {share:.1f} % of the fundamental, phase {phase:+.1f} degrees, rms error '
-        f'{error:.1f} um', draw, numbers={'third': share},
-        deviating=other,
+        f'{error:.1f} um{more}', draw, numbers={'third': share, 'phase': phase, 'error': error},
+        deviating=deviating,
     )  # fmt: skip
+
+
+def error_of(displacement: FloatArray, desired: FloatArray, f: float) -> float:
+    """Return the rms difference over the last three periods, mean removed [m]."""
+    part = slice(-round(3.0 / f / DT), None)
+    error = displacement[part] - desired[part]
+    return float(loops.rms(error - error.mean()))
 
 
 def entries(length: Length) -> list[Entry]:

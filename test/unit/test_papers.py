@@ -64,6 +64,15 @@ def test_extended_model_beats_the_basic_one() -> None:
     assert numbers(error)['better'] >= 0.8
 
 
+def test_figures_17_and_18_of_tatebatake_are_open_loop_and_show_the_hysteresis() -> None:
+    figures = {entry.name: entry for entry in papers_tatebatake.figures_17_22(SHORT)}
+    assert all('open loop' in figures[name].shows for name in ('Figure 17', 'Figure 18'))
+    opened, closed = figures['Figure 17'].numbers, figures['Figure 20'].numbers
+    assert opened['phase'] < -5.0
+    assert opened['error'] > 2.0 * closed['error']
+    assert figures['Figure 18'].numbers['third'] > 20.0
+
+
 def test_table_1_of_xiao_is_beaten_with_its_mean_and_its_largest_error() -> None:
     ratios = numbers(papers_xiao.stack_table((10.0, 100.0))[0])
     assert ratios['worst selector'] < 0.8
