@@ -131,67 +131,59 @@ def open_loop(number: int, f: float, seconds: float) -> Entry:
     """Return a figure of the identification record: the response to a sine of 1 V."""
     record = loops.bimorph_record(f, seconds)
     desired = loops.bimorph_amplitude(f) * record.voltage
-    model = bimorph.rls(f, 0, seconds).free_run(record.voltage)
-    accuracy = (
-        f'free run of the extended model {1e6 * error_of(model, record.displacement, f):.1f}'
-    )
-    said = 'the identification accuracy at 23 Hz is worse than at the other two frequencies'
+    measured, _ = bimorph.free_run(f, 'extended', seconds)
+    missed = 1e6 * bimorph.modelling_error(f, 'extended', seconds)
     return shape(
-        number, f'open loop at {f:.0f} Hz', said, record.displacement, desired, f,
-        f'; {accuracy} um from the measurement',
+        number, f'open loop at {f:.0f} Hz',
+        'the identification accuracy at 23 Hz is worse than at the other two frequencies',
+        record.displacement, desired, f, loops.rms(measured - desired[-measured.size :]),
+        more=f'; free run of the extended model {missed:.1f} um from the measurement',
     )  # fmt: skip
 
 
 def controlled(number: int, f: float, length: Length) -> Entry:
     """Return a figure of the tracking run with the extended model, (12) as printed."""
     each = bimorph.tracked(f, 'printed', length)
-    said = {23.0: 'the response has a unique shape, dominated by the third harmonic'}.get(
-        f, 'the compensation accuracy is better than at 23 Hz'
-    )
     solved = 1e6 * bimorph.tracking_error(f, 'extended', length)
     return shape(
-        number, f'controlled at {f:.0f} Hz by the extended model', said,
-        each.displacement, each.reference, f, '',
-        f'Fujii 2018 (16), (17) on the same model: rms error {solved:.1f} um',
+        number, f'controlled at {f:.0f} Hz by the extended model',
+        'the response has a unique shape, dominated by the third harmonic' if f == 23.0
+        else 'the compensation accuracy is better than at 23 Hz',
+        each.displacement, each.reference, f, bimorph.tracking_error(f, 'printed', length),
+        deviating=f'Fujii 2018 (16), (17) on the same model: rms error {solved:.1f} um',
     )  # fmt: skip
 
 
 def shape(
     number: int,
     shows: str,
-    said: str,
+    paper: str,
     displacement: FloatArray,
     desired: FloatArray,
     f: float,
-    more: str,
+    error: float,
+    *,
+    more: str = '',
     deviating: str = '',
 ) -> Entry:
-    """Return a figure of `displacement` over `desired` [m], with its harmonics."""
+    """Return a figure of `displacement` over `desired` [m], with its harmonics and `error` [m]."""
     part = slice(-round(3.0 / f / DT), None)
     lines = bimorph.lines(displacement, f, (1, 3))
     share = 100 * abs(lines[3]) / abs(lines[1])
     phase = bimorph.phase_difference(displacement, desired, f)
-    error = 1e6 * error_of(displacement, desired, f)
 
     def draw(figure: Figure) -> None:
         axis = figure.subplots()
         shown = displacement[part] - displacement[part].mean()
         loop(axis, desired[part] * 1e6, shown, '')
-        finish(axis, 'desired displacement [µm]', 'displacement [µm]')
+        finish(axis, 'desired displacement [µm]', 'displacement, mean removed [µm]')
 
     return Entry(
-        'Tatebatake 2017', f'Figure {number}', shows, said,
+        'Tatebatake 2017', f'Figure {number}', shows, paper,
         f'third harmonic {share:.1f} % of the fundamental, phase {phase:+.1f} degrees, rms error '
-        f'{error:.1f} um{more}', draw, numbers={'third': share, 'phase': phase, 'error': error},
-        deviating=deviating,
+        f'{1e6 * error:.1f} um{more}', draw,
+        numbers={'third': share, 'phase': phase, 'error': 1e6 * error}, deviating=deviating,
     )  # fmt: skip
-
-
-def error_of(displacement: FloatArray, desired: FloatArray, f: float) -> float:
-    """Return the rms difference over the last three periods, mean removed [m]."""
-    part = slice(-round(3.0 / f / DT), None)
-    error = displacement[part] - desired[part]
-    return float(loops.rms(error - error.mean()))
 
 
 def entries(length: Length) -> list[Entry]:
