@@ -33,11 +33,11 @@ from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.waveforms import Sequence as Parts
 from piezo_hysteresis.waveforms import Sine
-from studies import closed_loops as loops
+from piezo_papers import bimorph, runs
 from studies.compensation_plants import measure_plants
 from studies.goals import Goals
 
-DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS
+DT, LIMITS = bimorph.DT, bimorph.LIMITS
 HARMONIC = {14.0: 5, **dict.fromkeys(map(float, range(18, 29)), 3)}
 # Median 0.09, 14 Hz 0.05, 23 Hz 0.045 and worst 1.4 um, mean included, 20 to 60 s.
 GOALS_UM = {'median': 0.09, 'worst': 1.4, '14 Hz': 0.05, '23 Hz': 0.045}
@@ -52,7 +52,7 @@ def everything(resonance: float) -> AttenuationSettings:
 
 def compensated(changes: Mapping[str, float] | None = None) -> Sequence[Link]:
     """Return inverse and attenuation from the identified model, with some values changed."""
-    model, found = loops.bimorph_model()
+    model, found = bimorph.identified()
     values = {**found, **(changes or {})}
     gain = model_gain(model, values, DT)
     return [
@@ -63,9 +63,9 @@ def compensated(changes: Mapping[str, float] | None = None) -> Sequence[Link]:
 
 def track(frequency: float, seconds: float = 60.0) -> tuple[float, float, float, float]:
     """Return frequency and rms error [m] of the inverse alone (with, without mean) and of all."""
-    wave = Sine(loops.bimorph_amplitude(frequency), frequency, seconds, ramp=1.0)
-    alone = loops.run(wave, lambda: compensated()[:1], loops.plant(loops.BIMORPH, 3), LIMITS, DT)
-    both = loops.run(wave, compensated, loops.plant(loops.BIMORPH, 3), LIMITS, DT)
+    wave = Sine(bimorph.amplitude(frequency), frequency, seconds, ramp=1.0)
+    alone = runs.run(wave, lambda: compensated()[:1], runs.plant(bimorph.NAME, 3), LIMITS, DT)
+    both = runs.run(wave, compensated, runs.plant(bimorph.NAME, 3), LIMITS, DT)
     before, after = (tracking_metrics(each, 20.0) for each in (alone, both))
     return frequency, before.rms, before.rms_without_mean, after.rms
 
@@ -149,15 +149,15 @@ def convergence(task: tuple[float, float]) -> tuple[float, float, float]:
     """Return seconds to a tenth, and attenuation in dB, for a frequency and sign of the gain."""
     frequency, sign = task
     order, begin, seconds = HARMONIC[frequency], 6.0, 16.0
-    model, values = loops.bimorph_model()
+    model, values = bimorph.identified()
     right = model_gain(model, values, DT)
 
-    wave = Sine(loops.bimorph_amplitude(frequency), frequency, seconds, ramp=1.0)
+    wave = Sine(bimorph.amplitude(frequency), frequency, seconds, ramp=1.0)
     link = HarmonicAttenuation(AttenuationSettings(orders=(order,)), Signed(right, sign), DT)
     slope = abs(right(0.0))
-    straight = loops.Straight(slope * bimorph_rise(right, frequency))
-    result = loops.run(
-        wave, lambda: [straight, Late(link, begin)], loops.plant(loops.BIMORPH, 3), LIMITS, DT
+    straight = runs.Straight(slope * bimorph_rise(right, frequency))
+    result = runs.run(
+        wave, lambda: [straight, Late(link, begin)], runs.plant(bimorph.NAME, 3), LIMITS, DT
     )
     window = 3.0 / frequency
     before = float(course(result, order, np.array([begin - 1.0]), 1.0)[0])
@@ -195,12 +195,12 @@ def measure_convergence(goals: Goals, rows: int, workers: int) -> None:
 def detuned(task: tuple[float, str, float]) -> tuple[float, str, float, float, float]:
     """Return the rms error with one parameter of the model wrong, and the largest voltage."""
     frequency, name, factor = task
-    _, values = loops.bimorph_model()
-    wave = Sine(loops.bimorph_amplitude(frequency), frequency, 20.0, ramp=1.0)
-    result = loops.run(
+    _, values = bimorph.identified()
+    wave = Sine(bimorph.amplitude(frequency), frequency, 20.0, ramp=1.0)
+    result = runs.run(
         wave,
         lambda: compensated({name: factor * values[name]}),
-        loops.plant(loops.BIMORPH, 3),
+        runs.plant(bimorph.NAME, 3),
         LIMITS,
         DT,
     )
@@ -223,16 +223,16 @@ def measure_robustness(goals: Goals, rows: int, workers: int) -> None:
             + ', '.join(f'{n} {100 * (x - 1):+.0f} % {e * 1e6:.3f}' for _, n, x, e, _ in part)
         )
         goals.check(f'worst at {frequency:.0f} Hz', max(e for *_, e, _ in part) * 1e6, 1.4, 'um')
-    noisy = loops.plant(loops.BIMORPH, 3, {'sensor.noise_rms': 1e-6})
-    wave = Sine(loops.bimorph_amplitude(23.0), 23.0, 40.0, ramp=1.0)
-    loud = loops.run(wave, compensated, noisy, LIMITS, DT)
-    error = loops.rms(loud.error[20_000:]) * 1e6
+    noisy = runs.plant(bimorph.NAME, 3, {'sensor.noise_rms': 1e-6})
+    wave = Sine(bimorph.amplitude(23.0), 23.0, 40.0, ramp=1.0)
+    loud = runs.run(wave, compensated, noisy, LIMITS, DT)
+    error = runs.rms(loud.error[20_000:]) * 1e6
     goals.check('rms error with noise of 1 um at 23 Hz', error, 1.1, 'um')
-    amplitude = loops.bimorph_amplitude(23.0)
+    amplitude = bimorph.amplitude(23.0)
     steps = Parts(tuple(Sine(amplitude, f, 15.0) for f in (22.0, 23.0, 24.0, 22.0)))
-    stepped = loops.run(steps, compensated, loops.plant(loops.BIMORPH, 3), LIMITS, DT)
+    stepped = runs.run(steps, compensated, runs.plant(bimorph.NAME, 3), LIMITS, DT)
     for k, frequency in enumerate((22, 23, 24, 22), start=1):
-        error = loops.rms(stepped.error[15_000 * k - 5000 : 15_000 * k]) * 1e6
+        error = runs.rms(stepped.error[15_000 * k - 5000 : 15_000 * k]) * 1e6
         goals.check(f'rms error 10 s after the step to {frequency} Hz', error, 0.3, 'um')
 
 

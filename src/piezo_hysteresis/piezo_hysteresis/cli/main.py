@@ -35,6 +35,7 @@ VERBS = {
     'param': 'param',
     'dashboard': 'dashboard',
     'demo': 'demo',
+    'paper': 'paper',
     'completion': 'completion',
 }
 # What stands behind the name of a node is the node's own.

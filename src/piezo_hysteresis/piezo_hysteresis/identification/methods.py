@@ -57,7 +57,7 @@ PAPERS: dict[str, PaperMethod] = {
     'fang2019': PaperMethod(
         'pso_modified',
         'Fang 2019: a constricted swarm whose inertia falls, for all parameters.',
-        {'steps': 'one'},
+        {'steps': 'one', 'sampling_offset': False},
     ),
 }
 

@@ -13,10 +13,9 @@ from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, trac
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.waveforms import Waveform, from_spec
-from studies import closed_loops as loops
-from studies import compensation_plants as plants
-from studies.papers_loops import drawn, last, together, width
-from studies.papers_page import Entry, finish, loop
+from piezo_papers import runs, stack
+from piezo_papers.loops import drawn, last, together, width
+from piezo_papers.page import Builders, Entry, finish, loop
 
 _BEGIN = 1.2
 
@@ -24,17 +23,17 @@ _BEGIN = 1.2
 @functools.cache
 def tracked(kind: str, frequency: float) -> LoopResult:
     """Return a run over Xiao 2014's triangle from rest."""
-    selector = plants.selector_values()
+    selector = stack.selector_values()
 
     def links() -> list[Link]:
-        return plants.stack_links(kind, selector)
+        return stack.chain(kind, selector)
 
-    return loops.run(
-        plants.stack_reference(frequency),
+    return runs.run(
+        stack.reference(frequency),
         links,
-        loops.plant(loops.STACK),
-        loops.STACK_LIMITS,
-        loops.STACK_DT,
+        stack.plant(),
+        stack.LIMITS,
+        stack.DT,
     )
 
 
@@ -48,13 +47,13 @@ def by_003(frequency: float) -> Identification:
     """Return Xiao 2014's Bouc-Wen model of one triangle, by its particle swarm."""
     chain = named('classical')
     return identify(
-        [loops.stack_record(frequency)], chain, method='xiao2014', seed=1, max_evaluations=3000
+        [stack.record(frequency)], chain, method='xiao2014', seed=1, max_evaluations=3000
     )
 
 
 def loop_figures() -> list[Entry]:
     """Return figures 3, 4, 5, 7 and 8."""
-    seen = {f: last(loops.stack_record(f), 1.0) for f in (20.0, 40.0, 60.0, 80.0, 100.0)}
+    seen = {f: last(stack.record(f), 1.0) for f in (20.0, 40.0, 60.0, 80.0, 100.0)}
     found = []
     for name, f in (('Figure 3', 40.0), ('Figure 4', 100.0)):
         found.append(
@@ -75,7 +74,7 @@ def loop_figures() -> list[Entry]:
 
 def _model_figure(name: str, frequency: float) -> Entry:
     model = by_003(frequency)
-    each = loops.stack_record(frequency)
+    each = stack.record(frequency)
     answer = model.model.respond(each.voltage, model.model.pack(model.values), each.dt)
     part = slice(-round(1.0 / (frequency * each.dt)), None)
     u, measured = last(each, 1.0)
@@ -99,39 +98,44 @@ def _model_figure(name: str, frequency: float) -> Entry:
 
 def step_figure() -> Entry:
     """Return figure 12: the linear model."""
-    found = plants.stack_plant()
-    record = loops.stack_steps()
+    found, record = stack.transfer(), stack.step()
     poles = sorted(np.roots(found.denominator), key=lambda p: -p.real)
     text = ', '.join(f'{p.real:.1f}{p.imag:+.0f}j' if p.imag else f'{p.real:.1f}' for p in poles)
-    design = plants.stack_design()
-    time = np.arange(600) * loops.STACK_DT
-    step = loops.plant(loops.STACK).run(np.concatenate([np.zeros(50), np.full(550, 2.0)]))
+    zero = float(np.roots(found.numerator)[0].real)
+    design = stack.controller()
+    part = slice(600)
+    time = np.arange(600) * stack.DT
+    measured = record.displacement - record.displacement[:50].mean()
 
     def draw(figure: Figure) -> None:
         from scipy import signal
 
         axis = figure.subplots()
-        axis.plot(time * 1e3, (step - step[:50].mean()) * 1e6, label='measured, 2 V')
+        axis.plot(time * 1e3, measured[part] * 1e6, label='measured, 2 V')
         _, y = signal.step((found.numerator, found.denominator), T=time[:550])
         axis.plot((time[50:]) * 1e3, 2e6 * y, '--', label='model')
         finish(axis, 'time [ms]', 'displacement [µm]')
 
     return Entry(
-        'Xiao 2014', 'Figure 12', 'step response and identified linear model',
+        'Xiao 2014',
+        'Figure 12',
+        'step response and identified linear model',
         'matches well; (4) has the poles -29.4 and -1965 +- 1033j rad/s and the zero -31.5',
-        f'poles {text} rad/s, zero {np.roots(found.numerator)[0].real:.1f}; free run misses '
-        f'{found.nrmse_percent:.1f} % of {record.voltage.size} samples of steps up to 2 V. The '
-        f'controller from it has gamma {design.gamma:.2f} and its largest pole at '
-        f'{abs(design.poles[0]):.4f}', draw,
+        f'from one step of 2 V poles {text} rad/s, zero {zero:.1f}; free run misses '
+        f'{found.nrmse_percent:.1f} % of {record.voltage.size} samples. The controller from it '
+        f'has gamma {design.gamma:.2f} and its largest pole at {abs(design.poles[0]):.4f}',
+        draw,
         'ARX in s with the rounds of Steiglitz and McBride; the weights are ours (150 Hz, peak 2, '
-        'control 0.3), none are printed', {'gamma': design.gamma},
-    )  # fmt: skip
+        'control 0.3), none are printed',
+        {'gamma': design.gamma, 'pole': float(poles[0].real), 'zero': zero},
+        holds=abs(poles[0].real + 29.4) < 2.0 and abs(zero + 31.5) < 2.0,
+    )
 
 
 def stack_table(frequencies: Sequence[float]) -> list[Entry]:
     """Return table 1 and figure 14."""
     rows, lines, text, other = {}, [], [], []
-    for f, none, none_max, paper, paper_max in plants.TABLE_1:
+    for f, none, none_max, paper, paper_max in stack.TABLE_1:
         if f not in frequencies:
             continue
         free, selector, inverse = (errors(kind, f) for kind in ('none', 'selector', 'inverse'))
@@ -172,15 +176,17 @@ def stack_table(frequencies: Sequence[float]) -> list[Entry]:
         'worst largest': max(row[6] / row[5] for row in rows.values()),
         'worst inverse': max(row[4] / row[2] for row in rows.values()),
     }
+    pairs = [pair for r in rows.values() for pair in ((r[2], r[3]), (r[5], r[6]))]
     shows = 'triangles of 30 um, rms (largest) error without and with the selector [um]'
     chain = 'inverse of hysteresis, mode and creep: ' + '; '.join(other)
     return [
         Entry('Xiao 2014', 'Table 1', shows, '; '.join(text), '; '.join(lines), draw, why, numbers,
-              chain),
+              chain, pairs),
         Entry('Xiao 2014', 'Figure 14', 'the same over the frequency',
               'both grow with the frequency, with the selector below 2 um rms up to 40 Hz',
               f'with the selector {max(r[3] for r in rows.values()):.2f} um rms at most, '
-              f'{max(r[6] for r in rows.values()):.2f} um largest', draw, 'as table 1'),
+              f'{max(r[6] for r in rows.values()):.2f} um largest', draw, 'as table 1',
+              compared=pairs),
     ]  # fmt: skip
 
 
@@ -194,7 +200,7 @@ def tracking_figures(frequencies: Sequence[float]) -> list[Entry]:
 
         def draw(figure: Figure, f: float = f) -> None:
             r = tracked('selector', f)
-            part = slice(-round(2.0 / (f * loops.STACK_DT)), None)
+            part = slice(-round(2.0 / (f * stack.DT)), None)
             left, right = figure.subplots(1, 2)
             left.plot(r.time[part], r.reference[part] * 1e6, label='reference')
             left.plot(r.time[part], r.displacement[part] * 1e6, '--', label='displacement')
@@ -220,15 +226,15 @@ def signals(seconds: float) -> list[Entry]:
                       'ramp': 0.5, 'frequencies': (1.0, 3.0, 5.0)})  # fmt: skip
     cases = (
         ('Figure 17', 'none', fast, 'sum of sinusoids without compensation',
-         'very intolerable error'),
-        ('Figure 18', 'selector', fast, 'with the selector', 'matched well'),
+         'very intolerable error', 0.0),
+        ('Figure 18', 'selector', fast, 'with the selector', 'matched well', 0.0),
         ('Figure 19', 'selector + H-infinity', fast, 'with selector and H-infinity',
-         'within 1 um'),
+         'within 1 um', 1.0),
         ('Figure 20', 'selector + H-infinity', slow, '1 to 5 Hz, selector and H-infinity',
-         'within 0.05 um'),
+         'within 0.05 um', 0.05),
     )  # fmt: skip
     found = []
-    for name, kind, wave, shows, stated in cases:
+    for name, kind, wave, shows, stated, bound in cases:
         r = _signal(kind, wave)
         tail = r.error[r.error.size // 2 :]
         worst, moving = (1e6 * float(np.abs(e).max()) for e in (tail, tail - tail.mean()))
@@ -255,27 +261,28 @@ def signals(seconds: float) -> list[Entry]:
         found.append(
             Entry('Xiao 2014', name, shows, stated,
                   f'largest error {worst:.3f} um, mean removed {moving:.3f} um', draw, reason,
-                  {'worst': worst}, others)
+                  {'worst': worst}, others, [(bound, worst)] if bound else [])
         )  # fmt: skip
     return found
 
 
 def _signal(kind: str, wave: Waveform) -> LoopResult:
     def links() -> list[Link]:
-        return plants.stack_links(kind, plants.selector_values())
+        return stack.chain(kind, stack.selector_values())
 
-    return loops.run(wave, links, loops.plant(loops.STACK), loops.STACK_LIMITS, loops.STACK_DT)
+    return runs.run(wave, links, stack.plant(), stack.LIMITS, stack.DT)
 
 
-def entries(quick: bool = False) -> list[Entry]:
-    """Return every figure and table of Xiao 2014 that is reproduced."""
-    frequencies = (10.0, 100.0) if quick else tuple(row[0] for row in plants.TABLE_1)
-    table, plotted = stack_table(frequencies)
-    return [
-        *loop_figures(),
-        step_figure(),
-        table,
-        plotted,
-        *tracking_figures(frequencies),
-        *([] if quick else signals(1.5)),
-    ]
+def _frequencies(quick: bool) -> tuple[float, ...]:
+    return (10.0, 100.0) if quick else tuple(row[0] for row in stack.TABLE_1)
+
+
+BUILDERS: Builders = (
+    (('Figure 3', 'Figure 4', 'Figure 5', 'Figure 7', 'Figure 8'), lambda quick: loop_figures()),
+    (('Figure 12',), lambda quick: [step_figure()]),
+    (('Table 1', 'Figure 14'), lambda quick: stack_table(_frequencies(quick))),
+    (('Figure 15', 'Figure 16'), lambda quick: tracking_figures(_frequencies(quick))),
+    (('Figure 17', 'Figure 18', 'Figure 19', 'Figure 20'),
+     lambda quick: signals(1.0 if quick else 1.5)),
+)  # fmt: skip
+"""Names of the figures of Xiao 2014 that are made together, and what makes them."""

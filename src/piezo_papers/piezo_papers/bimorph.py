@@ -1,4 +1,4 @@
-"""Data and figures of Fujii 2018 and Tatebatake 2017: the bimorph, its models and control."""
+"""The bimorph of Fujii 2018 and Tatebatake 2017: its records, its models and its control."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Link
+from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
@@ -21,14 +21,45 @@ from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
 from piezo_hysteresis.compensation.linear_gain import linear_gain
 from piezo_hysteresis.compensation.loop import LoopResult
 from piezo_hysteresis.identification import OnlineRls, RlsSettings
+from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.models import named
+from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
+from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Sine
-from studies import closed_loops as loops
+from piezo_papers import runs
 
-DT, LIMITS = loops.BIMORPH_DT, loops.BIMORPH_LIMITS
+NAME = 'fdk_pzba_00030'
+DT = 1e-3
+LIMITS = Limits(-5.0, 5.0, 1e4)
+
+
+@functools.cache
+def record(frequency: float, seconds: float = 6.0) -> Record:
+    """Return the bimorph driven by 1 V, as Fujii 2018 (13) does."""
+    info = RecordInfo(frequency=frequency, amplitude=1.0, warm_up=0.5 * seconds)
+    return runs.record(NAME, Sine(1.0, frequency, seconds), DT, info)
+
+
+@functools.cache
+def amplitude(frequency: float) -> float:
+    """Return Fujii 2018's amplitude of the reference (25) [m]."""
+    each = record(frequency)
+    part = slice(each.warm_up_samples, None)
+    u, y = each.voltage[part], each.displacement[part]
+    return abs(float((y - y.mean()) @ u / (u @ u)))
+
+
+@functools.cache
+def identified() -> tuple[Model, Mapping[str, float]]:
+    """Return Bouc-Wen and one mode, identified jointly from five frequencies."""
+    model = named('bouc_wen_mode')
+    records = [record(f) for f in (1.0, 7.0, 14.0, 23.0, 40.0)]
+    return model, fit(model, records, weights='relative').values
+
+
 THIRD = tuple(float(f) for f in range(18, 29))
+
 FIFTH = (14.0,)
 
 
@@ -51,6 +82,7 @@ class Length:
 
 
 FULL = Length()
+
 QUICK = Length(20.0, 10.0, 6.0, (1.0, 10.0, 14.0, 22.0, 23.0, 35.0))
 
 
@@ -72,7 +104,7 @@ def order_of(frequency: float) -> int:
 def rls(frequency: float, harmonic: int, seconds: float) -> OnlineRls:
     """Return the papers' RLS after a record of one sine."""
     online = OnlineRls(RlsSettings(harmonic=harmonic, frequency=frequency))
-    each = loops.bimorph_record(frequency, seconds)
+    each = record(frequency, seconds)
     online.update_many(each.voltage, each.displacement)
     return online
 
@@ -100,7 +132,7 @@ def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) ->
 @functools.cache
 def basic(frequency: float, seconds: float) -> Mapping[str, float]:
     """Return Tatebatake 2017's basic model (18) after one record, in mm, from its start."""
-    each = loops.bimorph_record(frequency, seconds)
+    each = record(frequency, seconds)
     theta, p = np.array([0.01, 0.005, 0.001, 0.001]), np.eye(4)
     basic_rls(each.voltage, each.displacement * 1e3, theta, p)
     a1, a, beta, gamma = (float(value) for value in theta)
@@ -109,7 +141,7 @@ def basic(frequency: float, seconds: float) -> Mapping[str, float]:
 
 def free_run(frequency: float, kind: str, seconds: float) -> tuple[FloatArray, FloatArray]:
     """Return the last fifth of a record and of the free run of a model, means removed [m]."""
-    each = loops.bimorph_record(frequency, seconds)
+    each = record(frequency, seconds)
     if kind == 'basic':
         model = named('classical_euler')
         answer = model.respond(each.voltage, model.pack(basic(frequency, seconds)), DT)
@@ -124,7 +156,7 @@ def free_run(frequency: float, kind: str, seconds: float) -> tuple[FloatArray, F
 def modelling_error(frequency: float, kind: str, seconds: float) -> float:
     """Return the rms error of the free run, mean removed [m]."""
     measured, modelled = free_run(frequency, kind, seconds)
-    return loops.rms(measured - modelled)
+    return runs.rms(measured - modelled)
 
 
 def phase_difference(a: FloatArray, b: FloatArray, frequency: float) -> float:
@@ -149,11 +181,12 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
 
     ``basic``, ``extended``: the papers' feedforward, the latter by Fujii 2018 (16), (17);
     ``printed`` by Tatebatake 2017 (12) as it stands; ``proposed``: Fujii 2018's feedforward from
-    the enhanced model with its RLS attenuation, its sign computed, and ``proposed, printed sign``;
-    ``ours``: the identified physical inverse with cancellation of several orders.
+    the enhanced model with its RLS attenuation (18) to (23); ``proposed, computed sign``, whose
+    sign follows from the gain of the model of `identified`; ``ours``: the identified physical
+    inverse with cancellation of several orders.
     """
     if kind == 'ours':
-        model, values = loops.bimorph_model()
+        model, values = identified()
         settings = AttenuationSettings(
             orders=(0, 1, 2, 3, 5, 7), resonance=values['natural_frequency'],
             settle=0.5, span=0.5, step_size=0.6,
@@ -167,12 +200,12 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
         return [papers_feedforward(frequency, kind, seconds)]
     chain = [papers_feedforward(frequency, 'enhanced', seconds)]
     if order_of(frequency):
-        _, values = loops.bimorph_model()
+        _, values = identified()
         settings = AttenuationSettings(
             method='rls',
             orders=(order_of(frequency),),
             forgetting=1.0,
-            sign_rule='computed' if kind == 'proposed' else 'printed',
+            sign_rule='computed' if kind.endswith('computed sign') else 'printed',
         )
         chain.append(HarmonicAttenuation(settings, linear_gain(values, DT), DT))
     return chain
@@ -181,11 +214,11 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
 @functools.cache
 def tracked(frequency: float, kind: str, length: Length) -> LoopResult:
     """Return a run of Fujii 2018 (24), (25): a sine of the amplitude that 1 V gives."""
-    wave = Sine(loops.bimorph_amplitude(frequency), frequency, length.track, ramp=1.0)
-    return loops.run(
+    wave = Sine(amplitude(frequency), frequency, length.track, ramp=1.0)
+    return runs.run(
         wave,
         lambda: links(frequency, kind, length.identify),
-        loops.plant(loops.BIMORPH, 3),
+        runs.plant(NAME, 3),
         LIMITS,
         DT,
     )
@@ -194,4 +227,25 @@ def tracked(frequency: float, kind: str, length: Length) -> LoopResult:
 def tracking_error(frequency: float, kind: str, length: Length, mean: bool = False) -> float:
     """Return the rms tracking error, with or without its mean [m]."""
     error = tracked(frequency, kind, length).error[round(length.begin / DT) :]
-    return loops.rms(error if mean else error - error.mean())
+    return runs.rms(error if mean else error - error.mean())
+
+
+_LOOPS = 3.0
+"""Seconds of a record of the bimorph; the last periods are drawn."""
+
+# Like those of Tatebatake 2017, chosen to show the shape: its RLS finds no loop in the basic model
+# at 1 Hz.
+_FICTITIOUS = {'A1': 170e-6, 'A': 60e-6, 'beta': 2.0, 'gamma': 0.5}
+
+
+def modelled(frequency: float, kind: str) -> tuple[FloatArray, FloatArray]:
+    """Return a loop of a model of Fujii 2018 or Tatebatake 2017."""
+    each = record(frequency, _LOOPS)
+    if kind == 'extended':
+        answer = rls(frequency, 0, 20.0).free_run(each.voltage)
+    else:
+        model = named('classical_euler' if kind == 'basic' else 'modified_euler')
+        values = {**_FICTITIOUS, 'A0': 0.0 if kind == 'basic' else 0.1 * _FICTITIOUS['A']}
+        answer = model.respond(each.voltage, model.pack(values), DT)
+    part = slice(-round(2.0 / (frequency * DT)), None)
+    return each.voltage[part], answer[part]

@@ -1,39 +1,38 @@
-"""The control figures and tables of Zhou 2021 and Fang 2019."""
+"""The figures and tables of Zhou 2021: the model of a flap's actuator and its control."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Link
 from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.waveforms import Sine, Waveform, from_spec
-from studies import closed_loops as loops
-from studies import compensation_plants as plants
-from studies.papers_page import Draw, Entry, finish, loop, panels
+from piezo_papers import flap, runs
+from piezo_papers.loops import together, width
+from piezo_papers.page import Builders, Draw, Entry, finish, loop, panels
 
-FLAP_FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
+FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 
 
-def flap_model_error(frequency: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+def model_error(frequency: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Return voltage, measured and modelled displacement of two periods, and the rms error."""
     seconds = max(0.5, 4.0 / frequency)
-    time = np.arange(round(seconds / loops.FLAP_DT)) * loops.FLAP_DT
+    time = np.arange(round(seconds / flap.DT)) * flap.DT
     voltage = 60.0 * np.sin(2 * np.pi * frequency * time)
-    measured = loops.plant(loops.FLAP).run(voltage)
-    found = loops.flap_by_002()
-    modelled = found.model.respond(voltage, found.model.pack(found.values), loops.FLAP_DT)
-    part = slice(-round(2.0 / frequency / loops.FLAP_DT), None)
-    error = loops.rms(measured[part] - modelled[part])
+    measured = runs.plant(flap.NAME).run(voltage)
+    found = flap.by_zhou()
+    modelled = found.model.respond(voltage, found.model.pack(found.values), flap.DT)
+    part = slice(-round(2.0 / frequency / flap.DT), None)
+    error = runs.rms(measured[part] - modelled[part])
     return voltage[part], measured[part], modelled[part], error
 
 
-def flap_table() -> Entry:
+def table() -> Entry:
     """Return table 2 of Zhou 2021: what its two steps find."""
-    found = loops.flap_by_002()
+    found = flap.by_zhou()
     v, d = found.values, found.values['A1']
     rows = {'alpha': (v['A'] / d, 0.61), 'beta': (v['beta'], 0.039), 'gamma': (v['gamma'], 0.0065),
             'b': (v['damping'], 513.0)}  # fmt: skip
@@ -61,9 +60,9 @@ def flap_table() -> Entry:
     )  # fmt: skip
 
 
-def flap_models() -> list[Entry]:
+def model_figures() -> list[Entry]:
     """Return figures 6 and 7 of Zhou 2021."""
-    data = {f: flap_model_error(f) for f in (1.0, *FLAP_FREQUENCIES)}
+    data = {f: model_error(f) for f in (1.0, *FREQUENCIES)}
 
     def drawing(frequencies: Sequence[float]) -> Draw:
         def draw(figure: Figure) -> None:
@@ -75,7 +74,7 @@ def flap_models() -> list[Entry]:
 
         return draw
 
-    worst = max(data[f][3] for f in FLAP_FREQUENCIES) * 1e6
+    worst = max(data[f][3] for f in FREQUENCIES) * 1e6
     same = 'the model is of the kind that the simulated actuator is made of'
     return [
         Entry('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
@@ -84,53 +83,53 @@ def flap_models() -> list[Entry]:
         Entry('Zhou 2021', 'Figure 7', 'model at 10 to 60 Hz',
               'captures the rate dependence in a wide range, no number',
               f'rms error at most {worst:.2f} um; the damping alone widens the loops',
-              drawing(FLAP_FREQUENCIES), same, {'error': worst}),
+              drawing(FREQUENCIES), same, {'error': worst}),
     ]  # fmt: skip
 
 
-def flap_run(kind: str, wave: Waveform) -> LoopResult:
+def tracked(kind: str, wave: Waveform) -> LoopResult:
     """Return a run of Zhou 2021's actuator: by its own model and law, or by the fit (``ours``)."""
     own = kind.startswith('ours ')
-    values = loops.flap_model()[1] if own else None
+    values = flap.identified()[1] if own else None
     kind = kind.removeprefix('ours ')
-    return loops.run(
-        wave, lambda: plants.flap_links(kind, values), loops.plant(loops.FLAP), loops.FLAP_LIMITS,
-        loops.FLAP_DT,
+    return runs.run(
+        wave, lambda: flap.chain(kind, values), runs.plant(flap.NAME), flap.LIMITS,
+        flap.DT,
     )  # fmt: skip
 
 
-def flap_control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
+def control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
     """Return figures 9, 11 and 12 of Zhou 2021."""
     kinds = ('none', 'inverse', 'PID', 'ours inverse', 'ours compound')
-    runs = {
-        (kind, f): flap_run(kind, Sine(plants.FLAP_STROKE, f, seconds, ramp=0.3))
+    results = {
+        (kind, f): tracked(kind, Sine(flap.STROKE, f, seconds, ramp=0.3))
         for kind in kinds
         for f in frequencies
     }
-    worst = {key: 1e6 * tracking_metrics(r, 0.6 * seconds).largest for key, r in runs.items()}
+    worst = {key: 1e6 * tracking_metrics(r, 0.6 * seconds).largest for key, r in results.items()}
     names = {'none': 'none', 'inverse': '(8)', 'PID': '(8) and PID'}
 
     def part(f: float) -> slice:
-        return slice(-round(2.0 / f / loops.FLAP_DT), None)
+        return slice(-round(2.0 / f / flap.DT), None)
 
     def draw_9(figure: Figure) -> None:
         axis = figure.subplots()
         for kind in ('none', 'inverse'):
-            r = runs[kind, 10.0]
+            r = results[kind, 10.0]
             axis.plot(r.time[part(10.0)], r.error[part(10.0)] * 1e6, label=names[kind])
         finish(axis, 'time [s]', 'error [µm]', '10 Hz')
 
     def draw_11(figure: Figure) -> None:
         for axis, f in zip(panels(figure, len(frequencies)), frequencies, strict=True):
-            r = runs['PID', f]
+            r = results['PID', f]
             axis.plot(r.reference[part(f)] * 1e6, r.displacement[part(f)] * 1e6, lw=0.8)
             finish(axis, 'desired [µm]', 'measured [µm]', f'{f:.0f} Hz')
 
     def draw_12(figure: Figure) -> None:
         for axis, f in zip(panels(figure, len(frequencies)), frequencies, strict=True):
             for kind, name in names.items():
-                error = runs[kind, f].error[part(f)]
-                time = np.arange(error.size) * loops.FLAP_DT * 1e3
+                error = results[kind, f].error[part(f)]
+                time = np.arange(error.size) * flap.DT * 1e3
                 axis.plot(time, error * 1e6, lw=0.8, label=name)
             finish(axis, 'time [ms]', 'error [µm]', f'{f:.0f} Hz')
 
@@ -151,7 +150,7 @@ def flap_control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
               '65 um without, about 14 um with it',
               f'{ten[0]:.0f} um without, {ten[1]:.1f} um with (8)', draw_9, why,
               {'none': ten[0], 'inverse': ten[1]},
-              f'exact inverse {worst["ours inverse", 10.0]:.1f} um'),
+              f'exact inverse {worst["ours inverse", 10.0]:.1f} um', [(14.0, ten[1])]),
         Entry('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
               'straight lines, largest error '
               f'{max(worst["PID", f] for f in frequencies):.1f} um', draw_11, why),
@@ -160,25 +159,25 @@ def flap_control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
               'largest errors without / (8) / (8) and PID [um]: '
               + listed('none', 'inverse', 'PID'), draw_12, why,
               {'compound': max(worst['PID', f] for f in frequencies)},
-              better + listed('ours inverse', 'ours compound')),
+              better + listed('ours inverse', 'ours compound'), [(14.0, ten[1]), (9.0, ten[2])]),
     ]  # fmt: skip
 
 
-def flap_composites(seconds: float) -> Entry:
+def composites(seconds: float) -> Entry:
     """Return figure 13 of Zhou 2021."""
-    runs = {}
+    results = {}
     for kind in ('composite_zhou2021_low', 'composite_zhou2021_high'):
-        spec = {'kind': kind, 'amplitude': plants.FLAP_STROKE, 'duration': seconds, 'ramp': 0.3}
+        spec = {'kind': kind, 'amplitude': flap.STROKE, 'duration': seconds, 'ramp': 0.3}
         for chain in ('none', 'inverse', 'PID', 'ours inverse'):
-            runs[kind, chain] = flap_run(chain, from_spec(spec))
+            results[kind, chain] = tracked(chain, from_spec(spec))
     worst = {key: 1e6 * float(np.abs(r.error[r.error.size // 2 :]).max()) for key, r in
-             runs.items()}  # fmt: skip
+             results.items()}  # fmt: skip
 
     def draw(figure: Figure) -> None:
         kinds = ('composite_zhou2021_low', 'composite_zhou2021_high')
         for axis, kind in zip(figure.subplots(1, 2), kinds, strict=True):
             for chain, name in (('none', 'none'), ('inverse', '(8)'), ('PID', '(8) and PID')):
-                r = runs[kind, chain]
+                r = results[kind, chain]
                 axis.plot(r.time[-1000:], r.error[-1000:] * 1e6, lw=0.8, label=name)
             finish(axis, 'time [s]', 'error [µm]', kind)
 
@@ -196,78 +195,41 @@ def flap_composites(seconds: float) -> Entry:
     )  # fmt: skip
 
 
-def stage_reason(name: str, pid: float, worst: Mapping[str, float]) -> str:
-    """Return what differs from Fang 2019, and what its fuzzy rules gain over plain PID."""
-    plain, fuzzy = worst['inverse + PID'], worst['inverse + fuzzy PID']
-    gain = 'helps' if fuzzy < 0.95 * plain else 'is no better' if fuzzy > plain else 'helps little'
-    reason = (
-        'law, rule table and all gains but KD = 120 (read as V s/m) of Fang 2019 are missing from '
-        "its text. Only the compensator is the paper's here: the inverses are of two models of "
-        'this project, identified by least squares, not of the modified model by particle swarm '
-        'of figure 4. The encoder is assumed to have 5 nm steps and 3 nm noise. Beside plain PID '
-        f'of the same base gains, fuzzy PID {gain} ({fuzzy:.3f} against {plain:.3f} um)'
-    )
-    if name == 'composite':
-        reason += (
-            '. The terms of the reference are not printed: 1, 5 and 10 Hz with 3, 1.8 and 1.2 um '
-            f'are used, which the PID here follows {pid / worst["PID"]:.0f} times better than the '
-            'PID of the paper follows its own; the switch takes it for a reference of 1 Hz'
-        )
-    return reason
+def loop_figure(quick: bool = False) -> list[Entry]:
+    """Return figure 3."""
 
+    def measured(frequency: float) -> tuple[FloatArray, FloatArray]:
+        seconds = max(0.5, 3.0 / frequency)
+        time = np.arange(round(seconds / flap.DT)) * flap.DT
+        voltage = 60.0 * np.sin(2 * np.pi * frequency * time)
+        y = runs.plant(flap.NAME).run(voltage)
+        part = slice(-round(1.0 / frequency / flap.DT), None)
+        return voltage[part], y[part]
 
-def stage_figures(names: Sequence[str]) -> list[Entry]:
-    """Return figures 7 to 11 of Fang 2019."""
-    found = []
-    for number, (name, spec, pid, compound) in enumerate(plants.FANG, start=7):
-        if name not in names:
-            continue
-        wave = from_spec({**spec, 'duration': 12.0, 'offset': 9e-6, 'ramp': 1.0})
-        runs = {}
-        for kind in plants.STAGE_KINDS:
-
-            def links(kind: str = kind) -> list[Link]:
-                return plants.stage_links(kind)
-
-            runs[kind] = loops.run(wave, links, loops.plant(loops.STAGE), loops.STAGE_LIMITS,
-                                   loops.STAGE_DT)  # fmt: skip
-        worst = {k: 1e6 * tracking_metrics(r, 6.0).largest for k, r in runs.items()}
-
-        def draw(figure: Figure, runs: dict[str, LoopResult] = runs) -> None:
-            axis = figure.subplots()
-            for kind in ('PID', 'switched inverse + fuzzy PID'):
-                r = runs[kind]
-                axis.plot(r.time[6000:], r.error[6000:] * 1e6, lw=0.8, label=kind)
-            finish(axis, 'time [s]', 'error [µm]')
-
-        ours = worst['switched inverse + fuzzy PID']
-        others = ', '.join(f'{k} {worst[k]:.3f}' for k in plants.STAGE_KINDS[1:5])
-        wins = 'the PID of the paper is better than this one' if worst['PID'] > pid else ''
-        found.append(
-            Entry('Fang 2019', f'Figure {number}', name,
-                  f'largest error {pid} um with PID, {compound} um with inverse and fuzzy PID',
-                  f'{worst["PID"]:.3f} um with PID, {ours:.3f} um with the inverse switched at 1 '
-                  'Hz and fuzzy PID' + (f'; {wins}' if wins else ''), draw,
-                  stage_reason(name, pid, worst),
-                  {'PID': worst['PID'], 'compound': ours, 'paper': compound,
-                   'inverse': worst['inverse']},
-                  f'largest errors [um]: {others}')
-        )  # fmt: skip
-    return found
-
-
-def flap_entries(quick: bool = False) -> list[Entry]:
-    """Return every figure and table of Zhou 2021 that is reproduced."""
-    if quick:
-        return [flap_table(), *flap_models(), *flap_control((10.0,), 1.0)]
+    seen = {f: measured(f) for f in (1.0, 5.0, 10.0, 20.0, 40.0, 60.0)}
+    stroke = {f: 1e6 * float(np.ptp(y)) / 2 for f, (_, y) in seen.items()}
     return [
-        flap_table(),
-        *flap_models(),
-        *flap_control(FLAP_FREQUENCIES, 4.0),
-        flap_composites(2.0),
-    ]
+        Entry('Zhou 2021', 'Figure 3', 'loops from 1 to 60 Hz',
+              'alike up to 10 Hz, much wider above; the stroke hardly changes',
+              'opening ' + ', '.join(f'{f:.0f} Hz {width(each):.0f} %' for f, each in seen.items())
+              + f'; stroke +-{stroke[1.0]:.0f} um at 1 Hz, +-{stroke[60.0]:.0f} um at 60 Hz',
+              together({f'{f:.0f} Hz': each for f, each in seen.items()}),
+              'the printed damping alone widens the loop from 1 to 10 Hz already',
+              {'1': width(seen[1.0]), '60': width(seen[60.0])},
+              holds=width(seen[10.0]) < 1.1 * width(seen[1.0])),
+    ]  # fmt: skip
 
 
-def stage_entries(quick: bool = False) -> list[Entry]:
-    """Return figures 7 to 11 of Fang 2019."""
-    return stage_figures(['4 um, 5 Hz'] if quick else [row[0] for row in plants.FANG])
+def _frequencies(quick: bool) -> tuple[float, ...]:
+    return FREQUENCIES[:1] if quick else FREQUENCIES
+
+
+BUILDERS: Builders = (
+    (('Figure 3',), loop_figure),
+    (('Table 2',), lambda quick: [table()]),
+    (('Figure 6', 'Figure 7'), lambda quick: model_figures()),
+    (('Figure 9', 'Figure 11', 'Figure 12'),
+     lambda quick: control(_frequencies(quick), 1.0 if quick else 4.0)),
+    (('Figure 13',), lambda quick: [composites(1.0 if quick else 2.0)]),
+)  # fmt: skip
+"""Names of the figures of Zhou 2021 that are made together, and what makes them."""

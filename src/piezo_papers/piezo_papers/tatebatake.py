@@ -6,13 +6,49 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
-from studies import closed_loops as loops
-from studies import papers_bimorph as bimorph
-from studies.papers_bimorph import DT, Length
-from studies.papers_page import Entry, finish, loop
+from piezo_papers import bimorph, loops, runs
+from piezo_papers.bimorph import DT, FULL, QUICK, Length
+from piezo_papers.page import Builders, Entry, finish, loop
 
 KINDS = ('basic', 'extended')
 CONTROL = ('basic', 'printed')
+
+
+def loop_figures() -> list[Entry]:
+    """Loops of the actuator and of the basic, modified and extended models."""
+    seen = {f: loops.last(bimorph.record(f, 3.0)) for f in (1.0, 2.0, 30.0)}
+    centre = 1e6 * float(0.5 * (seen[1.0][1].max() + seen[1.0][1].min()))
+    basic, moved = (bimorph.modelled(1.0, kind) for kind in ('basic', 'modified'))
+    extended = {f: bimorph.modelled(f, 'extended') for f in (2.0, 10.0, 30.0)}
+    wide = {f: loops.width(each) for f, each in extended.items()}
+    shift = 1e6 * float(np.mean(moved[1]) - np.mean(basic[1]))
+    fictitious = 'parameters fictitious, as in the paper'
+    ours = 'with identified parameters; those of the paper are fictitious'
+    return [
+        Entry('Tatebatake 2017', 'Figure 1', 'response of the basic model',
+              'symmetric, pointed loop',
+              f'mean {1e6 * np.mean(basic[1]):+.2f} um, {loops.width(basic):.0f} % open',
+              loops.drawn({'basic, 1 Hz': basic}), fictitious),
+        Entry('Tatebatake 2017', 'Figure 2', 'observed loop', 'off-centre, not symmetric',
+              f'centre of the loop at {centre:+.1f} um', loops.drawn({'1 Hz': seen[1.0]})),
+        Entry('Tatebatake 2017', 'Figure 3', 'response of the modified model', 'off-centre',
+              f'the mean moves by {shift:+.2f} um with A0 = A / 10',
+              loops.drawn({'modified': moved}), fictitious, holds=abs(shift) > 0.1),
+        Entry('Tatebatake 2017', 'Figure 5', 'response of the extended model',
+              'off-centre and rounded', f'rounded, {wide[30.0]:.0f} % open at 30 Hz',
+              loops.drawn({'30 Hz': extended[30.0]}), ours),
+        Entry('Tatebatake 2017', 'Figure 6', 'actuator at 2 Hz', 'pointed tips',
+              f'{loops.width(seen[2.0]):.0f} % open', loops.drawn({'2 Hz': seen[2.0]})),
+        Entry('Tatebatake 2017', 'Figure 7', 'actuator at a higher frequency',
+              'rounded tips, wider', f'{loops.width(seen[30.0]):.0f} % open at 30 Hz',
+              loops.drawn({'30 Hz': seen[30.0]}),
+              holds=loops.width(seen[30.0]) > loops.width(seen[2.0])),
+        Entry('Tatebatake 2017', 'Figure 8', 'extended model at several frequencies',
+              'loops that change with the frequency',
+              ', '.join(f'{f:.0f} Hz {each:.0f} % open' for f, each in wide.items()),
+              loops.drawn({f'{f:.0f} Hz': each for f, each in extended.items()}), ours,
+              holds=wide[30.0] > wide[2.0]),
+    ]  # fmt: skip
 
 
 def sweep(length: Length) -> list[float]:
@@ -100,7 +136,8 @@ def compare(
               f'{np.median(rms[first_kind]):.1f} against {np.median(rms[second_kind]):.1f} um',
               draw,
               'means removed: neither model has an offset; both by RLS in mm from P0 = I',
-              {'better': better / len(frequencies)}, deviating),
+              {'better': better / len(frequencies)}, deviating,
+              holds=better > 0.5 * len(frequencies)),
     ]  # fmt: skip
     for (name, shows, text), kind in zip((first, second), rms, strict=True):
         row = phase[kind]
@@ -129,14 +166,14 @@ def figures_17_22(length: Length) -> list[Entry]:
 
 def open_loop(number: int, f: float, seconds: float) -> Entry:
     """Return a figure of the identification record: the response to a sine of 1 V."""
-    record = loops.bimorph_record(f, seconds)
-    desired = loops.bimorph_amplitude(f) * record.voltage
+    record = bimorph.record(f, seconds)
+    desired = bimorph.amplitude(f) * record.voltage
     measured, _ = bimorph.free_run(f, 'extended', seconds)
     missed = 1e6 * bimorph.modelling_error(f, 'extended', seconds)
     return shape(
         number, f'open loop at {f:.0f} Hz',
         'the identification accuracy at 23 Hz is worse than at the other two frequencies',
-        record.displacement, desired, f, loops.rms(measured - desired[-measured.size :]),
+        record.displacement, desired, f, runs.rms(measured - desired[-measured.size :]),
         more=f'; free run of the extended model {missed:.1f} um from the measurement',
     )  # fmt: skip
 
@@ -186,6 +223,14 @@ def shape(
     )  # fmt: skip
 
 
-def entries(length: Length) -> list[Entry]:
-    """Return every figure of Tatebatake 2017 that is reproduced here."""
-    return [*figures_11_12_13(length), *figures_14_15_16(length), *figures_17_22(length)]
+def _length(quick: bool) -> Length:
+    return QUICK if quick else FULL
+
+
+BUILDERS: Builders = (
+    (tuple(f'Figure {k}' for k in (1, 2, 3, 5, 6, 7, 8)), lambda quick: loop_figures()),
+    (('Figure 11', 'Figure 12', 'Figure 13'), lambda quick: figures_11_12_13(_length(quick))),
+    (('Figure 14', 'Figure 15', 'Figure 16'), lambda quick: figures_14_15_16(_length(quick))),
+    (tuple(f'Figure {k}' for k in range(17, 23)), lambda quick: figures_17_22(_length(quick))),
+)
+"""Names of the figures of Tatebatake 2017 that are made together, and what makes them."""

@@ -36,9 +36,13 @@ MISSING: dict[str, tuple[str, ...]] = {
     ),
 }
 
+VERDICTS = ('better', 'equal', 'worse', 'as stated', 'not as stated')
+_EQUAL = 0.05  # errors within this share of each other count as equal
+
 _TICKS = 9  # that fit below a picture of one panel
 
 Draw = Callable[[Figure], None]
+Builders = Sequence[tuple[Sequence[str], Callable[[bool], Sequence['Entry']]]]
 
 
 @dataclass(frozen=True)
@@ -53,8 +57,8 @@ class Entry:
         ``Figure 10``, ``Table 1``.
     shows : str
         What it is about.
-    said : str
-        The paper's words or numbers.
+    stated : str
+        The paper's statement or numbers; what stands in quotation marks is in its text.
     ours : str
         What came out here.
     reason : str
@@ -65,17 +69,35 @@ class Entry:
         The figures behind `ours`, for tests.
     deviating : str
         What came out with methods that are not the paper's, or '' where there are none.
+    compared : sequence of tuple of float
+        Errors that the paper prints, each with the one that came out here by its method.
+    holds : bool
+        Whether a statement of the paper without a number holds here.
     """
 
     paper: str
     name: str
     shows: str
-    said: str
+    stated: str
     ours: str
     draw: Draw
     reason: str = ''
     numbers: dict[str, float] = field(default_factory=dict)
     deviating: str = ''
+    compared: Sequence[tuple[float, float]] = ()
+    holds: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """One of `VERDICTS`: how the errors here compare with the printed ones."""
+        if not self.compared:
+            return 'as stated' if self.holds else 'not as stated'
+        ratios = [here / printed for printed, here in self.compared]
+        if max(ratios) < 1.0 - _EQUAL:
+            return 'better'
+        if max(ratios) <= 1.0 + _EQUAL:
+            return 'equal'
+        return 'worse'
 
     @property
     def picture(self) -> str:
@@ -113,8 +135,10 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
         'are identified from sweeps of the simulated actuator, as the papers do from theirs. A',
         'smaller error on a simulated actuator is no proof that a real one would show it.',
         '',
-        'Made by `python studies/papers.py --page docs/papers.md`, in a few minutes.',
+        'Made by `piezo paper all --page docs/papers.md`, in a few minutes; one figure by',
+        '`piezo paper fujii2018 --figure 16`. [Where each equation is](equations.md) in the code.',
         '',
+        *summary(entries),
     ]
     for paper, title in PAPERS.items():
         own = [entry for entry in entries if entry.paper == paper]
@@ -125,7 +149,7 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
             lines += [f'### {entry.name}: {entry.shows}', '']
             if pictures:
                 lines += [f'![{entry.name}]({pictures}/{entry.picture})', '']
-            lines += [f'- Paper: {entry.said}', f'- Here: {entry.ours}']
+            lines += [f'- Paper: {entry.stated}', f'- Here: {entry.ours}']
             if entry.deviating:
                 lines.append(f'- With other methods: {entry.deviating}')
             if entry.reason:
@@ -134,6 +158,34 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
         if MISSING.get(paper):
             lines += ['### Not made', '', *(f'- {each}' for each in MISSING[paper]), '']
     return '\n'.join(lines)
+
+
+def summary(entries: Sequence[Entry]) -> list[str]:
+    """Return the lines of a table: figures by paper and verdict."""
+    lines = [
+        '"Better", "equal" (within 5 %) and "worse" compare the errors that a paper prints with',
+        'those of its own method here, by the largest ratio; where several seeds were run, by',
+        'their median. Without a printed number, "as stated" means that what the paper states of',
+        'a figure holds here. "Better" says little where the simulated actuator is of the kind of',
+        'the model (Zhou 2021) or of numbers that are not printed; each figure says what was',
+        'assumed.',
+        '',
+        f'| Paper | {" | ".join(VERDICTS)} |',
+        f'|---|{"---|" * len(VERDICTS)}',
+    ]
+    for paper in PAPERS:
+        own = [entry for entry in entries if entry.paper == paper]
+        cells = [_numbers([e.name for e in own if e.verdict == verdict]) for verdict in VERDICTS]
+        if own:
+            lines.append(f'| {paper} | {" | ".join(cells)} |')
+    return [*lines, '']
+
+
+def _numbers(names: Sequence[str]) -> str:
+    """Return names of figures and tables, shortened."""
+    figures = [name.removeprefix('Figure ') for name in names if name.startswith('Figure')]
+    tables = [name.lower() for name in names if not name.startswith('Figure')]
+    return ', '.join([*(['figure ' + ', '.join(figures)] if figures else []), *tables])
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:

@@ -1,0 +1,56 @@
+"""The verb ``piezo paper``: figures and tables of a paper, made again by the paper's method."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+from piezo_hysteresis.errors import PiezoError
+
+PAPERS = ('fujii2018', 'tatebatake2017', 'zhou2021', 'xiao2014', 'fang2019')
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the words of this verb."""
+    add = parser.add_argument
+    add('paper', choices=(*PAPERS, 'all'), help='the paper, or all five')
+    add('--figure', type=int, nargs='+', default=[], help='numbers; all figures by default')
+    add('--table', type=int, nargs='+', default=[], help='numbers; all tables by default')
+    add('--out', type=Path, metavar='DIR', default=Path('out/papers'), help='folder of results')
+    add('--page', type=Path, metavar='FILE', help='write the page there, too, with its pictures')
+    add('--short', action='store_true', help='short runs, one seed, few frequencies')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make what was asked for and write it; the numbers go to the terminal as well."""
+    # Imported here: the help is there at once.
+    from piezo_papers import catalogue
+    from piezo_papers.page import page, save
+
+    begun = time.perf_counter()
+    chosen = PAPERS if arguments.paper == 'all' else (arguments.paper,)
+    wanted = [f'Figure {k}' for k in arguments.figure] + [f'Table {k}' for k in arguments.table]
+    if wanted and arguments.paper == 'all':
+        raise PiezoError('--figure and --table need one paper, not all')
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    found = []
+    for paper in chosen:
+        for entry in catalogue.entries(paper, wanted, arguments.short):
+            print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)
+            save(entry, out)
+            found.append(entry)
+    (out / 'papers.md').write_text(page(found, '.'))
+    numbers = {f'{entry.paper} {entry.name}': entry.numbers for entry in found}
+    (out / 'summary.json').write_text(json.dumps(numbers, indent=2) + '\n')
+    if arguments.page is not None:
+        pictures = arguments.page.parent / 'pictures' / 'papers'
+        pictures.mkdir(parents=True, exist_ok=True)
+        for entry in found:
+            save(entry, pictures, dpi=75)
+        arguments.page.write_text(page(found, 'pictures/papers'))
+    seconds = time.perf_counter() - begun
+    print(f'{len(found)} figures and tables in {seconds:.0f} s, in {out}')
+    return 0
