@@ -24,6 +24,7 @@ setup(
         *(beside(name) for name in ('piezo_common', 'piezo_hysteresis', 'piezo_sim')),
         'matplotlib>=3.8,<4',
         'numpy>=1.26,<3',
+        'scipy>=1.11,<2',
     ],
     python_requires='>=3.11',
     zip_safe=True,

@@ -154,6 +154,7 @@ BY_NAME = {
     '__init__.py': 'names of the whole, loaded when they are used',
     'blocks/__init__.py': 'every file of the room holds blocks',
     'cli/main.py': 'only the verb that is asked for is loaded',
+    'cli/paper.py': 'the papers are a package on top of this one',
     'discovery/__init__.py': 'names of the room, loaded when they are used',
     'nodes/recording/message_types.py': 'messages of any package, by the name of their type',
 }

@@ -14,11 +14,13 @@ import yaml
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.reporting.folder import MARKER
 from piezo_hysteresis.reporting.plot_parts import ROLES
 from piezo_sim import Plant
+from piezo_sim.sweep import simulate
 
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
           'natural_frequency': 68.0, 'damping_ratio': 0.015}  # fmt: skip
@@ -222,6 +224,69 @@ def test_a_preset_of_the_simulator_is_a_plant(files: list[Any], tmp_path: Path) 
     assert again == rms
     crept, _ = study(plain, tmp_path, *words, '--plant-set', 'effects.creep=true')
     assert crept != rms
+
+
+@pytest.fixture(scope='module')
+def stack(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Return the words for a model of Xiao 2014's stack, by its method, and its amplifier."""
+    folder = tmp_path_factory.mktemp('stack')
+    specs = [
+        {'kind': 'triangle', 'frequency': f, 'amplitude': 50.0, 'offset': 50.0, 'duration': 1.0,
+         'phase': -0.5 * np.pi}
+        for f in (10.0, 100.0)
+    ]  # fmt: skip
+    found = identify(simulate('xiao_pi_stack', specs), named('inverse_selector'),
+                     method='xiao2014', seed=1)  # fmt: skip
+    found.model_file((), 1e4).save(folder / 'model.yaml')
+    return [
+        '--model', str(folder / 'model.yaml'), '--plant', 'preset:xiao_pi_stack', '--law',
+        'xiao2014', '--plant-set', 'amplifier.range_low=-30', 'amplifier.range_high=130',
+        '--attenuation', 'none', '--reference',
+        'triangle:frequency=10,amplitude=15e-6,duration=2',
+    ]  # fmt: skip
+
+
+@pytest.mark.component
+def test_a_preset_brings_its_range_slew_offset_and_start(
+    stack: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['compensate', *stack, '--out', str(tmp_path / 'out')]) == 0
+    output = capsys.readouterr().out
+    assert '-30 to 130 V, at most 1.6e+06 V/s; reference about 15 µm, phase -90 degrees' in output
+    assert 'limited' not in output
+    runs = json.loads((tmp_path / 'out' / 'summary.json').read_text())['runs']
+    assert runs[1]['rms_m'] < 1.2084e-6  # table 1 of Xiao 2014
+
+
+@pytest.mark.component
+def test_what_was_limited_is_on_the_terminal_and_in_the_summary(
+    stack: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ['compensate', *stack, '--slew', '1000', '--out', str(tmp_path / 'out')]
+    assert main(words) == 0
+    line = next(row for row in capsys.readouterr().out.splitlines() if 'limited' in row)
+    assert 'of 20000 samples limited' in line
+    assert 'by --slew 1000 V/s' in line
+    assert line in json.loads((tmp_path / 'out' / 'summary.json').read_text())['notes']
+
+
+@pytest.mark.component
+def test_the_gain_of_another_model_steers_the_attenuation(
+    files: list[Any], tmp_path: Path
+) -> None:
+    """A model without a resonance knows nothing of the gain at 69 Hz; one with it does."""
+    poor = tmp_path / 'poor.yaml'
+    ModelFile(
+        named('classical'), {k: VALUES[k] for k in ('A1', 'A', 'A0', 'beta', 'gamma', 'offset')}
+    ).save(poor)
+    words = ['--model', str(poor), *files[2:], '--attenuation', 'rls', '--orders', '3',
+             '--attenuation-set', 'forgetting=1', 'sign_rule=computed']  # fmt: skip
+    alone, _ = study(words, tmp_path, reference=REFERENCE)
+    steered, summary = study(
+        [*words, '--gain-model', files[1]], tmp_path, reference=REFERENCE
+    )
+    assert summary['gain_model'] == 'bouc_wen_mode'
+    assert steered['with attenuation'] < 0.9 * alone['with attenuation'], (steered, alone)
 
 
 @pytest.mark.component

@@ -212,6 +212,7 @@ BY_NAME = {
     'numeric': ('classical', BOUC_WEN, ChainInverse),
     'gain': ('preisach', {}, PhysicalInverse),
     'xiao2014': ('inverse', {}, SlopeSelectedInverse),
+    'fang2019': ('rate_dependent', {'A1': 150e-6, 'A': 40e-6}, ChainInverse),
 }
 
 

@@ -236,7 +236,7 @@ def test_constants_of_a_swarm_are_options() -> None:
             data, named('classical'), method='fang2019', max_evaluations=300, swarm=constants
         ).values
 
-    assert run() == run(population=60) != run(population=20)
+    assert run() == run(population=50) != run(population=20)
     assert run() != run(inertia=0.7)
     with pytest.raises(IdentificationError, match='a swarm has no speed'):
         run(speed=1.0)

@@ -266,9 +266,12 @@ def test_settings_that_do_not_go_together_are_refused(wrong: dict[str, object]) 
         new_method({**DEFAULTS, **wrong})
 
 
-def test_v0_is_no_model() -> None:
-    course = RecordSegmenter(new_method({**DEFAULTS, 'variant': 'V0'}), RATE)
-    with pytest.raises(PiezoError, match='V0'):
+def test_v0_is_a_model_without_a_harmonic_only() -> None:
+    settings = {**DEFAULTS, 'variant': 'V0'}
+    course = RecordSegmenter(new_method(settings), RATE)
+    assert course.model_file('rls').model.name == 'extended_free'
+    course = RecordSegmenter(new_method({**settings, 'harmonic': 3, 'frequency': 5.0}), RATE)
+    with pytest.raises(PiezoError, match='V0 with a harmonic'):
         course.model_file('rls')
 
 

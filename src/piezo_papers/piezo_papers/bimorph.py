@@ -14,7 +14,6 @@ from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.harmonics.rls import rls_update
 from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
@@ -22,7 +21,6 @@ from piezo_hysteresis.compensation.linear_gain import linear_gain
 from piezo_hysteresis.compensation.loop import LoopResult
 from piezo_hysteresis.identification import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.records import Record, RecordInfo
@@ -109,34 +107,13 @@ def rls(frequency: float, harmonic: int, seconds: float) -> OnlineRls:
     return online
 
 
-@jit
-def basic_rls(u: FloatArray, y: FloatArray, theta: FloatArray, p: FloatArray) -> None:
-    """Fit Tatebatake 2017 (18) by the papers' RLS in place: theta is A1, A, beta, gamma.
-
-    ``y = A1 u - A S(du) + beta S(|du| h) + gamma S(|h| du)``, h by its own recursion with the
-    present estimates.
-    """
-    x, square = np.zeros(4), p.reshape(-1)
-    h = last = 0.0
-    for k in range(u.size):
-        du = u[k] - last
-        x[0] = u[k]
-        x[1] -= du
-        x[2] += abs(du) * h
-        x[3] += abs(h) * du
-        rls_update(theta, square, x, y[k] - theta @ x, 1.0)
-        h += theta[1] * du - theta[3] * abs(h) * du - theta[2] * abs(du) * h
-        last = u[k]
-
-
 @functools.cache
 def basic(frequency: float, seconds: float) -> Mapping[str, float]:
-    """Return Tatebatake 2017's basic model (18) after one record, in mm, from its start."""
+    """Return Tatebatake 2017's basic model (18) after one record, from its start."""
+    online = OnlineRls(RlsSettings(variant='basic'))
     each = record(frequency, seconds)
-    theta, p = np.array([0.01, 0.005, 0.001, 0.001]), np.eye(4)
-    basic_rls(each.voltage, each.displacement * 1e3, theta, p)
-    a1, a, beta, gamma = (float(value) for value in theta)
-    return {'A1': 1e-3 * a1, 'A': 1e-3 * a, 'A0': 0.0, 'beta': beta, 'gamma': gamma}
+    online.update_many(each.voltage, each.displacement)
+    return {**online.estimate().parameters(), 'A0': 0.0}
 
 
 def free_run(frequency: float, kind: str, seconds: float) -> tuple[FloatArray, FloatArray]:

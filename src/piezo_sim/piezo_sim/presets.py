@@ -39,6 +39,8 @@ class Preset:
         Voltage it usually moves about [V].
     rate : float
         Sampling rate of its laboratory [Hz].
+    phase : float
+        Of its drives and references at their start [rad]: -pi/2 where they begin at their lowest.
     parameters : mapping of str to float
         Numbers that differ from the scaled defaults.
     effects : tuple of str
@@ -56,6 +58,7 @@ class Preset:
     displacement: float = NOMINAL_DISPLACEMENT
     bias: float = 0.0
     rate: float = 1000.0
+    phase: float = 0.0
     parameters: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
     flexure: Flexure | None = None
@@ -186,7 +189,7 @@ def _flexure(
     return guide, bent
 
 
-_NUMBERS = ('voltage', 'displacement', 'bias', 'rate')
+_NUMBERS = ('voltage', 'displacement', 'bias', 'rate', 'phase')
 
 
 def _number(file: Path, key: str, value: object) -> float:

@@ -20,16 +20,45 @@ from piezo_sim.plant import Plant
 _NUMBER = struct.Struct('<d')
 
 
+def about(plant: Plant) -> dict[str, str | float]:
+    """Return what a controller needs to know of an actuator: its rate, range and usual drive.
+
+    Returns
+    -------
+    dict
+        ``preset`` and ``rate_hz``; ``low_v``, ``high_v``: its usual drive and a fifth more, within
+        the range of its amplifier, or that range where it was set; ``slew_v_per_s`` of the
+        amplifier, the whole range in one tick where it has no limit; ``offset_m``, the
+        displacement it usually moves about, and ``phase`` [rad] with which references begin.
+    """
+    preset = plant.preset
+    low, high = _range(plant)
+    slew = plant.parameters['amplifier.slew_rate'] if plant.effects['slew_limit'] else math.inf
+    return {
+        'preset': preset.name,
+        'rate_hz': plant.rate,
+        'low_v': low,
+        'high_v': high,
+        'slew_v_per_s': min(float(slew), (high - low) * plant.rate),
+        'offset_m': preset.displacement * preset.bias / preset.voltage,
+        'phase': preset.phase,
+    }
+
+
+def _range(plant: Plant) -> tuple[float, float]:
+    """Return the voltages between which a controller drives it [V]."""
+    names = ('amplifier.range_low', 'amplifier.range_high')
+    low, high = (float(plant.parameters[name]) for name in names)
+    own, preset = plant.preset.values(), plant.preset
+    if (low, high) != tuple(own[name] for name in names):
+        return low, high
+    more = 1.2 * preset.voltage
+    return max(low, preset.bias - more), min(high, preset.bias + more)
+
+
 def serve(plant: Plant, source: BinaryIO, sink: BinaryIO) -> None:
     """Send voltages until `source` ends."""
-    values = plant.parameters
-    about = {
-        'preset': plant.preset.name,
-        'rate_hz': plant.rate,
-        'low_v': float(values['amplifier.range_low']),
-        'high_v': float(values['amplifier.range_high']),
-    }
-    sink.write(json.dumps(about).encode() + b'\n')
+    sink.write(json.dumps(about(plant)).encode() + b'\n')
     sink.flush()
     while len(number := source.read(_NUMBER.size)) == _NUMBER.size:
         (voltage,) = _NUMBER.unpack(number)

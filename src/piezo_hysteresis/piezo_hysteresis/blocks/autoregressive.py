@@ -47,7 +47,7 @@ def check(values: Mapping[str, float]) -> str:
 BLOCK = Block(
     name='autoregressive',
     part=Part.RECURSION,
-    predictor=('c1', 'c2'),
+    predictor=('', 'c1', 'c2'),
     tangent=_tangents.autoregressive,
     slot=Slot.STRUCTURE,
     parameters=(

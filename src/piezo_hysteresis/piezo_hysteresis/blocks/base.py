@@ -68,6 +68,7 @@ class Part(StrEnum):
 
     EXACT = 'exact'  # Bouc-Wen by its exact step
     EULER = 'euler'  # Bouc-Wen by the papers' step
+    MODIFIED = 'modified'  # Bouc-Wen with the terms of Fang 2019, solved numerically
     PLAYS = 'plays'  # a bank of plays whose weights are solved segment by segment
     GAIN = 'gain'
     RECURSION = 'recursion'  # an autoregression of the displacement
@@ -242,7 +243,8 @@ class Block:
     part : Part or None
         What it is to an inverse in closed form.
     predictor : tuple of str
-        Parameters by which it predicts from what was measured two and three samples ago.
+        Parameters by which it predicts from what was measured one, two, ... samples ago; ''
+        stands for the factor 1.
     restoring : callable or None
         ``restoring(p, x, before, memory, dt)``, compiled, returns the force that acts back on a
         mode beside its linear spring, in metres of static displacement, at `x` [m] after

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, filtered_rate, rate_factor
 from piezo_hysteresis.jit import jit
@@ -92,4 +92,5 @@ BLOCK = Block(
         'alpha and gamma = -gamma_004; k2 is the offset'
     ),
     check=check,
+    part=Part.MODIFIED,
 )

@@ -10,10 +10,12 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from piezo_hysteresis.cli import compensate_links as links
-from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, run_study
+from piezo_hysteresis.cli.compensate_study import Run, Study, opened, parse_reference, run_study
 from piezo_hysteresis.cli.compensate_study import write_results as write
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.errors import CompensationError
@@ -50,9 +52,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='folder of report.html and numbers',
     )
     add('--rate', type=float, help='sampling rate [Hz]; that of the model data, or 1000')
-    add('--low', type=float, default=-1.2, help='lowest voltage [V]')
-    add('--high', type=float, default=1.2, help='highest voltage [V]')
-    add('--slew', type=float, default=1000.0, help='largest change of the voltage [V/s]')
+    add('--low', type=float, help='lowest voltage [V]; of the preset, or -1.2')
+    add('--high', type=float, help='highest voltage [V]; of the preset, or 1.2')
+    add('--slew', type=float, help='fastest change of it [V/s]; of the preset, or 1000')
     add('--noise', type=float, default=0.0, help='rms of the measurement noise [m]')
     add('--seed', type=int, default=0, help='seed of the noise')
     add('--from-seconds', type=float, help='errors count from here [s]; half of the reference')
@@ -64,10 +66,37 @@ def run(arguments: argparse.Namespace) -> int:
     begun = time.perf_counter()
     check_folder(arguments.out, 'compensate')
     model = ModelFile.load(arguments.model)
-    plant = _plant(arguments)
-    waveform = parse_reference(arguments.reference)
     rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
     _require_numbers(arguments, rate)
+    parse_reference(arguments.reference)  # refused before a plant is started
+    plant = _plant(arguments)
+    with opened(
+        plant, 1.0 / rate, arguments.seed, noise=arguments.noise, settings=arguments.plant_set
+    ) as (driven, about):
+        study = _study(arguments, model, plant, rate, about)
+        runs = run_study(study, driven)
+    out = Path(arguments.out)
+    write(out, study, runs, arguments.reference, time.perf_counter() - begun)
+    for line in _table(runs):
+        print(line)
+    if about:
+        print(_usual(study, about))
+    for remark in dict.fromkeys(remark for each in runs for remark in each.words):
+        print(remark)
+    print(f'written to {out}; open {out}/report.html')
+    return 0
+
+
+def _study(
+    arguments: argparse.Namespace,
+    model: ModelFile,
+    plant: ModelFile | str,
+    rate: float,
+    about: Mapping[str, Any],
+) -> Study:
+    """Return what is to be run; a simulated actuator has a range and a drive of its own."""
+    usual = {'offset': about.get('offset_m', 0.0), 'phase': about.get('phase', 0.0)}
+    waveform = parse_reference(arguments.reference, {k: v for k, v in usual.items() if v})
     frequency = float(getattr(waveform, 'frequency', 0.0))
     if frequency >= 0.5 * rate:
         raise CompensationError(
@@ -77,32 +106,42 @@ def run(arguments: argparse.Namespace) -> int:
     if not math.isfinite(waveform.duration) or waveform.duration * rate > 5e7:
         raise CompensationError('the reference is too long; give it a duration')
     from_seconds = arguments.from_seconds
-    study = Study(
+    low, high, slew = (
+        about.get(key, default) if given is None else given
+        for given, key, default in (
+            (arguments.low, 'low_v', -1.2),
+            (arguments.high, 'high_v', 1.2),
+            (arguments.slew, 'slew_v_per_s', 1000.0),
+        )
+    )
+    return Study(
         model=model,
         slow=None if arguments.slow_model is None else ModelFile.load(arguments.slow_model),
         law=arguments.law,
         switch=arguments.switch,
         plant=plant,
-        plant_settings=tuple(arguments.plant_set),
         waveform=waveform,
         dt=1.0 / rate,
-        limits=Limits(arguments.low, arguments.high, arguments.slew),
+        limits=Limits(low, high, slew),
         attenuation=links.attenuation_of(arguments),
+        gain_model=None if arguments.gain_model is None else ModelFile.load(arguments.gain_model),
         feedback=links.feedback_of(arguments),
         together=arguments.together,
         noise=arguments.noise,
         seed=arguments.seed,
         from_seconds=0.5 * waveform.duration if from_seconds is None else from_seconds,
     )
-    runs = run_study(study)
-    out = Path(arguments.out)
-    write(out, study, runs, arguments.reference, time.perf_counter() - begun)
-    for line in _table(runs):
-        print(line)
-    for remark in dict.fromkeys(remark for each in runs for remark in each.words):
-        print(remark)
-    print(f'written to {out}; open {out}/report.html')
-    return 0
+
+
+def _usual(study: Study, about: Mapping[str, Any]) -> str:
+    """Return one line about the range and the reference that the preset stands behind."""
+    limits, wave = study.limits, study.waveform
+    words = f'{about["preset"]}: {limits.low:g} to {limits.high:g} V, at most {limits.slew:g} V/s'
+    if about['offset_m']:
+        offset = 1e6 * float(getattr(wave, 'offset', 0.0))
+        phase = math.degrees(getattr(wave, 'phase', 0.0))
+        words += f'; reference about {offset:g} µm, phase {phase:g} degrees at its start'
+    return words
 
 
 def _plant(arguments: argparse.Namespace) -> ModelFile | str:

@@ -94,6 +94,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='add the orders that it amplifies [Hz]; afc only',
     )
     add(
+        '--gain-model',
+        metavar='YAML',
+        help='model whose gain steers it; that which is inverted where not given',
+    )
+    add(
         '--attenuation-set',
         nargs='+',
         default=[],
@@ -256,6 +261,8 @@ class Builder:
         Sampling interval [s].
     limits : Limits
         Of the voltage.
+    gain_model : ModelFile or None
+        Whose gain steers the attenuation; `model` where not given.
     """
 
     model: ModelFile
@@ -264,6 +271,7 @@ class Builder:
     switch: float
     dt: float
     limits: Limits
+    gain_model: ModelFile | None = None
 
     @property
     def amplitude(self) -> float:
@@ -271,12 +279,16 @@ class Builder:
         return 0.5 * (self.limits.high - self.limits.low)
 
     def gain(self) -> LinearGain:
-        """Return the gain of the model for small tones."""
-        return model_gain(self.model.model, self.model.values, self.dt, self.amplitude)
+        """Return the gain for small tones that steers the attenuation."""
+        return self._gain_of(self.gain_model or self.model)
+
+    def _gain_of(self, given: ModelFile) -> LinearGain:
+        return model_gain(given.model, given.values, self.dt, self.amplitude)
 
     def mode_gain(self) -> ModeGain:
         """Return it as the nodes have it: a mode and a delay."""
-        values = self.model.model.unpack(self.model.packed)
+        given = self.gain_model or self.model
+        values = given.model.unpack(given.packed)
         return mode_of(values, abs(self.gain()(0.0)), self.dt)
 
     def straight(self) -> Link:
@@ -342,6 +354,6 @@ class Builder:
                 'no mode; identify it with +mode, or give --transfer-function'
             )
         else:
-            plant = hinf.transfer_function([abs(self.gain()(0.0))], [k2, k1, 1.0])
+            plant = hinf.transfer_function([abs(self._gain_of(self.model)(0.0))], [k2, k1, 1.0])
         found = hinf.design(plant, HInfinityWeights(**weights), self.dt).require_usable()
         return hinf.HInfinity(found.controller, self.dt, limits=self.limits, words=found.words())

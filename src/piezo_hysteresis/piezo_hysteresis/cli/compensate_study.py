@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ from piezo_hysteresis.compensation.process_plant import simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.waveforms import Waveform, from_spec
+from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
 from piezo_hysteresis.waveforms.base import Samples
 
 
@@ -44,11 +44,11 @@ class Study:
     law: str
     switch: float
     plant: ModelFile | str
-    plant_settings: tuple[str, ...]
     waveform: Waveform
     dt: float
     limits: Limits
     attenuation: AttenuationSettings | Repetition | None
+    gain_model: ModelFile | None
     feedback: Feedback | None
     together: bool
     noise: float
@@ -66,8 +66,15 @@ class Run:
     words: tuple[str, ...] = ()
 
 
-def parse_reference(text: str) -> Waveform:
+def parse_reference(text: str, usual: Mapping[str, float] | None = None) -> Waveform:
     """Return the waveform that ``KIND:setting=value,...`` describes.
+
+    Parameters
+    ----------
+    text : str
+        What the user wrote.
+    usual : mapping, optional
+        Settings for a waveform that has them, where the user gave none.
 
     Raises
     ------
@@ -84,6 +91,9 @@ def parse_reference(text: str) -> Waveform:
                 'sine:frequency=23,amplitude=120e-6'
             )
         spec[key.strip()] = _value(value)
+    for name, default in (usual or {}).items():
+        if has_setting(kind, name):
+            spec.setdefault(name, default)
     return from_spec(spec)
 
 
@@ -94,8 +104,15 @@ def _value(text: str) -> Any:
         return plain_yaml.load(text.replace(' ', ', ')) if text.startswith('[') else text
 
 
-def run_study(study: Study) -> list[Run]:
+def run_study(study: Study, plant: Plant) -> list[Run]:
     """Run the reference without compensation, with the inverse, and with each further link.
+
+    Parameters
+    ----------
+    study : Study
+        What is run.
+    plant : Plant
+        What is driven, from `opened`.
 
     Raises
     ------
@@ -107,11 +124,10 @@ def run_study(study: Study) -> list[Run]:
     samples = study.waveform.sample(time)
     Limiter(study.limits, study.dt)  # refuses what are none
     require_reachable(samples.value, study.model.model, study.model.values, study.dt, study.limits)
-    with _plant(study) as plant:
-        return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
+    return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
 
 
-class _Plant(Protocol):
+class Plant(Protocol):
     """A plant that can be put back to rest."""
 
     def exchange(self, voltage: float) -> float:
@@ -122,29 +138,60 @@ class _Plant(Protocol):
 
 
 @contextmanager
-def _plant(study: Study) -> Iterator[_Plant]:
-    if isinstance(study.plant, ModelFile):
-        yield ModelPlant(
-            study.plant.model, study.plant.values, study.dt, noise=study.noise, seed=study.seed
-        )
+def opened(
+    plant: ModelFile | str, dt: float, seed: int, *, noise: float, settings: Sequence[str]
+) -> Iterator[tuple[Plant, Mapping[str, Any]]]:
+    """Open a plant; yield it and what it is known to be, which of a model is nothing.
+
+    Parameters
+    ----------
+    plant : ModelFile or str
+        A model in the place of the actuator, or the name of a preset of the simulator.
+    dt : float
+        Sampling interval [s].
+    seed : int
+        Of the noise.
+    noise : float
+        Its rms for a model [m].
+    settings : sequence of str
+        ``NAME=VALUE`` for a simulated actuator.
+    """
+    if isinstance(plant, ModelFile):
+        yield ModelPlant(plant.model, plant.values, dt, noise=noise, seed=seed), {}
         return
-    plant = simulated(study.plant, 1.0 / study.dt, study.seed, study.plant_settings)
+    actuator = simulated(plant, 1.0 / dt, seed, settings)
     try:
-        yield plant
+        yield actuator, actuator.about
     finally:
-        plant.close()
+        actuator.close()
 
 
-def _run(study: Study, name: str, links: list[Link], samples: Samples, plant: _Plant) -> Run:
+def _run(study: Study, name: str, links: list[Link], samples: Samples, plant: Plant) -> Run:
     plant.reset()
     result = closed_loop(samples, links, plant, study.limits, study.dt)
     remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
+    remarks += _limited(name, result, study.limits)
     return Run(name, result, tracking_metrics(result, study.from_seconds), remarks)
+
+
+def _limited(name: str, result: LoopResult, limits: Limits) -> tuple[str, ...]:
+    """Return how much of a run the limiter changed, as a sentence, where it did."""
+    counts = result.counters['limiter']
+    causes = {
+        'slew_limited': f'--slew {limits.slew:g} V/s',
+        'out_of_range': f'the range {limits.low:g} to {limits.high:g} V',
+        'not_finite': 'voltages that were no numbers',
+    }
+    found = [f'{counts[key]} by {cause}' for key, cause in causes.items() if counts[key]]
+    if not found:
+        return ()
+    return (f'{name}: of {result.time.size} samples limited {", ".join(found)}',)
 
 
 def _chains(study: Study) -> list[tuple[str, list[Link]]]:
     build = Builder(
-        study.model, study.slow, study.law, study.switch, study.dt, study.limits
+        study.model, study.slow, study.law, study.switch, study.dt, study.limits,
+        study.gain_model,
     )  # fmt: skip
     chains: list[tuple[str, list[Link]]] = [
         ('no compensation', [build.straight()]),
@@ -185,6 +232,7 @@ def write_results(
             else f'preset:{study.plant}'
         ),
         'law': study.law,
+        'gain_model': (study.gain_model or study.model).model.name,
         'notes': list(dict.fromkeys(remark for each in runs for remark in each.words)),
         'reference': reference,
         'rate_hz': 1.0 / study.dt,

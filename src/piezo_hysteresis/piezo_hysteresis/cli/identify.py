@@ -97,8 +97,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--forgetting', type=float, help='forgetting factor of a recursive method')
     add(
         '--variant',
-        choices=('V1', 'V2'),
-        help='form of rls: V1 is Fujii 2018 (3), V2 is Tatebatake 2017 (10)',
+        choices=('V0', 'V1', 'V2', 'basic'),
+        help='form of rls, by default that of the model: V1 is Fujii 2018 (3), V0 its (10), V2 is '
+        'Tatebatake 2017 (10), basic its (18)',
     )
     add('--no-offset', action='store_true', help='rls without an offset, as printed')
     add('--p0', type=float, help='rls: P starts as this times the identity (1, as printed)')

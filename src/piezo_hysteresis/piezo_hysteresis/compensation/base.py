@@ -8,7 +8,8 @@ from typing import NamedTuple, Protocol
 # What `inverse_for` can be asked for: the best there is, a paper's own law (as in CITATION.cff),
 # the exact inverse of one Bouc-Wen block, the numeric one of any chain, or a mere gain.
 INVERSES = (
-    'auto', 'fujii2018', 'tatebatake2017', 'zhou2021', 'xiao2014', 'exact', 'numeric', 'gain',
+    'auto', 'fujii2018', 'tatebatake2017', 'zhou2021', 'xiao2014', 'fang2019', 'exact', 'numeric',
+    'gain',
 )  # fmt: skip
 
 

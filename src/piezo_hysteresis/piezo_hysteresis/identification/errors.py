@@ -138,11 +138,13 @@ def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> Fl
     says. Every other chain predicts its own increment on top of the last measurement.
     """
     names = next((block.predictor for block in model.blocks if block.predictor), ())
-    c1, c2 = (values[name] for name in names) if names else (0.0, 0.0)
-    past = np.concatenate([np.full(3, error[0]), error])
-    n = error.size
+    factors = [values[name] if name else 1.0 for name in names] or [1.0]
+    past = np.concatenate([np.full(len(factors), error[0]), error])
+    left = error.copy()
     with np.errstate(over='ignore', invalid='ignore'):
-        return np.asarray(error - past[2 : n + 2] - c1 * past[1 : n + 1] - c2 * past[:n])
+        for lag, factor in enumerate(factors, start=1):
+            left -= factor * past[len(factors) - lag :][: error.size]
+    return left
 
 
 def errors_of(

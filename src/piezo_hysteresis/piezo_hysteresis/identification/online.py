@@ -25,6 +25,16 @@ from piezo_hysteresis.records import Record
 _CLOCK_STEPS = (1.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 _CLOCK_GAIN = 0.02
 
+# Models of the papers' RLS: their harmonic, and the variants that identify them, the usual first.
+_BY_RLS = {
+    'extended': (0, ('V1', 'V2')),
+    'enhanced3': (3, ('V1',)),
+    'enhanced5': (5, ('V1',)),
+    'extended_free': (0, ('V0',)),
+    'classical': (0, ('basic',)),
+    'classical_euler': (0, ('basic',)),
+}
+
 ONLINE_METHODS = ('rls', 'rls_ud', 'pi_bank')
 
 
@@ -295,21 +305,27 @@ def settled(before: Estimate, after: Estimate) -> bool:
 
 
 def _papers(model: Model, records: Sequence[Record], settings: RlsSettings) -> OnlineMethod:
-    harmonics = {'extended': 0, 'enhanced3': 3, 'enhanced5': 5}
-    if model.name not in harmonics:
+    if model.name not in _BY_RLS:
         raise IdentificationError(
-            f'rls identifies extended, enhanced3 and enhanced5, not {model.name}; use output_error'
+            f'rls identifies {", ".join(_BY_RLS)}, not {model.name}; use output_error'
+        )
+    harmonic, variants = _BY_RLS[model.name]
+    if settings.variant == RlsSettings.variant:
+        settings = replace(settings, variant=variants[0])
+    if settings.variant not in variants:
+        fitting = ', '.join(name for name, row in _BY_RLS.items() if settings.variant in row[1])
+        raise IdentificationError(
+            f'variant {settings.variant} identifies {fitting}, not {model.name}; its variant is '
+            f'{" or ".join(variants)}'
         )
     for record in records:
-        if harmonics[model.name] and record.info.frequency <= 0.0:
+        if harmonic and record.info.frequency <= 0.0:
             raise IdentificationError(
                 f'record {record.name} does not say the frequency of its drive, of which '
                 f'{model.name} takes a harmonic; give --frequency, or frequency in records.yaml'
             )
-    if settings.variant == 'V0':
-        raise IdentificationError('no named model has the form of V0; use V1, or the node')
     first = records[0].info.frequency
-    return OnlineRls(replace(settings, harmonic=harmonics[model.name], frequency=first))
+    return OnlineRls(replace(settings, harmonic=harmonic, frequency=first))
 
 
 def _well_posed(

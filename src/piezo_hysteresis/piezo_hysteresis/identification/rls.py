@@ -35,7 +35,7 @@ from piezo_hysteresis.identification.rls_kernels import (
     update_many,
 )
 
-VARIANTS = ('V0', 'V1', 'V2')
+VARIANTS = ('V0', 'V1', 'V2', 'basic')
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,8 @@ class RlsSettings:
     variant : str
         ``V1``: Fujii 2018 (3), target y[k]-y[k-1], columns y[k-2], y[k-3] (default, parameters of
         the model `extended`). ``V0``: Fujii 2018 (10) as printed, a free second-order
-        autoregression. ``V2``: Tatebatake 2017 (10) as printed.
+        autoregression (model `extended_free`). ``V2``: Tatebatake 2017 (10) as printed. ``basic``:
+        Tatebatake 2017 (17), (18), no autoregression and no A0 (model `classical_euler`).
     offset : bool
         Add a constant column; the papers have none, and miss the off-centre loop by it.
     harmonic : int
@@ -83,9 +84,9 @@ class RlsSettings:
             )
         if self.harmonic not in (0, 3, 5):
             raise IdentificationError(f'harmonic must be 0, 3 or 5, got {self.harmonic}')
-        if self.harmonic and self.variant == 'V2':
+        if self.harmonic and self.variant in ('V2', 'basic'):
             raise IdentificationError(
-                'V2 (paper Tatebatake 2017) has no harmonic; choose V0 or V1 for it'
+                f'{self.variant} (Tatebatake 2017) has no harmonic; choose V0 or V1 for it'
             )
         self.require_seen(self.frequency)
         if not 0.0 < self.forgetting <= 1.0:
@@ -288,7 +289,7 @@ class OnlineRls:
             standard_deviations=spread,
             one_step_rms=sigma / self._scale,
             samples=self._before + int(self._m[SAMPLES]),
-            condition_number=scaled_condition(self._p),
+            condition_number=scaled_condition(self._p[np.ix_(order, order)]),
             notes=self._notes(),
             model=self._model(),
             correlation=correlation_of(self._p[np.ix_(order, order)])
@@ -305,6 +306,9 @@ class OnlineRls:
         # Tatebatake 2017 writes -A0|du| where Fujii 2018 has +A0|du|.
         factors = [metre, metre, -metre if s.variant == 'V2' else metre, 1.0, 1.0, 1.0, 1.0]
         order = [2, 3, 4, 5, 6, 0, 1]
+        if s.variant == 'basic':
+            names, units = ['A1', 'A', 'beta', 'gamma'], ['m/V', 'm/V', '1/V', '1/V']
+            factors, order = [metre, metre, 1.0, 1.0], [2, 3, 5, 6]
         if s.offset:
             names.append('offset')
             units.append('m')
@@ -321,27 +325,31 @@ class OnlineRls:
 
     def _place_offset(self, values: FloatArray, spread: FloatArray) -> None:
         """Turn the constant column into an offset of the output, as the named model has it."""
+        if self._settings.variant == 'basic':
+            return
         lag = 1.0 if self._settings.variant == 'V0' else 0.0
         steady = lag - values[5] - values[6]
         values[7] = values[7] / steady if steady != 0 else 0.0
         spread[7] = spread[7] / abs(steady) if steady != 0 else float('inf')
 
     def _model(self) -> str:
+        if self._settings.variant == 'basic':
+            return 'classical_euler'
         if self._settings.variant == 'V0':
-            return ''
+            return '' if self._settings.harmonic else 'extended_free'
         return {0: 'extended', 3: 'enhanced3', 5: 'enhanced5'}[self._settings.harmonic]
 
     def _notes(self) -> tuple[str, ...]:
         notes = [
             'RLS sees only A1 - A, so A1 + A keeps its start for ever; use output_error instead.'
         ]
-        if self._settings.offset:
+        if self._settings.offset and self._settings.variant != 'basic':
             notes.append('A0 and the offset cannot be told apart in steady state.')
         if self._settings.harmonic:
             notes.append(
                 'One sine excites two of the four harmonic columns: their split is that of least '
                 'norm, not physics.'
             )
-        if self._settings.variant == 'V0':
-            notes.append('V0 is a free second-order autoregression: no named model has its form.')
+        if self._settings.variant == 'V0' and self._settings.harmonic:
+            notes.append('V0 takes the harmonic into its recursion: no named model has its form.')
         return tuple(notes)

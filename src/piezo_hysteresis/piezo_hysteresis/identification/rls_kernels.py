@@ -15,6 +15,7 @@ _TRACE_MAX = 1e3  # mean of the diagonal of P at which forgetting rests; P0 = I 
 
 # Places in the memory (m) and in the settings (c).
 SAMPLES, ERROR_SUM, WEIGHT_SUM, MEMORY = 0, 13, 14, 15
+BASIC = 3.0  # number of the variant without recursion and A0
 _VARIANT, _OFFSET, _HARMONIC, OMEGA, FORGETTING, PHASE = range(6)
 
 
@@ -68,7 +69,12 @@ def _forget(p: FloatArray, forgetting: float) -> None:
 def _lags(
     y: float, y1: float, y2: float, y3: float, z2: float, z3: float, variant: float
 ) -> tuple[float, float, float]:
-    """Return autoregressive columns and target of Fujii 2018 (10), (3) or Tatebatake 2017 (10)."""
+    """Return autoregressive columns and target, by the number of the variant.
+
+    Of Fujii 2018 (10), (3), of Tatebatake 2017 (10), or none for the basic model, its (18).
+    """
+    if variant == BASIC:
+        return 0.0, 0.0, y
     if variant == 0.0:
         return y1, y2, y
     if variant == 1.0:
@@ -110,6 +116,8 @@ def update_many(
         su, sv, sb, sg = su + du, sv + travel, sb + travel * h, sg + size * du
         x[0], x[1], error = _lags(value, y1, y2, y3, z2, z3, variant)
         x[2], x[3], x[4], x[5], x[6] = voltage, sign * su, sign * sv, sb, sg
+        if variant == BASIC:  # a column of zeros leaves its parameter at its start, which is 0
+            x[4] = 0.0
         if offset == 1.0:
             x[7] = 1.0
         if harmonic > 0.0:
@@ -170,6 +178,8 @@ def free_run(u: FloatArray, y: FloatArray, theta: FloatArray, c: FloatArray) -> 
         # y is the recursion without the harmonic (V1, V2: y1 of Fujii 2018 (6)), z the harmonic.
         if c[_VARIANT] == 0.0:
             value = theta[0] * y1 + theta[1] * y2 + v
+        elif c[_VARIANT] == BASIC:
+            value = v
         else:
             value = y1 + theta[0] * y2 + theta[1] * y3 + v
         y3, y2, y1, u1 = y2, y1, value, u[k]

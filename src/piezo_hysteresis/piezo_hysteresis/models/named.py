@@ -63,6 +63,11 @@ RECIPES: dict[str, Recipe] = {
         'Off-centre Bouc-Wen hysteresis by Euler step and an autoregression, as printed.',
         'Fujii 2018 (3), Tatebatake 2017 (7)',
     ),
+    'extended_free': Recipe(
+        ('bouc_wen', 'autoregressive_free', 'offset'),
+        'The same with a free autoregression of second order, as its regressor is printed.',
+        'Fujii 2018 (10)',
+    ),
     'enhanced3': Recipe(
         ('bouc_wen', 'autoregressive', 'offset', 'exogenous3'),
         'The extended model and a third harmonic by the printed recursion.',

@@ -108,8 +108,8 @@ IDENTIFICATION = ParameterTable(
             'variant',
             'V1',
             'rls: V1 is Fujii 2018 (3), V0 is Fujii 2018 (10), V2 is Tatebatake 2017 (10) as '
-            'printed.',
-            choices=('V0', 'V1', 'V2'),
+            'printed, basic is Tatebatake 2017 (18).',
+            choices=('V0', 'V1', 'V2', 'basic'),
         ),
         ParameterSpec(
             'offset',

@@ -304,7 +304,7 @@ class RecordSegmenter:
         estimate = self.method.estimate()
         model = self.model(estimate)
         if model is None:
-            raise IdentificationError('no named model has the form of V0; use V1 or V2')
+            raise IdentificationError('no named model has the form of V0 with a harmonic; use V1')
         deviations = {
             name: float(value)
             for name, value in zip(estimate.names, estimate.standard_deviations, strict=True)

@@ -101,7 +101,8 @@ def inverse_for(
         One of `INVERSES`. ``fujii2018`` is Fujii 2018 (16), (17), ``tatebatake2017`` Tatebatake
         2017 (12) as printed, both for the extended model; ``zhou2021`` Zhou 2021 (8), h of the
         sample before, for one Bouc-Wen block with or without a structure; ``xiao2014`` Xiao 2014's
-        selector.
+        selector; ``fang2019`` the modified or the classical model of Fang 2019, solved exactly, as
+        the equation of its feedforward is missing from the text.
 
     Raises
     ------
@@ -157,6 +158,7 @@ _FOR: dict[str, tuple[tuple[Part, ...], ...]] = {
     'zhou2021': ((Part.EXACT,), (Part.EULER,)),
     'exact': ((Part.EXACT,), (Part.EULER,)),
     'xiao2014': ((Part.SELECTOR,),),
+    'fang2019': ((Part.MODIFIED,), (Part.EXACT,), (Part.EULER,)),
 }
 
 
@@ -183,10 +185,12 @@ def _by_law(
             f'the law {law} inverts {needed}, but model {model.name} is {" -> ".join(blocks)}; '
             'take another law or identify that model'
         )
+    if law == 'fang2019' and core == (Part.MODIFIED,):
+        law = 'numeric'
     if law in ('fujii2018', 'tatebatake2017'):
         printed = 'printed' if law == 'tatebatake2017' else 'solved'
         return ExtendedInverse(named, dt, law=printed, **options)
-    if law in ('zhou2021', 'exact'):
+    if law in ('zhou2021', 'exact', 'fang2019'):
         return PhysicalInverse(
             named, dt, law='delayed' if law == 'zhou2021' else 'exact', **options
         )
