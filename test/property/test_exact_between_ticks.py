@@ -103,7 +103,8 @@ def packed(model: Model, first: Any, second: Any, ticks: list[float], u: Any) ->
     values: dict[str, float] = {}
     for block, each in ((first, ticks[0]), (second, ticks[1])):
         values |= {model.names_of(block)[k]: v for k, v in lively(block, each, u).items()}
-    if 'autoregressive' in model.block_names and 'A1' in model.parameter_names:
+    recursion = any(name.startswith('autoregressive') for name in model.block_names)
+    if recursion and 'A1' in model.parameter_names:
         values['A1'] = 0.1 * values.get('A1', 1.5e-4)  # which it multiplies, and rings
     if first.name == second.name:  # names_of tells the last one
         values |= lively(first, ticks[0], u)
