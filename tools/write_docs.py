@@ -1,7 +1,7 @@
 """Write the pages that come from the code.
 
 docs/nodes.md from the parameter tables, docs/reference/ from docstrings and programs, the tables
-of docs/models.md and pages of new effects from what the blocks say.
+of docs/models.md and pages of new effects from what the blocks say, docs/equations.md from tags.
 
     python tools/write_docs.py [--check]
 
@@ -15,6 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+from write_equations import equation_pages
 from write_models import model_pages
 from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
@@ -154,7 +155,7 @@ def _name(name: str) -> str:
 
 def main() -> int:
     """Write or check the pages."""
-    pages = {PAGE: page(), **model_pages(), **reference_pages()}
+    pages = {PAGE: page(), **equation_pages(), **model_pages(), **reference_pages()}
     stray = set(REFERENCE.glob('*.md')) - pages.keys()
     if '--check' in sys.argv[1:]:
         old = {path.name for path, text in pages.items() if not _holds(path, text)}

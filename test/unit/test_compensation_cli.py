@@ -282,9 +282,7 @@ def test_the_gain_of_another_model_steers_the_attenuation(
     words = ['--model', str(poor), *files[2:], '--attenuation', 'rls', '--orders', '3',
              '--attenuation-set', 'forgetting=1', 'sign_rule=computed']  # fmt: skip
     alone, _ = study(words, tmp_path, reference=REFERENCE)
-    steered, summary = study(
-        [*words, '--gain-model', files[1]], tmp_path, reference=REFERENCE
-    )
+    steered, summary = study([*words, '--gain-model', files[1]], tmp_path, reference=REFERENCE)
     assert summary['gain_model'] == 'bouc_wen_mode'
     assert steered['with attenuation'] < 0.9 * alone['with attenuation'], (steered, alone)
 

@@ -285,9 +285,11 @@ def test_synthesis_reaches_the_known_optimum_of_a_scalar_problem() -> None:
 
 
 @pytest.mark.slow
-def test_synthesis_agrees_with_slycot() -> None:
-    control = pytest.importorskip('control')
-    pytest.importorskip('slycot')
+def test_synthesis_agrees_with_slycot(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Its own threads would wait for each other: 130 s on two cores, and 4 s with one.
+    monkeypatch.setenv('OPENBLAS_NUM_THREADS', '1')
+    import control
+
     for seed in range(3):
         p = random_problem(seed)
         plant = control.ss(
@@ -298,7 +300,7 @@ def test_synthesis_agrees_with_slycot() -> None:
         )
         theirs = control.hinfsyn(plant, 1, 1)[2]
         _, ours = hinf_synthesis(p, margin=1.0 + 1e-6)
-        assert ours == pytest.approx(theirs, rel=0.02)
+        assert ours == pytest.approx(theirs, rel=2e-3)
 
 
 def test_impossible_problems_are_refused() -> None:

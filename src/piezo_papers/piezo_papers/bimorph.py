@@ -41,7 +41,7 @@ def record(frequency: float, seconds: float = 6.0) -> Record:
 
 @functools.cache
 def amplitude(frequency: float) -> float:
-    """Return Fujii 2018's amplitude of the reference (25) [m]."""
+    """Return the amplitude of the reference [m], Fujii 2018 (25), Tatebatake 2017 (14)."""
     each = record(frequency)
     part = slice(each.warm_up_samples, None)
     u, y = each.voltage[part], each.displacement[part]

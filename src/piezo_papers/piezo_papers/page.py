@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_papers.commands import COMMANDS
 
 PAPERS = {
     'Fujii 2018': 'Fujii, Tatebatake, Morita, Shiinoki 2018 (bimorph, odd harmonic oscillation)',
@@ -32,6 +33,7 @@ MISSING: dict[str, tuple[str, ...]] = {
     'Xiao 2014': ('Figures 1, 2, 6, 9, 10, 11, 13: photographs and block diagrams.',),
     'Fang 2019': (
         'Figures 1, 2, 5, 6: drawings and block diagrams.',
+        'The guide, 47.52 N/um: `python -m piezo_sim stage --preset fang_p845_stage`, 47.53 N/um.',
         'Table 2: its rules are missing; ours are a file, `compensate --fuzzy-tables`.',
     ),
 }
@@ -155,9 +157,21 @@ def page(entries: Sequence[Entry], pictures: str = '') -> str:
             if entry.reason:
                 lines.append(f'- Why they differ: {entry.reason}')
             lines.append('')
+        if len(own) > 1:
+            lines += by_verbs(paper)
         if MISSING.get(paper):
             lines += ['### Not made', '', *(f'- {each}' for each in MISSING[paper]), '']
     return '\n'.join(lines)
+
+
+def by_verbs(paper: str) -> list[str]:
+    """Return the lines that say what a user types for the main figures of a paper."""
+    lines = ['### By the plain verbs', '', '```bash']
+    for each in COMMANDS[paper]:
+        words = each.words
+        program = 'python -m' if words.startswith('piezo_sim') else 'piezo'
+        lines.append(f'{program} {words}' + (f'  # {each.figures}' if each.figures else ''))
+    return [*lines, '```', '']
 
 
 def summary(entries: Sequence[Entry]) -> list[str]:

@@ -120,12 +120,13 @@ def step_figure() -> Entry:
         'Xiao 2014',
         'Figure 12',
         'step response and identified linear model',
-        'matches well; (4) has the poles -29.4 and -1965 +- 1033j rad/s and the zero -31.5',
+        'matches well; (4) is (1135 s + 35770) / (s^3 + 3960 s^2 + 5046000 s + 145200000)',
         f'from one step of 2 V poles {text} rad/s, zero {zero:.1f}; free run misses '
         f'{found.nrmse_percent:.1f} % of {record.voltage.size} samples. The controller from it '
         f'has gamma {design.gamma:.2f} and its largest pole at {abs(design.poles[0]):.4f}',
         draw,
-        'ARX in s with the rounds of Steiglitz and McBride; the weights are ours (150 Hz, peak 2, '
+        '(4) has the poles -29.4 and -1965 +- 1033j rad/s and the zero -31.5. ARX in s with the '
+        'rounds of Steiglitz and McBride; the weights are ours (150 Hz, peak 2, '
         'control 0.3), none are printed',
         {'gamma': design.gamma, 'pole': float(poles[0].real), 'zero': zero},
         holds=abs(poles[0].real + 29.4) < 2.0 and abs(zero + 31.5) < 2.0,

@@ -19,7 +19,7 @@ class FlexureError(SimulationError):
 
 @dataclass(frozen=True)
 class Flexure:
-    """A parallel guide of right circular hinges; every length in m.
+    """A parallel guide of right circular hinges, Fang 2019 (stiffness); every length in m.
 
     Attributes
     ----------

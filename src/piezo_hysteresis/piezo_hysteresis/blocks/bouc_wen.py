@@ -40,7 +40,7 @@ BLOCK = Block(
     step_bound=True,
     description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',
     source='Fujii 2018 (2), (3) with gamma |h| du for the misprinted gamma |h| |du|; Tatebatake '
-    '2017 (18)',
+    '2017 (4), (5), (6), (18)',
     check=check,
 )
 

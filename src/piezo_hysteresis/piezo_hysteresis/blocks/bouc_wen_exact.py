@@ -79,7 +79,8 @@ BLOCK = Block(
     between=Between.PATH,
     unknown=(1,),
     description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
-    source='Xiao 2014 (1), Fujii 2018 (1); exact step for exponent 1',
+    source='Fujii 2018 (1), Tatebatake 2017 (2), (3), (17), Zhou 2021 (2), (6), Xiao 2014 (1), '
+    'Fang 2019 (classical model); exact step for exponent 1',
     check=check,
 )
 

@@ -165,7 +165,8 @@ BLOCKS = (
         between=Between.PATH,
         unknown=(1,),
         description=_DESCRIPTION,
-        source='Zhou 2021 (1): beta_002 = beta h_sat^(1-n), gamma_002 likewise',
+        source='Tatebatake 2017 (1), Zhou 2021 (1): beta_002 = beta h_sat^(1-n), gamma_002 '
+        'likewise',
         check=check,
     ),
     Block(

@@ -67,7 +67,7 @@ BLOCKS = (
             'Third harmonic by the printed recursion; in steady state one record determines two '
             'of its four parameters.'
         ),
-        source='Fujii 2018 (6)',
+        source='Fujii 2018 (4), (6)',
         check=check3,
     ),
     Block(
@@ -81,7 +81,7 @@ BLOCKS = (
             'Fifth harmonic by the printed recursion; in steady state one record determines two '
             'of its four parameters.'
         ),
-        source='Fujii 2018 (7)',
+        source='Fujii 2018 (5), (7)',
         check=check5,
     ),
 )

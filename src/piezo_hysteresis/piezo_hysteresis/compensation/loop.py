@@ -53,7 +53,7 @@ class LoopResult:
 
     @property
     def error(self) -> FloatArray:
-        """Measured minus desired displacement [m], shape (n,)."""
+        """Measured minus desired displacement [m], shape (n,); minus Tatebatake 2017 (16)."""
         return self.displacement - self.reference
 
     @property

@@ -111,7 +111,7 @@ class TransferFunction:
 def fit_transfer_function(
     records: Sequence[Record], order: int = 3, zeros: int = 1, *, rounds: int = _ROUNDS
 ) -> TransferFunction:
-    """Fit a transfer function to records of one rate.
+    """Fit a transfer function to records of one rate, as Xiao 2014 (4).
 
     Parameters
     ----------

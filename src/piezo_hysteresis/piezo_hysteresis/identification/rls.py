@@ -118,7 +118,7 @@ class RlsSettings:
 
 
 class OnlineRls:
-    """The papers' RLS, one sample at a time.
+    """The papers' RLS, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), one sample at a time.
 
     Starts as the papers do where the settings say nothing else: P0 = I, all parameters 0 but
     A1 = .01, A = .005, beta = gamma = .001 in the working unit per volt; h = 0 and y = 0 before

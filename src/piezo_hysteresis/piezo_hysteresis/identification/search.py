@@ -203,6 +203,7 @@ def _agreed(values: FloatArray, tolerance: float) -> bool:
 
 
 def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
+    """Search by a swarm; with its constants Fang 2019 (swarm)."""
     count = int(swarm.population) or max(20, 10 * watch.size)
     x = rng.random((count, watch.size))
     v = 0.2 * (rng.random(x.shape) - 0.5)

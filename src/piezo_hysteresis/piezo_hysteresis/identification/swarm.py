@@ -231,7 +231,7 @@ def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
 def _steps(
     model: Model, targets: Sequence[Target], method: str, steps: str
 ) -> list[tuple[Model, tuple[str, ...], list[Target]]]:
-    """Chain, unknowns and records of each step of a search."""
+    """Chain, unknowns and records of each step of a search; two as Zhou 2021 (6), (7) has them."""
     stiff = Model(
         model.name,
         tuple(block for block in model.blocks if block.slot != Slot.STRUCTURE),

@@ -1,4 +1,4 @@
-"""Sinusoids, Fujii 2018 (13), (24), and sums of them, Zhou 2021 (9)."""
+"""Sinusoids, Fujii 2018 (13), (24), Tatebatake 2017 (13), (15), sums of them, Zhou 2021 (9)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ GRIDS = ('full', 'odd', 'odd_random')
 @dataclass(frozen=True)
 class Sine:
     """``offset + ramp(t) amplitude sin(2 pi frequency t + phase)``.
+
+    Fujii 2018 (13), (24), Tatebatake 2017 (13), (15).
 
     Attributes
     ----------

@@ -126,7 +126,7 @@ LAW = FeedbackLaw(scheduled, hold, cut)
 
 
 class FuzzyPid(Pid):
-    """PID whose proportional and integral gain are scheduled by fuzzy rules, Fang 2019 section 4.
+    """PID whose proportional and integral gain follow fuzzy rules, Fang 2019 (fuzzy PID).
 
     ``KP = KP0 + dKP(e, de/dt)``, ``KI = KI0 + dKI(e, de/dt)``, KD fixed; gains never fall
     below 0.

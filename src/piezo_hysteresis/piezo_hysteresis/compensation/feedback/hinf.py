@@ -92,7 +92,7 @@ class HInfinityDesign:
 
 
 def transfer_function(numerator: Sequence[float], denominator: Sequence[float]) -> StateSpace:
-    """Return ``numerator(s) / denominator(s)`` in state space (companion form).
+    """Return ``numerator(s) / denominator(s)`` in companion form, Xiao 2014 (5).
 
     Parameters
     ----------

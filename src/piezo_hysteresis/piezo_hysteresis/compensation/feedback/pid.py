@@ -70,7 +70,7 @@ LAW = FeedbackLaw(plain, hold, cut)
 
 
 class Pid(FeedbackLink):
-    """PID feedback as a link of the chain.
+    """PID feedback as a link of the chain, Fang 2019 (PID).
 
     The integral is trapezoidal; the derivative is of the error, behind a first-order low-pass by
     the bilinear rule. Gains may be changed while running without a jump: the integral is kept in

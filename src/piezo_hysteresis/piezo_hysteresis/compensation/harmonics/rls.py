@@ -107,7 +107,7 @@ def update(
     error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
     dt: float,
 ) -> None:  # fmt: skip
-    """Take the error y - d [m] at `frequency` [Hz] and accumulated `phase` [rad]."""
+    """Fit Fujii 2018 (18), (19) to the error y - d [m] at `frequency` [Hz], `phase` [rad]."""
     if frequency <= 0.0:
         return
     memory[_FREQUENCY] = frequency
@@ -134,7 +134,7 @@ def update(
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
-    """Return what to subtract from the voltage [V] at `phase` [rad]."""
+    """Return what Fujii 2018 (20), (21) subtract from the voltage [V] at `phase` [rad]."""
     if frequency <= 0.0:
         return 0.0
     if p[SIGN_RULE] == COMPUTED and memory[_GAINS_OF] != frequency:
@@ -169,7 +169,10 @@ def alpha(i: int, memory: FloatArray, p: FloatArray) -> complex:
 
 @jit
 def correction(i: int, frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> complex:
-    """Return the correction of order i as a phasor [V], counted where it is held at its bound."""
+    """Return the correction of order i as a phasor [V], counted where it is held at its bound.
+
+    Its sign by the printed rule is Fujii 2018 (22), (23).
+    """
     line, theta = p[ORDERS + i] * frequency, alpha(i, memory, p)
     if p[SIGN_RULE] == PRINTED and line <= p[SWITCH]:
         theta = -theta

@@ -175,7 +175,7 @@ def _by_law(
     scale: float,
     options: _Options,
 ) -> InverseLink:
-    """Return the inverse by a law that was asked for by name."""
+    """Return the inverse by a named law; Fang 2019 (feedforward) is one of them."""
     named = model.unpack(model.pack(values))
     core = tuple(part for part in _anatomy(model).core if part is not Part.STRUCTURE)
     if law in _FOR and core not in _FOR[law]:

@@ -94,10 +94,10 @@ class ExtendedInverse(InverseLink):
     of this sample included. ``printed``, Tatebatake 2017 (12), takes h of the sample before and
     divides by A1: one sample of hysteresis late, and without a branch that could be wrong.
 
-    (16) and (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3] + h[k-1]
-    - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the branch
-    that has the sign of r. Where D is not above `minimum_slope` the model has no inverse there;
-    D is then clamped and counted, its sign never flipped.
+    Fujii 2018 (15), (16), (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3]
+    + h[k-1] - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the
+    branch that has the sign of r. Where D is not above `minimum_slope` the model has no inverse
+    there; D is then clamped and counted, its sign never flipped.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def stepping(slow: Run, fast: Run) -> Callable[..., float]:
 
 
 class FrequencySwitch:
-    """A link that passes on what one of two inverses answers, by the frequency of the reference.
+    """A link that passes on the answer of one of two inverses, by frequency: Fang 2019 (switch).
 
     Both run all the time, so that the hysteresis of either has the whole history; a change of the
     one in charge goes over along a smooth step.

@@ -60,7 +60,7 @@ def _select(
 
 
 class SlopeSelectedInverse(InverseLink):
-    """Xiao 2014 figure 11: line segments of the reference, each inverted by the row of its slope.
+    """Xiao 2014 (3), figure 11: segments of the reference, each inverted by the row of its slope.
 
     Parameters
     ----------

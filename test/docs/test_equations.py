@@ -1,0 +1,124 @@
+"""The map of the equations is complete, and what the page says of the papers is in their texts."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXTS = ROOT.parent / 'shared' / 'papers'
+sys.path.insert(0, str(ROOT / 'tools'))
+
+import write_equations  # noqa: E402
+from equations import EQUATIONS  # noqa: E402
+
+from piezo_hysteresis.blocks import BLOCKS  # noqa: E402
+from piezo_hysteresis.cli.main import VERBS, load_verb  # noqa: E402
+from piezo_hysteresis.identification.methods import METHODS  # noqa: E402
+from piezo_hysteresis.models import NAMES  # noqa: E402
+from piezo_sim.cli import build_parser  # noqa: E402
+
+# How many equations each paper numbers; of Fang 2019 the text keeps one number.
+NUMBERED = {'Fujii 2018': 25, 'Tatebatake 2017': 18, 'Zhou 2021': 9, 'Xiao 2014': 5}
+FILES = dict(zip(EQUATIONS, ('000', '001', '002', '003', '004'), strict=True))
+
+
+def test_every_numbered_equation_is_listed() -> None:
+    for paper, count in NUMBERED.items():
+        assert list(EQUATIONS[paper]) == [str(k) for k in range(1, count + 1)]
+    assert '9' in EQUATIONS['Fang 2019']
+
+
+def test_every_equation_has_a_place_that_exists() -> None:
+    places = write_equations.places()
+    for paper, equations in EQUATIONS.items():
+        for label in equations:
+            assert places.get((paper, label)), f'{paper} ({label}) is tagged in no docstring'
+    for place in {place for each in places.values() for place in each}:
+        name, _, inside = place.partition(':')
+        found = importlib.import_module(name)
+        for part in filter(None, inside.split('.')):
+            found = getattr(found, part)
+
+
+def test_a_range_of_equations_is_written_out() -> None:
+    text = 'as Fujii 2018 (8)-(10), (12)\n    and Zhou 2021 (3)'
+    assert list(write_equations.tags(text)) == [
+        ('Fujii 2018', '8'), ('Fujii 2018', '9'), ('Fujii 2018', '10'), ('Fujii 2018', '12'),
+        ('Zhou 2021', '3'),
+    ]  # fmt: skip
+
+
+def options_of(words: list[str]) -> set[str]:
+    """Return the options that a command of the page may have."""
+    if words[0] == 'piezo_sim':
+        verbs = next(a for a in build_parser()._actions if isinstance(a.choices, dict))
+        assert isinstance(verbs.choices, dict)
+        return set(verbs.choices[words[1]]._option_string_actions)
+    assert words[0] in VERBS
+    parser = argparse.ArgumentParser()
+    load_verb(words[0]).configure(parser)
+    return set(parser._option_string_actions)
+
+
+@pytest.mark.parametrize('paper', EQUATIONS)
+def test_the_commands_are_understood(paper: str) -> None:
+    for each in EQUATIONS[paper].values():
+        words = each.command.split()
+        assert {word for word in words if word.startswith('--')} <= options_of(words)
+        for option, known in (('--model', (*NAMES, *BLOCKS)), ('--method', (*METHODS, 'arx'))):
+            if option in words and '...' not in words:
+                assert words[words.index(option) + 1] in known
+
+
+def test_the_page_is_that_of_the_tags() -> None:
+    assert write_equations.PAGE.read_text() == write_equations.page()
+
+
+# --- what the page of the papers states ---------------------------------------------------------
+
+
+def text_of(paper: str) -> str:
+    """Return the text of a paper as one line, signs and spaces alike."""
+    (path,) = TEXTS.glob(f'{FILES[paper]}_*.txt')
+    text = path.read_text(errors='replace').replace('−', '-').replace('μ', 'u')
+    return re.sub(r'(?<=\d) (?=\d{3}(?!\d))', '', ' '.join(text.split()))
+
+
+def stated(paper: str) -> list[str]:
+    """Return what the page says that a paper states."""
+    page = (ROOT / 'docs' / 'papers.md').read_text()
+    part = page.split(f'## {paper}: ')[1].split('\n## ')[0]
+    return re.findall(r'^- Paper: (.+)$', part, re.MULTILINE)
+
+
+needs_texts = pytest.mark.skipif(not TEXTS.is_dir(), reason='needs the texts of the papers')
+
+
+@needs_texts
+@pytest.mark.parametrize('paper', EQUATIONS)
+def test_quotations_are_in_the_paper(paper: str) -> None:
+    text = text_of(paper)
+    for statement in stated(paper):
+        for quotation in re.findall(r'"([^"]+)"', statement):
+            assert quotation in text, f'{paper}: not in its text: {quotation}'
+
+
+@needs_texts
+@pytest.mark.parametrize('paper', EQUATIONS)
+def test_numbers_that_a_paper_is_said_to_print_are_in_its_text(paper: str) -> None:
+    text = text_of(paper)
+    printed = {float(each) for each in re.findall(r'\d+(?:\.\d+)?', text)}
+    powers = re.findall(r'(\d+(?:\.\d+)?)\s*\\?t?imes\s*10\^\{?(-?\d+)', text)
+    printed |= {float(f'{factor}e{power}') for factor, power in powers}
+    for statement in stated(paper):
+        for number in re.findall(r'(?<![\w.^])\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.]*\d)', statement):
+            value = float(number)
+            digits = len(number.partition('e')[0].replace('.', '').lstrip('0'))
+            near = any(value == float(f'{each:.{digits}g}') for each in printed)
+            assert near, f'{paper}: {number} of "{statement}" is not in its text'
