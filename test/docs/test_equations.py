@@ -87,6 +87,8 @@ def text_of(paper: str) -> str:
     """Return the text of a paper as one line, signs and spaces alike."""
     (path,) = TEXTS.glob(f'{FILES[paper]}_*.txt')
     text = path.read_text(errors='replace').replace('−', '-').replace('μ', 'u')
+    text = re.sub(r'(?<=\d):(?=\d)', '.', text)  # a point that was read as a colon
+    text = re.sub(r'(\.\d{4})(?=\d)', r'\1 ', text)  # columns of a table that run together
     return re.sub(r'(?<=\d) (?=\d{3}(?!\d))', '', ' '.join(text.split()))
 
 

@@ -171,7 +171,8 @@ def by_verbs(paper: str) -> list[str]:
         words = each.words
         program = 'python -m' if words.startswith('piezo_sim') else 'piezo'
         lines.append(f'{program} {words}' + (f'  # {each.figures}' if each.figures else ''))
-    return [*lines, '```', '']
+    outcomes = [each.outcome for each in COMMANDS[paper] if each.outcome]
+    return [*lines, '```', '<!-- expect:', '\n'.join(outcomes) + ' -->', '']
 
 
 def summary(entries: Sequence[Entry]) -> list[str]:
