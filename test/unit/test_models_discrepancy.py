@@ -135,18 +135,6 @@ def test_both_are_written_in_few_lines_and_read_back(tmp_path: Path) -> None:
     assert yaml.safe_load(text) == saved.to_dict()
 
 
-def test_a_file_of_the_first_schema_is_read(tmp_path: Path) -> None:
-    content = model_file(correlation=Correlation(('A1', 'A'), np.eye(2))).to_dict()
-    assert content['schema'] == 'piezo_hysteresis/model/2'
-    content['schema'] = 'piezo_hysteresis/model/1'
-    del content['correlation']
-    (tmp_path / 'old.yaml').write_text(yaml.safe_dump(content))
-    read = ModelFile.load(tmp_path / 'old.yaml')
-    assert read.correlation is None
-    assert read.discrepancy is None
-    assert read.deviations == model_file().deviations
-
-
 @pytest.mark.parametrize(
     ('change', 'says'),
     [

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.parameters.tables import EXCITATION
 from piezo_hysteresis.waveforms import (
     KINDS,
     Multisine,
@@ -174,16 +173,3 @@ def test_a_sequence_goes_on_where_the_part_before_ended() -> None:
 def test_composites_know_their_common_frequency() -> None:
     samples = from_spec({'kind': 'composite_zhou2021_low'}).sample(np.array([0.05]))
     assert samples.frequency[0] == pytest.approx(10.0)
-
-
-def test_kinds_of_former_versions_are_read_with_a_notice() -> None:
-    with pytest.warns(FutureWarning, match='is called composite_xiao2014 now'):
-        former = from_spec({'kind': 'composite_003'})
-    assert np.array_equal(
-        former.sample(np.arange(9.0) * 1e-3).value,
-        from_spec({'kind': 'composite_xiao2014'}).sample(np.arange(9.0) * 1e-3).value,
-    )
-    row = EXCITATION.spec('waveform')
-    assert row is not None
-    with pytest.warns(FutureWarning, match='waveform: composite_004'):
-        assert row.judge(row.coerce('composite_004')) == ''

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -43,8 +42,6 @@ class ParameterSpec:
         The words allowed; empty for any.
     read_only : bool
         Fixed once the node runs; all others are tunable while it runs.
-    formers : mapping of str to str
-        What words of `choices` were called in former versions; they are taken, with a notice.
     """
 
     name: str
@@ -56,7 +53,6 @@ class ParameterSpec:
     above: float = -math.inf
     choices: tuple[str, ...] = ()
     read_only: bool = False
-    formers: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def coerce(self, value: object) -> object:
         """Return `value` with what is meant as a float made one.
@@ -66,10 +62,6 @@ class ParameterSpec:
         """
         if isinstance(self.default, float) and type(value) is int:
             return float(value)
-        if isinstance(value, str) and value in self.formers:
-            now = self.formers[value]
-            warnings.warn(f'{self.name}: {value} is called {now} now', FutureWarning, stacklevel=2)
-            return now
         if (
             isinstance(self.default, float)
             and isinstance(value, str)

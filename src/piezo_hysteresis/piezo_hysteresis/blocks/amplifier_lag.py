@@ -7,7 +7,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import Counterpart, SimulatorValues, switched
-from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot, System, Way
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System, Way
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -56,7 +56,6 @@ def _block(
     return Block(
         name=name,
         counterpart=counterpart,
-        formers=(Former(f'{name}_sampled', {parameter: f'sampled_{parameter}'}),),
         slot=slot,
         parameters=(
             Parameter(

@@ -78,27 +78,6 @@ class Part(StrEnum):
     ZERO = 'zero'  # a constant of the reading
 
 
-class Former(NamedTuple):
-    """How model files of former versions called a block that is one with another today.
-
-    Attributes
-    ----------
-    name : str
-        Of the former block.
-    names : mapping of str to str
-        What today's parameters were called.
-    dropped : tuple of str
-        Former parameters that are not needed.
-    first : bool
-        Whether it stands before all others today.
-    """
-
-    name: str
-    names: Mapping[str, str]
-    dropped: tuple[str, ...] = ()
-    first: bool = False
-
-
 class System(NamedTuple):
     """A linear system ``x' = a x + b u, y = c x + d u`` with one input and one output.
 
@@ -259,8 +238,6 @@ class Block:
     counterpart : callable or None
         ``counterpart(values)`` returns the parameters of the simulator node that mean the same;
         besides its own values it gets the gain ``A1`` of the model, where there is one.
-    formers : tuple of Former
-        What it was called in model files of former versions.
     """
 
     name: str
@@ -293,7 +270,6 @@ class Block:
     tangent: Tangent | None = None
     carry: Carry | None = None
     counterpart: Counterpart | None = field(default=None, compare=False)
-    formers: tuple[Former, ...] = field(default=(), compare=False)  # and so not hashed
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the memory of the block at rest, shape (state_size,).

@@ -6,7 +6,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._counterpart import first_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
-from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Part, Slot, System
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -58,11 +58,4 @@ BLOCK = Block(
     system=system,
     description='One mode of unit DC gain by exact zero-order hold.',
     source='Zhou 2021 (3) with unit DC gain',
-    formers=(
-        Former(
-            'eased_mode',
-            {'natural_frequency': 'natural_frequency', 'damping_ratio': 'damping_ratio'},
-            ('ease_time',),
-        ),
-    ),
 )

@@ -4,7 +4,7 @@ from math import inf
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import switched
-from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot, Way
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, Way
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -73,7 +73,6 @@ def way(p: FloatArray) -> Way:
 BLOCK = Block(
     name='slew_limit',
     counterpart=switched('slew_limit', slew_rate='amplifier__slew_rate'),
-    formers=(Former('slew_limit_mean', {'slew_rate': 'mean_slew_rate'}),),
     slot=Slot.INPUT,
     parameters=(
         Parameter(

@@ -4,7 +4,7 @@ from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import switched
-from piezo_hysteresis.blocks.base import Between, Block, Former, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -51,7 +51,6 @@ def ring_size(dt: float) -> int:
 BLOCK = Block(
     name='transport_delay',
     counterpart=switched('transport_delay', delay='amplifier__delay'),
-    formers=(Former('delayed_motion', {'delay': 'motion_delay'}, first=True),),
     slot=Slot.INPUT,
     parameters=(
         Parameter('delay', 's', 0.0, 0.0, LONGEST, 'Time before the command acts.', 1e-3),

@@ -13,7 +13,6 @@ from piezo_hysteresis.models.effects import (
     described,
     shifted,
 )
-from piezo_hysteresis.models.former import FormerModelWarning
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
 from piezo_hysteresis.models.named import NAMES, RECIPES, name_of, named
 from piezo_hysteresis.models.scaling import for_range
@@ -28,7 +27,6 @@ __all__ = [
     'Condition',
     'Correlation',
     'Discrepancy',
-    'FormerModelWarning',
     'Missed',
     'Model',
     'ModelFile',

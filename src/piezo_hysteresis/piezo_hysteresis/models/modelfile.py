@@ -18,7 +18,6 @@ from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Discrepancy
-from piezo_hysteresis.models.former import of_today
 from piezo_hysteresis.models.plain import (
     mapping,
     number,
@@ -31,7 +30,6 @@ from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'
 #: Earlier ones, which lack correlation and discrepancy and are read as they are.
-READ = (SCHEMA, 'piezo_hysteresis/model/1')
 #: Note on when the fitted data had sampled the displacement, later than our convention [s].
 OFFSET_NOTE = 'sampling_offset_s'
 #: Note on its standard deviation [s]; 0 where it was given and not fitted.
@@ -294,15 +292,13 @@ _KEYS = {'schema', 'name', 'chain', 'parameters', 'correlation', 'discrepancy', 
 def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
     refuse_stray(whole, _KEYS, 'the model file')
-    if whole.get('schema') not in READ:
+    if whole.get('schema') != SCHEMA:
         raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it anew')
     chain = whole.get('chain')
     if not isinstance(chain, list) or not chain:
         raise ModelError('chain must be a list of block names, from the voltage to the sensor')
-    chain, rows = of_today(
-        [str(each) for each in chain], mapping(whole.get('parameters'), 'parameters')
-    )
-    model = Model(str(whole.get('name', '')), tuple(named_block(each) for each in chain))
+    rows = mapping(whole.get('parameters'), 'parameters')
+    model = Model(str(whole.get('name', '')), tuple(named_block(str(each)) for each in chain))
     refuse_stray(rows, set(model.parameter_names), f'parameters of model {model.name}')
     values, deviations, held = {}, {}, {}
     for parameter in model.parameters:

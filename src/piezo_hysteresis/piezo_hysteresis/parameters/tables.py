@@ -11,7 +11,7 @@ from piezo_hysteresis.parameters.links import (
     MODEL_FOLDER,
     RATE,
 )
-from piezo_hysteresis.waveforms import FORMER, KINDS
+from piezo_hysteresis.waveforms import KINDS
 
 __all__ = [
     'ATTENUATION',
@@ -36,7 +36,7 @@ EXCITATION = ParameterTable(
             choices=('idle', 'reference', 'voltage'),
         ),
         ParameterSpec('actuator', '', 'Name written into the markers of recorded sweeps.'),
-        ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS), formers=FORMER),
+        ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS)),
         ParameterSpec(
             'waveform_options',
             '',

@@ -14,10 +14,9 @@ from piezo_hysteresis.waveforms.corners import (
 from piezo_hysteresis.waveforms.decay import Decay
 from piezo_hysteresis.waveforms.sequence import Sequence
 from piezo_hysteresis.waveforms.sine import Multisine, Sine, SineSum
-from piezo_hysteresis.waveforms.spec import FORMER, KINDS, Kind, Setting, from_spec, has_setting
+from piezo_hysteresis.waveforms.spec import KINDS, Kind, Setting, from_spec, has_setting
 
 __all__ = [
-    'FORMER',
     'KINDS',
     'Chirp',
     'Decay',

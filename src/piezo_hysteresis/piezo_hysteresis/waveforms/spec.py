@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -216,22 +215,6 @@ _ROWS = (
 KINDS: Mapping[str, Kind] = {row.name: row for row in _ROWS}
 """Every kind of waveform by name, for help texts and for `from_spec`."""
 
-#: What kinds were called in former versions.
-FORMER = {
-    'composite_002_low': 'composite_zhou2021_low',
-    'composite_002_high': 'composite_zhou2021_high',
-    'composite_003': 'composite_xiao2014',
-    'composite_004': 'composite_fang2019',
-}
-
-
-def of_today(name: str) -> str:
-    """Return what a kind of waveform is called now, with a notice where that was another name."""
-    if name not in FORMER:
-        return name
-    warnings.warn(f'the waveform {name} is called {FORMER[name]} now', FutureWarning, stacklevel=3)
-    return FORMER[name]
-
 
 def from_spec(spec: Mapping[str, Any]) -> Waveform:
     """Return the waveform that a mapping such as ``{'kind': 'sine', 'frequency': 23}`` describes.
@@ -245,7 +228,7 @@ def from_spec(spec: Mapping[str, Any]) -> Waveform:
     """
     if not isinstance(spec, Mapping):
         raise WaveformError(f'a waveform is a mapping with a kind, got {spec!r}')
-    name = of_today(str(spec.get('kind')))
+    name = str(spec.get('kind'))
     if name not in KINDS:
         raise WaveformError(
             f'there is no waveform {name}{near(name, KINDS)}; there are {", ".join(KINDS)}'
@@ -266,7 +249,6 @@ def from_spec(spec: Mapping[str, Any]) -> Waveform:
 
 def has_setting(kind: str, setting: str) -> bool:
     """Return whether the waveform `kind` has the `setting` at all."""
-    kind = FORMER.get(kind, kind)
     return kind in KINDS and any(row.name == setting for row in KINDS[kind].settings)
 
 
