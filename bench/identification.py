@@ -1,6 +1,6 @@
 """Identification against what is on offer elsewhere: every ratio is measured in one run.
 
-Run from the root; padasip, pyswarms and cma take part where they can be imported::
+Run from the root; padasip and pyswarms take part where they can be imported::
 
     python bench/identification.py [--seconds 100] [--seeds 10] [--measured CSV]
 """
@@ -270,7 +270,7 @@ def scipy_rival(
 def swarm_rivals(
     objective: Objective, low: FloatArray, high: FloatArray, floor: float, seeds: int
 ) -> None:
-    """Let pyswarms with its documented options and cma search the same box."""
+    """Let pyswarms with its documented options search the same box."""
     pyswarms = rival('pyswarms')
     if pyswarms is not None:
         import logging
@@ -292,19 +292,6 @@ def swarm_rivals(
 
             costs.append(float(swarm.optimize(batch, iters=100, verbose=False)[0]))
         report('pyswarms', (time.perf_counter() - begun) / seeds, costs, floor)
-    cma = rival('cma')
-    if cma is not None:
-        costs = []
-        begun = time.perf_counter()
-        for seed in range(seeds):
-            found = cma.fmin2(
-                lambda z: objective.cost(low + (high - low) * np.asarray(z)),
-                3 * [0.5],
-                0.3,
-                {'bounds': [0, 1], 'seed': seed + 1, 'verbose': -9, 'maxfevals': 3000},
-            )
-            costs.append(float(found[1].result.fbest))
-        report('cma', (time.perf_counter() - begun) / seeds, costs, floor)
 
 
 def measured(path: Path) -> None:

@@ -20,7 +20,7 @@ PACKAGES = [
 KEYS = {'yaml': 'python3-yaml', 'bokeh': 'python3-bokeh-pip', 'llvmlite': 'python3-numba'}
 # By pip where there is no key, or what comes with another that is named.
 ELSEWHERE = {
-    *('rosbags', 'pyarrow', 'shtab'),  # requirements.txt
+    *('rosbags', 'pyarrow', 'shtab', 'cma'),  # requirements.txt
     *('apsw', 'lz4', 'backports'),  # of rosbags
     *('jinja2',),  # of bokeh
     *('distributed',),  # where a user brings a cluster

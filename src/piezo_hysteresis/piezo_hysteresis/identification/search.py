@@ -14,7 +14,6 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
 _PHI = 4.2  # sum of the pulls of Fang 2019
 
@@ -227,62 +226,27 @@ def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
 
 
 def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
-    """Evolve a normal distribution (CMA-ES, Hansen 2016, rank-one and rank-mu), with restarts."""
-    count = population or 4 + int(3 * log(watch.size)) + 4
+    """Run CMA-ES (Hansen 2016, pycma), again with twice the population where it ends elsewhere."""
+    import cma
+
+    count = population or 8 + int(3 * log(watch.size))
     while not watch.spent:
-        if _cma_run(watch, rng, count, tolerance):
-            return 'the population agrees'
+        options = {
+            'bounds': [0.0, 1.0], 'popsize': count, 'seed': int(rng.integers(1, 2**31)),
+            'tolfun': 0.0, 'tolfunhist': 0.0, 'tolflatfitness': 10**9, 'verbose': -9,
+        }  # fmt: skip
+        strategy = cma.CMAEvolutionStrategy(0.2 + 0.6 * rng.random(watch.size), 0.3, options)
+        while not (watch.spent or strategy.stop()):
+            points = strategy.ask()
+            values = watch.costs(np.array(points))
+            strategy.tell(points, values.tolist())
+            # one that agrees on a point worse than one already seen sits in another basin
+            if _agreed(values, tolerance):
+                if float(np.min(values)) <= watch.best * (1 + 10 * tolerance):
+                    return 'the population agrees'
+                break
         count *= 2
     return ''
-
-
-def _cma_run(watch: _Watch, rng: np.random.Generator, count: int, tolerance: float) -> bool:
-    n = watch.size
-    mu = count // 2
-    weights = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))
-    weights /= weights.sum()
-    mu_eff = 1 / float(np.sum(weights**2))
-    c_s = (mu_eff + 2) / (n + mu_eff + 5)
-    d_s = 1 + 2 * max(0.0, sqrt((mu_eff - 1) / (n + 1)) - 1) + c_s
-    c_c = (4 + mu_eff / n) / (n + 4 + 2 * mu_eff / n)
-    c_1 = 2 / ((n + 1.3) ** 2 + mu_eff)
-    c_mu = min(1 - c_1, 2 * (mu_eff - 2 + 1 / mu_eff) / ((n + 2) ** 2 + mu_eff))
-    chi_n = sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
-    mean, sigma = 0.2 + 0.6 * rng.random(n), 0.3
-    covariance, path_c, path_s = np.eye(n), np.zeros(n), np.zeros(n)
-    while not watch.spent:
-        spread = symmetric_eigen(covariance)
-        if spread is None:  # costs of no size lead nowhere: begin another run
-            return False
-        scale, basis = np.sqrt(np.maximum(spread[0], 1e-20)), spread[1]
-        steps = (rng.standard_normal((count, n)) * scale) @ basis.T
-        points = mean + sigma * steps
-        inside = np.clip(points, 0.0, 1.0)
-        away = np.sum((points - inside) ** 2, axis=1)
-        values = watch.costs(inside)
-        # points outside are judged where they touch the box, and worse the farther they are
-        possible = values[np.isfinite(values)]
-        worse = away * (float(np.ptp(possible)) + 1e-300) if possible.size else away
-        order = np.argsort(values + worse)
-        chosen = steps[order[:mu]]
-        step = weights @ chosen
-        mean = mean + sigma * step
-        white = basis @ ((basis.T @ step) / scale)
-        path_s = (1 - c_s) * path_s + sqrt(c_s * (2 - c_s) * mu_eff) * white
-        calm = float(np.linalg.norm(path_s)) < (1.4 + 2 / (n + 1)) * chi_n
-        path_c = (1 - c_c) * path_c + calm * sqrt(c_c * (2 - c_c) * mu_eff) * step
-        covariance = (
-            (1 - c_1 - c_mu) * covariance
-            + c_1 * np.outer(path_c, path_c)
-            + c_mu * (chosen.T * weights) @ chosen
-        )
-        sigma *= float(np.exp((c_s / d_s) * (np.linalg.norm(path_s) / chi_n - 1)))
-        if _agreed(values, tolerance):
-            # a run that agrees on a point worse than one already seen sits in another basin
-            return float(np.min(values)) <= watch.best * (1 + 10 * tolerance)
-        if sigma * float(scale.max()) < 1e-11:
-            return False
-    return False
 
 
 def _de(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
