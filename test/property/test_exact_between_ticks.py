@@ -12,7 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.base import Between, Block, Slot
 from piezo_hysteresis.blocks.parallel import side_by_side
-from piezo_hysteresis.models import Model, answers_at_once
+from piezo_hysteresis.models import Model
 
 DT = 1e-3
 FINER = 64
@@ -115,12 +115,12 @@ def finely(blocks: tuple[Block, ...], p: np.ndarray, u: Any) -> np.ndarray:
     """Return the output for an input held at 64 times the rate: one more value than that."""
     model = Model('part', tuple(blocks))
     y = model.respond(np.repeat(u, FINER), p, DT / FINER, frequency=17.0)
-    return np.concatenate([[0.0], y]) if answers_at_once(model, {}, DT) else np.append(y, np.nan)
+    return np.concatenate([[0.0], y]) if model.answers_at_once else np.append(y, np.nan)
 
 
 def truth(model: Model, p: Any, u: Any) -> Any:
     """Return the output at the ticks, or where nothing has inertia at the ends of the ticks."""
-    at_once = answers_at_once(model, {}, DT)
+    at_once = model.answers_at_once
     counts = np.cumsum([0, *(len(b.parameters) for b in model.blocks)])
     own = [p[a:b] for a, b in itertools.pairwise(counts)]
     held = itertools.takewhile(lambda b: b.between in HELD, model.blocks)

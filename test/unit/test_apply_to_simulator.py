@@ -7,7 +7,7 @@ import pytest
 
 from piezo_hysteresis.blocks import BLOCKS, named_block
 from piezo_hysteresis.discovery.live.apply import simulator_parameters
-from piezo_hysteresis.models import Model, ModelFile, answers_at_once
+from piezo_hysteresis.models import Model, ModelFile
 from piezo_sim.plant import Plant
 
 RATE = 1000.0
@@ -125,7 +125,7 @@ def difference(model: Model, values: dict[str, float]) -> float:
     voltage = np.sin(2 * np.pi * 5.0 * time) * np.minimum(1.0, time)
     measured = plant.run(voltage)
     simulated = model.respond(voltage, model.pack(every), 1.0 / RATE, frequency=5.0)
-    if answers_at_once(model, every, 1.0 / RATE):
+    if model.answers_at_once:
         measured, simulated = measured[1:], simulated[:-1]
     return float(np.max(np.abs(measured - simulated)) / np.ptp(simulated))
 

@@ -12,7 +12,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
 from piezo_hysteresis.discovery.selection.expectation import expectation
 from piezo_hysteresis.discovery.selection.uncertain import widened
 from piezo_hysteresis.identification.discrepancy import RecordResidual, condition_of
-from piezo_hysteresis.identification.drive_lines import drive_lines, taken_out
+from piezo_hysteresis.identification.drive_lines import drive_lines
+from piezo_hysteresis.identification.factor import projected_out
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Condition, Discrepancy, named
 from piezo_hysteresis.records import Record, RecordInfo
@@ -56,7 +57,7 @@ def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
     error = GROWING * third() + 2e-7 * GROWING
     rows, orders = drive_lines(GROWING * drive(), DT, 2.0)
     assert np.any(orders == 0)
-    _, beside = taken_out(error - error.mean(), rows)
+    _, beside = projected_out(error - error.mean(), rows)
     assert np.std(beside) < 0.05 * np.std(error)
     found = condition(GROWING * drive(), error)
     assert sum(size**2 for size in found.bands.values()) < 1e-3 * found.rms**2

@@ -17,7 +17,7 @@ from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.errors import errors_of, one_step
 from piezo_hysteresis.identification.history import preceded
 from piezo_hysteresis.identification.rls import RlsSettings
-from piezo_hysteresis.models import ModelFile, answers_at_once, named
+from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
 
 DT = 1e-3
@@ -41,7 +41,7 @@ def record(
     values = {k: v for k, v in TRUTH.items() if k in model.parameter_names}
     u = np.sin(2 * np.pi * frequency * DT * np.arange(round(seconds / DT)))
     y = model.respond(u, model.pack(values), DT)
-    if answers_at_once(model, values, DT):  # measured before the voltage of a tick acts
+    if model.answers_at_once:  # measured before the voltage of a tick acts
         y = np.concatenate([[values['offset']], y[:-1]])
     y += np.random.default_rng(int(frequency)).normal(0, noise, u.size)
     info = RecordInfo(excitation='sine', frequency=frequency, amplitude=1.0, warm_up=1.0)
@@ -208,7 +208,7 @@ def test_staircases_are_not_called_clipped() -> None:
 
 
 def test_methods_refuse_models_they_cannot_identify() -> None:
-    for method, model in (('rls', 'classical'), ('rls_ud', 'extended'), ('pi_bank', 'classical')):
+    for method, model in (('rls', 'preisach'), ('rls_ud', 'extended'), ('pi_bank', 'classical')):
         with pytest.raises(IdentificationError, match=r'use output_error'):
             identify(RECORDS, named(model), method=method)
     with pytest.raises(IdentificationError, match='choose one of'):

@@ -9,7 +9,7 @@ from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.inverse_rows import row_of
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.search import FANG, Swarm
-from piezo_hysteresis.models import answers_at_once, named
+from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.runtime.identification_plan import RecordSegmenter, SegmentEdge
 
@@ -41,7 +41,7 @@ def record(
     model = named(name)
     u = amplitude * np.sin(2 * np.pi * frequency * dt * np.arange(round(seconds / dt)))
     y = model.respond(u, model.pack({**model.defaults(), **values}), dt, frequency=frequency)
-    if answers_at_once(model, {**model.defaults(), **values}, dt):
+    if model.answers_at_once:
         y = np.concatenate([[values.get('offset', 0.0)], y[:-1]])
     y = y + np.random.default_rng(int(frequency)).normal(0, noise, u.size)
     info = RecordInfo('', 'sine', frequency, amplitude, min(1.0, seconds / 3))

@@ -217,13 +217,11 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.discovery.selection.screen import without
-    from piezo_hysteresis.identification.drive_lines import orthonormal, taken_out
+    from piezo_hysteresis.identification.factor import orthonormal, projected_out
     from piezo_hysteresis.numerics.harmonics import tone_amplitude
 
-    without(np.ones(8), np.zeros((1, 8)))
     tone_amplitude(np.arange(8.0), 100.0, DT)
-    taken_out(np.ones(8), orthonormal(np.eye(3, 8))[1:])
+    projected_out(np.ones(8), orthonormal(np.eye(3, 8), 1e-6)[1:])
 
 
 REHEARSALS = (

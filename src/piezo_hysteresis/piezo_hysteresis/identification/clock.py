@@ -14,7 +14,7 @@ import numpy as np
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import ModelFile, answers_at_once
+from piezo_hysteresis.models import ModelFile
 
 #: Share of a sample by which two recordings of one set-up may differ in when they read the
 #: displacement: a driver that reads and writes in every tick does both within a tenth of it.
@@ -43,7 +43,7 @@ def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[fl
         Share of a sample by which recordings may differ [1].
     """
     known = _DEVIATIONS * given.sampling_offset_std / dt
-    part = given.sampling_offset_std > 0.0 and answers_at_once(given.model, {}, dt)
+    part = given.sampling_offset_std > 0.0 and given.model.answers_at_once
     reach = (_MOST if part else min(jitter + known, _MOST)) * dt
     return given.sampling_offset - reach, given.sampling_offset + reach
 

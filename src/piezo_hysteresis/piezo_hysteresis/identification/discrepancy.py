@@ -17,8 +17,8 @@ from piezo_hysteresis.identification.drive_lines import (
     at_its_largest,
     drive_lines,
     phase_at,
-    taken_out,
 )
+from piezo_hysteresis.identification.factor import projected_out
 from piezo_hysteresis.identification.noise import density
 from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.targets import Target
@@ -174,7 +174,7 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
         rows, order_of = drive_lines(residual.voltage, dt, drive)
         if np.any(order_of == 0):  # the mean follows an amplitude that changes
             mean = float(np.mean(error))
-            shares, beside = taken_out(error - mean, rows)
+            shares, beside = projected_out(error - mean, rows)
             power = np.bincount(order_of, shares**2 / error.size)
             power[0] += mean**2
             return {n: sqrt(float(p)) for n, p in enumerate(power)}, beside

@@ -7,15 +7,12 @@ where both are split alike.
 
 from __future__ import annotations
 
-from math import sqrt
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.identification.factor import orthonormal
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, lines_and_rest, phase_of
 
 #: Length of a record [periods] from which harmonics are told apart: lines are three bins apart.
@@ -23,6 +20,7 @@ PERIODS = 3.0
 #: Scatter of the amplitude, over its mean, from which harmonics follow it: below it a parabola has
 #: nothing to hold on to.
 STEADY = 0.05
+_DEPENDENT = 1e-6  # share of a row that others leave of it, below which it is theirs
 
 
 def drive_lines(
@@ -60,7 +58,7 @@ def drive_lines(
         for law in laws:
             rows += [law * np.cos(order * angle), law * np.sin(order * angle)]
             orders += [order, order]
-    basis = orthonormal(np.array(rows))
+    basis = orthonormal(np.array(rows), _DEPENDENT)
     return basis[1:], np.array(orders[1:], dtype=np.int64)
 
 
@@ -82,27 +80,3 @@ def phase_at(voltage: FloatArray, dt: float, drive: float) -> float:
     where = at_its_largest(voltage, dt, drive)
     phase = phase_of(drive, dt, voltage.size)
     return float(np.angle(lines_and_rest(voltage[where], phase[where], [1])[1][0]))
-
-
-@jit
-def orthonormal(rows: FloatArray) -> FloatArray:
-    """Return orthonormal rows, shape (q, n), without BLAS threads; zeros for dependent ones."""
-    found = rows.copy()
-    for j in range(found.shape[0]):
-        before = sqrt(inner(found[j], found[j]))
-        for _ in range(2):
-            for i in range(j):
-                found[j] -= inner(found[i], found[j]) * found[i]
-        size = sqrt(inner(found[j], found[j]))
-        found[j] *= 1.0 / size if size > 1e-6 * before else 0.0
-    return found
-
-
-@jit
-def taken_out(error: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the shares of orthonormal rows in an error, shape (q,), and what is left."""
-    left, shares = error.copy(), np.empty(lines.shape[0])
-    for j in range(lines.shape[0]):
-        shares[j] = inner(lines[j], left)
-        left -= shares[j] * lines[j]
-    return shares, left

@@ -123,3 +123,30 @@ def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> N
         r[j, last] -= share * head
         for k in range(v.size):
             w[k] -= share * v[k]
+
+
+@jit
+def orthonormal(rows: FloatArray, tolerance: float) -> FloatArray:
+    """Return orthonormal rows, shape (q, n), without BLAS threads; zeros for dependent ones.
+
+    A row is dependent where those before it leave less of it than the share `tolerance`.
+    """
+    found = rows.copy()
+    for j in range(found.shape[0]):
+        before = sqrt(inner(found[j], found[j]))
+        for _ in range(2):
+            for i in range(j):
+                found[j] -= inner(found[i], found[j]) * found[i]
+        size = sqrt(inner(found[j], found[j]))
+        found[j] *= 1.0 / size if size > tolerance * before else 0.0
+    return found
+
+
+@jit
+def projected_out(vector: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the shares of orthonormal rows in a vector, shape (q,), and what is left of it."""
+    left, shares = vector.copy(), np.empty(rows.shape[0])
+    for j in range(rows.shape[0]):
+        shares[j] = inner(rows[j], left)
+        left -= shares[j] * rows[j]
+    return shares, left

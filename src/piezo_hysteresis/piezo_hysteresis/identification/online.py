@@ -178,7 +178,7 @@ def run_online(
         options = {**options, 'start': _with_mode(records, options.get('start') or {})}
 
     # without a mode it takes voltage and displacement of one tick together
-    ahead = 0.0 if any(block.inertia for block in model.blocks) else 1.0
+    ahead = 1.0 if model.answers_at_once else 0.0
 
     def run(late: float) -> tuple[float, OnlineRun]:
         seen = [_read_earlier(record, late) for record in records]

@@ -17,7 +17,7 @@ from piezo_hysteresis.identification.beginnings import Motion
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.models import Model, answers_at_once
+from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.stages import TickStage
 
 
@@ -81,7 +81,7 @@ def samples_late(model: Model, dt: float, sampling_offset: float = 0.0) -> float
     dt, sampling_offset : float
         Sampling interval, and how much later than our convention the displacement was read [s].
     """
-    ahead = answers_at_once(model, {}, dt)
+    ahead = model.answers_at_once
     return sampling_offset / dt - (1.0 if ahead else 0.0)
 
 

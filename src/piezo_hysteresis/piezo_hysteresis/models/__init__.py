@@ -16,7 +16,6 @@ from piezo_hysteresis.models.effects import (
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
 from piezo_hysteresis.models.named import NAMES, RECIPES, name_of, named
 from piezo_hysteresis.models.scaling import for_range
-from piezo_hysteresis.models.timing import answers_at_once
 
 __all__ = [
     'EFFECT_NAMES',
@@ -33,7 +32,6 @@ __all__ = [
     'Provenance',
     'State',
     'add_effect',
-    'answers_at_once',
     'applicable',
     'candidates',
     'described',

@@ -93,6 +93,17 @@ class Model:
         """Names of the parameters that a fit may move."""
         return tuple(parameter.name for parameter in self.parameters if not parameter.held)
 
+    @property
+    def answers_at_once(self) -> bool:
+        """Whether the answer at a tick includes the voltage of that tick.
+
+        A chain with inertia answers at the tick, before its voltage acts, as a measurement does.
+        Every other chain answers at the end of the tick, just before the next voltage acts: it is
+        to be compared with the measurement of the next tick. That is a matter of the blocks alone,
+        so that no value of a parameter moves the clock.
+        """
+        return not any(block.inertia for block in self.blocks)
+
     def defaults(self) -> dict[str, float]:
         """Return every parameter at its default, held ones at what they are held at."""
         return {parameter.name: parameter.default for parameter in self.parameters}

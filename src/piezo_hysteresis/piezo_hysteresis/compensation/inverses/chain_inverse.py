@@ -70,7 +70,7 @@ class _Stages:
 
 def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _Stages:
     stages = _Stages()
-    inertia = any(block.inertia for block in model.blocks)
+    inertia = not model.answers_at_once
     first = 0
     for block in model.blocks:
         own = packed[first : first + len(block.parameters)].copy()

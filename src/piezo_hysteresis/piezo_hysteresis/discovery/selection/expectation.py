@@ -21,8 +21,8 @@ from piezo_hysteresis.identification.drive_lines import (
     amplitudes,
     drive_lines,
     phase_at,
-    taken_out,
 )
+from piezo_hysteresis.identification.factor import projected_out
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
@@ -86,7 +86,7 @@ class Expectation:
         beside = error - error.mean()
         found = np.zeros(self.expected.size)
         if len(self.lines):
-            shares, beside = taken_out(beside, self.lines)
+            shares, beside = projected_out(beside, self.lines)
             found += np.bincount(self.line_of, shares**2 / error.size, found.size)
         power = np.abs(np.fft.rfft(self.window * beside)) ** 2
         power[0] = 0.0

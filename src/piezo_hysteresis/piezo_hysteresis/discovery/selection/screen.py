@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 
@@ -18,12 +17,13 @@ from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, errors_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.crew import of_each
-from piezo_hysteresis.identification.factor import inner
+from piezo_hysteresis.identification.factor import inner, orthonormal, projected_out
 from piezo_hysteresis.identification.reading import Begun, differentiated, simulated
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Candidate, Model
 
+# Share of a sensitivity that others leave of it, below which it is theirs.
+_DEPENDENT = 1e-7
 # Records, those with the largest residual, from which starts are guessed.
 _GUESSES = 3
 # Effects with so many parameters are judged by small changes of all of them, too.
@@ -58,30 +58,6 @@ class ScreeningScore:
 def _differ(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     """Tell whether two starts are more than steps of one fit apart."""
     return any(abs(one[k] - other[k]) > _ALIKE * max(abs(one[k]), abs(other[k])) for k in one)
-
-
-@jit
-def without(vector: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return `vector`, shape (n,), less its share of orthonormal rows, shape (p, n)."""
-    left = vector.copy()
-    for j in range(basis.shape[0]):
-        share = inner(basis[j], left)
-        for k in range(left.size):
-            left[k] -= share * basis[j, k]
-    return left
-
-
-def orthonormal(rows: FloatArray) -> FloatArray:
-    """Return orthonormal rows that span the same, shape (p, n), without BLAS threads."""
-    kept, count = np.empty_like(rows), 0
-    for row in rows:
-        known = kept[:count]
-        left = without(without(row, known), known)
-        size = sqrt(inner(left, left))
-        if size > 1e-7 * max(sqrt(inner(row, row)), 1e-300):
-            kept[count] = left / size
-            count += 1
-    return kept[:count]
 
 
 class Screen:
@@ -122,7 +98,8 @@ class Screen:
         columns = [column for column in found if column is not None]
         if not columns:
             return np.zeros((0, self._residual.size))
-        return orthonormal(np.array(columns))
+        basis = orthonormal(np.array(columns), _DEPENDENT)
+        return basis[np.any(basis != 0.0, axis=1)]
 
     def _difference(self, name: str) -> FloatArray | None:
         values = dict(self._fit.values)
@@ -144,7 +121,7 @@ class Screen:
         return ModelSpec(model, values, sampling_offset=self._fit.sampling_offset)
 
     def _project(self, vector: FloatArray) -> FloatArray:
-        return without(vector, self._basis)
+        return projected_out(vector, self._basis)[1]
 
     def score(self, candidate: Candidate) -> ScreeningScore:
         """Return what `candidate` promises, with its starts ordered by it."""
@@ -232,7 +209,8 @@ class Screen:
         columns = np.hstack(rows)
         if not np.all(np.isfinite(columns)):
             return 0.0
-        basis = orthonormal(np.array([self._project(column) for column in columns]))
+        own = np.array([self._project(column) for column in columns])
+        basis = orthonormal(own, _DEPENDENT)
         total = sum(inner(row, self._left) ** 2 for row in basis)
         return total / max(inner(self._residual, self._residual), 1e-300)
 
