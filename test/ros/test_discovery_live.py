@@ -59,17 +59,19 @@ def test_the_gap_closes_in_running_nodes(
     listener.listen(ActuatorState, 'actuator/state')
     listener.listen(Reference, 'reference')
     listener.listen(LoopStatus, 'loop/status', latched=True)
-    processes.serve(
+    processes.start(
+        'piezo_sim',
         'simulator',
         {'clock': 'lock_step', 'preset': 'generic_bouc_wen', 'wait_for': 3},
     )
-    processes.serve('feedforward', {'start': 0.2})
-    processes.serve('attenuation', {'enabled': False})
-    processes.serve('gap_monitor', {'window': WINDOW})
+    processes.start('piezo_hysteresis', 'feedforward', {'start': 0.2})
+    processes.start('piezo_hysteresis', 'attenuation', {'enabled': False})
+    processes.start('piezo_hysteresis', 'gap_monitor', {'window': WINDOW})
     assert load(listener, 'gap_monitor', found / 'params.yaml')
     assert load(listener, 'feedforward', found / 'params.yaml')
     listener.matched('actuator/state')
-    processes.serve(
+    processes.start(
+        'piezo_hysteresis',
         'excitation',
         {
             'mode': 'reference',

@@ -39,7 +39,9 @@ class Loop:
         self.log = listener.listen(Log, '/rosout')
         self.feedback: list[RunSweep.Feedback] = []
         self.simulator = self.start_simulator(processes)
-        self.excitation = processes.serve('excitation', {'actuator': 'bender', 'deadline': 2.0})
+        self.excitation = processes.start(
+            'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'deadline': 2.0}
+        )
         self._client = ActionClient(listener.node, RunSweep, 'run_sweep')
         listener.matched('actuator/state')
         listener.matched('record/marker')

@@ -111,7 +111,7 @@ def test_the_driver_of_the_page_serves_an_excitation(
     try:
         settings = {'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 3.0, 'ramp': 0.1}
         states = listener.heard['actuator/state']
-        processes.serve('excitation', settings)
+        processes.start('piezo_hysteresis', 'excitation', settings)
         listener.until(lambda: any(abs(s.voltage) == 1.2 for s in states), 60.0)
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)

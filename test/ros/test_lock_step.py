@@ -75,20 +75,18 @@ def offline() -> LoopResult:
 def test_nodes_give_the_numbers_of_the_offline_loop(
     processes: LiveNodes, listener: Listener, tmp_path: Path, run: str
 ) -> None:
-    def start(name: str, settings: dict[str, object]) -> NodeProcess:
-        return processes.serve(name, settings)
-
     model = tmp_path / 'model.yaml'
     ModelFile(named('extended'), MODEL).save(model)
     listener.listen(ActuatorState, 'actuator/state')
     listener.listen(ModelEstimate, 'model/estimate', latched=True)
-    start('simulator', {'clock': 'lock_step', 'seed': 7, 'wait_for': 4})
-    start('feedforward', {'model_file': str(model)})
-    start('attenuation', {**MODE, 'method': 'rls', 'orders': [3]})
-    start('identification', {'publish_every': SAMPLES})
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'seed': 7, 'wait_for': 4})
+    processes.start('piezo_hysteresis', 'feedforward', {'model_file': str(model)})
+    processes.start('piezo_hysteresis', 'attenuation', {**MODE, 'method': 'rls', 'orders': [3]})
+    processes.start('piezo_hysteresis', 'identification', {'publish_every': SAMPLES})
     listener.matched('actuator/state')
     listener.matched('model/estimate')
-    excitation = start(
+    excitation = processes.start(
+        'piezo_hysteresis',
         'excitation',
         {
             'mode': 'reference',
@@ -144,8 +142,9 @@ def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
 
     states = listener.listen(ActuatorState, 'actuator/state')
     running = {name: start(name) for name in settings}
-    processes.serve('feedforward', slew)
-    processes.serve(
+    processes.start('piezo_hysteresis', 'feedforward', slew)
+    processes.start(
+        'piezo_hysteresis',
         'excitation',
         {'mode': 'reference', 'frequency': 7.0, 'reference.amplitude': 1e-4, 'ramp': 0.2},
     )

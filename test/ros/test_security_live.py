@@ -81,7 +81,7 @@ def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
     processes: LiveNodes, listener: Listener
 ) -> None:
     """It hears the actuator only then, so that a loop at work does not show it."""
-    processes.serve('feedforward')
+    processes.start('piezo_hysteresis', 'feedforward')
     references = listener.node.create_publisher(Reference, topics.REFERENCE, LOOP)
     listener.until(references.get_subscription_count)
     references.publish(Reference(sample=0))

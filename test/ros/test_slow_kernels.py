@@ -49,7 +49,8 @@ def test_an_excitation_waits_for_an_actuator_that_compiles(
     health = listener.watch_health()
     simulator = processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
     listener.tells(health, 'simulator', 'state', 'starting')
-    excitation = processes.serve(
+    excitation = processes.start(
+        'piezo_hysteresis',
         'excitation',
         {'mode': 'voltage', 'voltage.amplitude': 0.5, 'duration': 0.5, 'deadline': 3.0,
          'exit_when_done': True},
@@ -70,12 +71,13 @@ def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
 ) -> None:
     """The excitation counts a link that starts for one that works, and so does the simulator."""
     health = listener.watch_health()
-    processes.serve('simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
     processes.environment.update(slowed(tmp_path, ATTENUATION, 8.0))
-    processes.serve('feedforward')
+    processes.start('piezo_hysteresis', 'feedforward')
     processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls', 'orders': [3]})
     listener.tells(health, 'attenuation', 'state', 'starting')
-    excitation = processes.serve(
+    excitation = processes.start(
+        'piezo_hysteresis',
         'excitation',
         {'mode': 'reference', 'reference.amplitude': 1e-6, 'duration': 0.5, 'deadline': 3.0,
          'wait_for': 2, 'exit_when_done': True},
@@ -95,7 +97,9 @@ def test_a_player_waits_for_a_listener_that_compiles(
     health = listener.watch_health()
     processes.start('piezo_hysteresis', 'identification', namespace='piezo')
     listener.tells(health, 'piezo/identification', 'state', 'starting')
-    player = processes.serve('player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0})
+    player = processes.start(
+        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0}
+    )
     assert processes.wait_for(player, 120.0) == 0
     listener.until(lambda: bool(heard) and heard[-1].counts[0] == 500)
 

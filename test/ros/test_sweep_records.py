@@ -38,25 +38,17 @@ class Bench:
         self._client = ActionClient(listener.node, RunSweep, 'run_sweep')
         self._bags: dict[int, Path] = {}
 
-    def start(self, clock: str = 'lock_step', *, stops: bool = False, **excitation: Any) -> None:
-        """Start the loop; a simulator that `stops` is a process."""
+    def start(self, clock: str = 'lock_step', **excitation: Any) -> None:
+        """Start the loop."""
         settings = {'clock': clock, 'preset': PRESET}
-        self.simulator: NodeProcess = (
-            self.processes.start('piezo_sim', 'simulator', settings)
-            if stops
-            else self.processes.serve('simulator', settings)
-        )
-        self.processes.serve('excitation', excitation)
+        self.simulator = self.processes.start('piezo_sim', 'simulator', settings)
+        self.processes.start('piezo_hysteresis', 'excitation', excitation)
         self.listener.until(self._client.server_is_ready)
 
-    def record(self, name: str, *, stops: bool = False) -> NodeProcess:
+    def record(self, name: str) -> NodeProcess:
         """Start a recorder and return as soon as the graph knows its name, not what it does."""
         settings = {'out': str(self.folder / name)}
-        node: NodeProcess = (
-            self.processes.start('piezo_hysteresis', 'recorder', settings, name=name)
-            if stops
-            else self.processes.serve('recorder', settings, name=name)
-        )
+        node = self.processes.start('piezo_hysteresis', 'recorder', settings, name=name)
         self._bags[id(node)] = self.folder / name
         self.listener.until(lambda: name in self.listener.node.get_node_names())
         return node
@@ -122,7 +114,7 @@ def test_a_sweep_at_once_after_a_recorder_came_up_is_all_in_its_bag(
 def test_a_recorder_that_comes_during_a_sweep_gets_the_record_that_runs(
     bench: Bench, clock: str
 ) -> None:
-    bench.start(clock, stops=True, deadline=60.0)
+    bench.start(clock, deadline=60.0)
     handle = bench.send(seconds=3.0)
     bench.running()
     bench.simulator.signal(signal.SIGSTOP)  # time stands still until the recorder is there
@@ -153,7 +145,7 @@ def test_a_cancelled_record_is_in_the_bag_as_such(bench: Bench) -> None:
 
 def test_a_recorder_that_does_not_confirm_is_named_within_the_deadline(bench: Bench) -> None:
     bench.start(deadline=2.0)
-    node = bench.record('stuck', stops=True)
+    node = bench.record('stuck')
     result = bench.result(bench.send()).result
     assert result.recorded_by[0] == '/stuck'
     node.signal(signal.SIGSTOP)
@@ -179,7 +171,7 @@ def test_nobody_who_records_is_no_reason_to_wait(bench: Bench) -> None:
 
 
 def play(bench: Bench, bag: Path, **settings: Any) -> Callable[[], int | None]:
-    node = bench.processes.serve('player', {'bag': str(bag), **settings})
+    node = bench.processes.start('piezo_hysteresis', 'player', {'bag': str(bag), **settings})
     return lambda: bench.processes.wait_for(node, 60.0)
 
 
