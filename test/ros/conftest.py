@@ -16,6 +16,8 @@ rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "ma
 from listening import Listener  # noqa: E402
 from live_nodes import LiveNodes  # noqa: E402
 
+from piezo_ros_common.processes import NodeProcesses  # noqa: E402
+
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.
 LONG = (
@@ -48,6 +50,13 @@ def processes() -> Iterator[LiveNodes]:
 
 
 @pytest.fixture
+def started_processes() -> Iterator[NodeProcesses]:
+    """Return a group for tests of how processes start: none of them is forked."""
+    with NodeProcesses() as group:
+        yield group
+
+
+@pytest.fixture
 def listener(processes: LiveNodes) -> Iterator[Listener]:
     ear = Listener(processes)
     yield ear
@@ -73,7 +82,7 @@ def pytest_runtest_makereport(item: Any, call: Any) -> Any:
     report = yield
     if report.failed:
         for group in getattr(item, 'funcargs', {}).values():
-            if isinstance(group, LiveNodes):
+            if isinstance(group, NodeProcesses):
                 for node in group.nodes:
                     title = f'{node.name} (code {node.returncode})'
                     report.sections.append((title, node.tail(20).replace(' | ', '\n')))

@@ -13,7 +13,7 @@ from live_nodes import LiveNodes
 
 from piezo_hysteresis.cli.node import PACKAGES
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import ProcessError
+from piezo_ros_common.processes import NodeProcesses, ProcessError
 
 pytestmark = pytest.mark.ros
 
@@ -98,12 +98,12 @@ STARTS = [
 
 
 def test_a_node_that_is_interrupted_while_it_starts_ends_in_silence(
-    processes: LiveNodes,
+    started_processes: NodeProcesses,
 ) -> None:
     for package, name, moment in STARTS:
-        node = processes.start(package, name)
+        node = started_processes.start(package, name)
         time.sleep(moment)
         node.signal(signal.SIGINT)
         assert node.wait(60.0) == 0, node.tail()
         assert 'Traceback' not in node.log.read_text(), node.tail(20)
-        processes.forget(node)
+        started_processes.forget(node)
