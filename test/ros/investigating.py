@@ -48,6 +48,7 @@ class Bench:
         self.start('discovery')
         self.client = ActionClient(listener.node, Investigate, 'investigate')
         listener.until(self.client.server_is_ready)
+        listener.found_by('discovery')
 
     def start(self, name: str) -> NodeProcess:
         """Start a node with the settings that it has here."""

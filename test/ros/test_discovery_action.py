@@ -38,6 +38,7 @@ def test_a_discovery_over_ros(processes: LiveNodes, listener: Listener, tmp_path
     processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
     client = ActionClient(listener.node, Discover, 'discover')
     listener.until(client.server_is_ready)
+    listener.found_by('discovery')
     health = listener.watch_health()
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
     listener.says(health, 'discovery', ok, 'idle')

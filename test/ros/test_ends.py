@@ -182,6 +182,7 @@ def test_a_discovery_under_way_ends_with_its_node(
     node = processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
     client = ActionClient(listener.node, Discover, 'discover')
     listener.until(client.server_is_ready)
+    listener.found_by('discovery')
     feedback: list[float] = []
     goal = Discover.Goal(data=['bag'], baseline='classical', out='out', seed=3, workers=2)
     client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback.fraction))

@@ -46,6 +46,7 @@ class Loop:
         listener.matched('actuator/state')
         listener.matched('record/marker')
         listener.until(self._client.server_is_ready)
+        listener.found_by('excitation')
 
     @staticmethod
     def start_simulator(processes: LiveNodes) -> NodeProcess:

@@ -34,6 +34,7 @@ def run_a_sweep(listener: Listener) -> list[RecordMarker]:
     listener.matched('record/marker')
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(client.server_is_ready)
+    listener.found_by('excitation')
     assert listener.set_one('excitation', 'marker_listeners', 1) == ''
     goal = RunSweep.Goal(frequencies=[5.0], amplitudes=[0.5], seconds=0.5)
     accepted = client.send_goal_async(goal)

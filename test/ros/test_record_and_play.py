@@ -40,6 +40,7 @@ IDENTIFICATION = {'publish_every': round(2000 * SECONDS)}
 def run_sweep(listener: Listener, goal: dict[str, Any]) -> None:
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(client.server_is_ready)
+    listener.found_by('excitation')
     accepted = client.send_goal_async(RunSweep.Goal(**goal))
     listener.until(accepted.done)
     finished = accepted.result().get_result_async()

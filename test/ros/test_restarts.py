@@ -136,6 +136,7 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
     client = ActionClient(loop.listener.node, Discover, 'discover')
     first = loop.processes.start('piezo_hysteresis', 'discovery', folder)
     loop.listener.until(client.server_is_ready)
+    loop.listener.found_by('discovery')
     assert send(data=['bag'], out='out', workers=1).accepted
     loop.listener.tells(loop.health, 'discovery', 'busy', 'True')
     loop.kill(first)
@@ -144,6 +145,7 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
     assert not left or left >= {'verdict.json', 'report.html', 'model.yaml', 'params.yaml'}
     second = loop.processes.start('piezo_hysteresis', 'discovery', folder)
     loop.listener.tells(loop.health, 'discovery', 'runs', '0')
+    loop.listener.found_by('discovery')
     handle = send(data=['nowhere'], out='out')
     finished = handle.get_result_async()
     loop.listener.until(finished.done)

@@ -44,6 +44,7 @@ class Bench:
         self.simulator = self.processes.start('piezo_sim', 'simulator', settings)
         self.processes.start('piezo_hysteresis', 'excitation', excitation)
         self.listener.until(self._client.server_is_ready)
+        self.listener.found_by('excitation')
 
     def record(self, name: str) -> NodeProcess:
         """Start a recorder and return as soon as the graph knows its name, not what it does."""
@@ -148,12 +149,13 @@ def test_a_recorder_that_does_not_confirm_is_named_within_the_deadline(bench: Be
     node = bench.record('stuck')
     result = bench.result(bench.send()).result
     assert result.recorded_by[0] == '/stuck'
+    bench.listener.until(lambda: not bench.markers[-1].excitation)  # may come after the result
     node.signal(signal.SIGSTOP)
     count = len(bench.markers)
     result = bench.result(bench.send()).result
     assert not result.success
     assert '/stuck to confirm the marker of record sine_5Hz_1V' in result.message
-    bench.listener.until(lambda: len(bench.markers) >= count + 2)  # it may come after the result
+    bench.listener.until(lambda: len(bench.markers) >= count + 2)
     assert [m.excitation for m in bench.markers[count:]] == ['sine', 'failed']
     node.signal(signal.SIGCONT)
     result = bench.result(bench.send()).result
@@ -183,8 +185,7 @@ def test_a_bag_that_is_played_to_a_recorder_is_all_there(
     node = bench.record('first')
     assert bench.result(bench.send()).result.success
     bag = bench.close(node)
-    for each in list(bench.processes.nodes):
-        bench.processes.forget(each)
+    bench.processes.stop()
     copy = bench.record('copy')
     assert play(bench, bag, **settings)() == 0
     holds(bench.close(copy))
