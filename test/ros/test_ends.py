@@ -105,6 +105,8 @@ class Everything:
             words = ['-p', NEEDED[name](folder)] if name in NEEDED else []
             words += [word for each in NAMES.get(name, ()) for word in ('-r', each)]
             self.running[name] = start(name, words, processes.environment)
+        # at full speed they would take the time that those which still load need
+        assert listener.set_one('simulator', 'speed_factor', 0.2) == ''
 
     def close(self) -> None:
         for process in self.running.values():
@@ -138,7 +140,6 @@ def test_every_node_ends_on_either_signal_while_the_loop_runs_and_leaves_nothing
     everything: Everything,
 ) -> None:
     listener, states = everything.listener, everything.states
-    assert listener.set_one('simulator', 'speed_factor', 0.2) == ''
     assert listener.set_one('excitation', 'frequency', 10.0) == ''
     assert listener.set_one('excitation', 'mode', 'reference') == ''
     listener.until(lambda: states and abs(states[-1].voltage) > 0.0)
