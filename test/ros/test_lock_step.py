@@ -1,4 +1,4 @@
-"""The loop of nodes gives the numbers of the offline function, time after time."""
+"""The loop of nodes gives the numbers of the offline function."""
 
 from __future__ import annotations
 
@@ -71,9 +71,8 @@ def offline() -> LoopResult:
     return closed_loop(reference, links, plant, limits, 1.0 / RATE)
 
 
-@pytest.mark.parametrize('run', ['once', 'again'])
 def test_nodes_give_the_numbers_of_the_offline_loop(
-    processes: LiveNodes, listener: Listener, tmp_path: Path, run: str
+    processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     model = tmp_path / 'model.yaml'
     ModelFile(named('extended'), MODEL).save(model)
