@@ -8,7 +8,6 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,24 +31,6 @@ with LiveNodes(int(sys.argv[1])) as nodes:
 """
 
 
-@pytest.fixture
-def pair(
-    processes: LiveNodes, listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[NodeProcess, NodeProcess]]:
-    """Return a node that is forked and the same one started, both of which answer."""
-    monkeypatch.chdir(tmp_path)
-    with NodeProcesses(processes.domain) as others:
-        forked, started = (
-            group.start('piezo_hysteresis', 'feedforward', SETTINGS, namespace=space)
-            for group, space in ((processes, 'forked'), (others, 'started'))
-        )
-        assert isinstance(forked, ForkedNode)
-        assert not isinstance(started, ForkedNode)
-        for space in ('forked', 'started'):
-            parameters_of(listener, space)
-        yield forked, started
-
-
 def parameters_of(listener: Listener, space: str) -> dict[str, Any]:
     node = f'{space}/feedforward'
     request = ListParameters.Request()
@@ -71,31 +52,40 @@ def threads_of(node: NodeProcess) -> list[str]:
     return sorted(re.sub(r'\d+', '', name) for name in names)
 
 
-def test_a_forked_node_is_as_a_started_one(
-    pair: tuple[NodeProcess, NodeProcess], listener: Listener, tmp_path: Path
+def test_a_forked_node_is_and_ends_as_a_started_one(
+    processes: LiveNodes, listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    forked, started = pair
-    known, expected = (parameters_of(listener, space) for space in ('forked', 'started'))
-    assert known == expected
-    assert known['gain'].double_value == SETTINGS['gain']
-    assert signals_of(forked) == signals_of(started)
-    listener.until(lambda: threads_of(forked) == threads_of(started))
-    for node in pair:
-        assert os.getsid(node.pid) == os.getpgid(node.pid) == node.pid
-        assert Path(f'/proc/{node.pid}/cwd').resolve() == tmp_path.resolve()
+    monkeypatch.chdir(tmp_path)
+    with NodeProcesses(processes.domain) as others:
+        groups = {'forked': processes, 'started': others}
+        forked, started = pair = [
+            group.start('piezo_hysteresis', 'feedforward', SETTINGS, namespace=space)
+            for space, group in groups.items()
+        ]
+        assert isinstance(forked, ForkedNode)
+        assert not isinstance(started, ForkedNode)
+
+        known, expected = (parameters_of(listener, space) for space in groups)
+        assert known == expected
+        assert known['gain'].double_value == SETTINGS['gain']
+        assert signals_of(forked) == signals_of(started)
+        listener.until(lambda: threads_of(forked) == threads_of(started))
+        for node in pair:
+            assert os.getsid(node.pid) == os.getpgid(node.pid) == node.pid
+            assert Path(f'/proc/{node.pid}/cwd').resolve() == tmp_path.resolve()
+
+        for node in pair:
+            assert node.returncode is None
+            node.signal(signal.SIGINT)
+        assert [node.wait(20.0) for node in pair] == [0, 0]
+        assert words_of(forked) == words_of(started)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGKILL])
-def test_a_forked_node_ends_as_a_started_one(
-    pair: tuple[NodeProcess, NodeProcess], number: signal.Signals
-) -> None:
-    for node in pair:
-        assert node.returncode is None
-        node.signal(number)
-    codes = [node.wait(20.0) for node in pair]
-    assert codes == [-9, -9] if number == signal.SIGKILL else [0, 0]
-    first, second = (words_of(node) for node in pair)
-    assert first == second
+def test_the_code_of_a_killed_node_names_the_signal(processes: LiveNodes) -> None:
+    node = processes.start('piezo_hysteresis', 'feedforward')
+    node.signal(signal.SIGKILL)
+    assert node.wait(20.0) == -signal.SIGKILL
+    processes.forget(node)
 
 
 def words_of(node: NodeProcess) -> list[str]:
