@@ -21,19 +21,22 @@ from piezo_ros_common.processes import NodeProcesses  # noqa: E402
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.
 LONG = (
-    'test_nothing_compiles',
     'test_dashboard_live',
     'test_sweep_records',
     'test_slow_kernels',
-    'test_demo',
+    'test_nothing_compiles',
+    'test_record_and_play',
+    'test_excitation',
+    'test_ends',
+    'test_discovery_live',
     'test_restarts',
     'test_fault_campaign',
-    'test_investigation_live',
-    'test_excitation',
-    'test_record_and_play',
+    'test_demo',
+    'test_chain',
     'test_lock_step',
-    'test_discovery_live',
-    'test_ends',
+    'test_investigation_live',
+    'test_verbs_for_nodes',
+    'test_fork_server',
 )
 
 
