@@ -30,7 +30,7 @@ lint: dev
 # processes are shared within them, and what takes a minute to compile.
 pytest := python -m pytest -n 2 --durations=30
 fast := --dist worksteal test/docs test/property test/unit
-live := --dist loadfile --no-loadscope-reorder --reruns 1 test/ros
+live := --dist loadfile --no-loadscope-reorder test/ros
 
 test: lint
 	@$(run) PIEZO_UNIT_SECONDS=1 $(pytest) -m 'not slow' --junitxml=out/tests/fast.xml $(fast)

@@ -35,6 +35,7 @@ from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.records import Record, load
+from studies.discovery_scores import in_a_cell
 from studies.stand_ins import records_in
 
 #: Held-out error, over that of the control, up to which an effect was taken out again.
@@ -183,13 +184,8 @@ class Row:
 
     @property
     def told(self) -> str:
-        """The verdict in a cell: alternatives in brackets."""
-        cells = []
-        for effect in self.verdict.effects:
-            others = [a.name for a in effect.alternatives if a.probability > 0.05]
-            more = f' (or {", ".join(others)})' if others else ''
-            cells.append(f'{effect.name} {effect.probability:.2f}{more}')
-        return '; '.join(cells) or self.verdict.verdict
+        """The verdict in a cell."""
+        return in_a_cell(self.verdict)
 
     @property
     def ratio(self) -> float:

@@ -28,6 +28,7 @@ from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
+from studies.discovery_scores import in_a_cell
 from studies.lottery_world import (
     EFFECTS,
     OUTSIDERS,
@@ -93,15 +94,8 @@ class Row:
 
     @property
     def told(self) -> str:
-        """The verdict in a cell: alternatives in brackets."""
-        if self.verdict is None:
-            return f'refused: {self.refused}'
-        cells = []
-        for effect in self.verdict.effects:
-            others = [a.name for a in effect.alternatives if a.probability > 0.05]
-            more = f' (or {", ".join(others)})' if others else ''
-            cells.append(f'{effect.name} {effect.probability:.2f}{more}')
-        return '; '.join(cells) or self.verdict.verdict
+        """The verdict in a cell."""
+        return in_a_cell(self.verdict) if self.verdict else f'refused: {self.refused}'
 
 
 def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:

@@ -16,22 +16,27 @@ rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "ma
 from listening import Listener  # noqa: E402
 from live_nodes import LiveNodes  # noqa: E402
 
+from piezo_ros_common.processes import NodeProcesses  # noqa: E402
+
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.
 LONG = (
-    'test_nothing_compiles',
     'test_dashboard_live',
     'test_sweep_records',
     'test_slow_kernels',
-    'test_demo',
+    'test_nothing_compiles',
+    'test_record_and_play',
+    'test_excitation',
+    'test_ends',
+    'test_discovery_live',
     'test_restarts',
     'test_fault_campaign',
-    'test_investigation_live',
-    'test_excitation',
-    'test_record_and_play',
+    'test_demo',
+    'test_chain',
     'test_lock_step',
-    'test_discovery_live',
-    'test_ends',
+    'test_investigation_live',
+    'test_verbs_for_nodes',
+    'test_fork_server',
 )
 
 
@@ -44,6 +49,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def processes() -> Iterator[LiveNodes]:
     with LiveNodes() as group:
+        yield group
+
+
+@pytest.fixture
+def started_processes() -> Iterator[NodeProcesses]:
+    """Return a group for tests of how processes start: none of them is forked."""
+    with NodeProcesses() as group:
         yield group
 
 
@@ -73,7 +85,7 @@ def pytest_runtest_makereport(item: Any, call: Any) -> Any:
     report = yield
     if report.failed:
         for group in getattr(item, 'funcargs', {}).values():
-            if isinstance(group, LiveNodes):
+            if isinstance(group, NodeProcesses):
                 for node in group.nodes:
                     title = f'{node.name} (code {node.returncode})'
                     report.sections.append((title, node.tail(20).replace(' | ', '\n')))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,19 +36,9 @@ def write_model(folder: Path) -> Path:
 
 
 class Bench:
-    """A loop in lock-step with a discovery node; every state of the actuator is kept.
+    """A loop in lock-step with a discovery node; every state of the actuator is kept."""
 
-    Nodes that are to be `killed` are processes.
-    """
-
-    def __init__(
-        self,
-        processes: LiveNodes,
-        listener: Listener,
-        model: Path,
-        killed: Sequence[str] = (),
-    ) -> None:
-        self.killed = killed
+    def __init__(self, processes: LiveNodes, listener: Listener, model: Path) -> None:
         self.processes, self.listener, self.model = processes, listener, model
         self.folder = model.parent
         self.states: list[ActuatorState] = listener.listen(ActuatorState, 'actuator/state')
@@ -59,6 +48,7 @@ class Bench:
         self.start('discovery')
         self.client = ActionClient(listener.node, Investigate, 'investigate')
         listener.until(self.client.server_is_ready)
+        listener.found_by('discovery')
 
     def start(self, name: str) -> NodeProcess:
         """Start a node with the settings that it has here."""
@@ -71,9 +61,7 @@ class Bench:
             'excitation': {'actuator': PRESET},
             'discovery': {'folder': str(self.folder), **model},
         }
-        if name in self.killed:
-            return self.processes.start(PACKAGES[name], name, settings[name])
-        return self.processes.serve(name, settings[name])
+        return self.processes.start(PACKAGES[name], name, settings[name])
 
     def ask(self, feedback: list[Any], **words: Any) -> Any:
         """Ask for an investigation; return the handle of the goal."""

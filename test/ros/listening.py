@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import rclpy
@@ -51,6 +52,14 @@ class Listener:
         book = self.heard.setdefault(topic, [])
         self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
         return book
+
+    @contextmanager
+    def hearing(self, kind: type[Message], topic: str) -> Iterator[list[Message]]:
+        """Collect messages of `topic` from now on; none of them was sent before."""
+        heard: list[Message] = []
+        subscription = self.node.create_subscription(kind, topic, heard.append, LOOP)
+        yield heard
+        self.node.destroy_subscription(subscription)
 
     def watch_health(self) -> dict[str, DiagnosticStatus]:
         """Return what every node says of its health, by its whole name; kept up to date."""
@@ -121,10 +130,33 @@ class Listener:
         client = self._clients.get(service)
         if client is None:
             client = self._clients[service] = self.node.create_client(kind, service)
+            self.found_by(service.rpartition('/')[0], timeout)
         self.until(client.service_is_ready, timeout)
         future = client.call_async(request)
         self.until(future.done, timeout)
         return future.result()
+
+    def found_by(self, node: str, timeout: float = 90.0) -> None:
+        """Wait until `node` has found all clients that were made so far.
+
+        The middleware drops an answer if it has not found within 0.1 s who asked; on a busy
+        machine that happens. Clients are found in the order in which they are made, so that an
+        answer to one that is made here is enough; it is asked for until it comes.
+        """
+        client = self.node.create_client(GetParameters, f'{node}/get_parameters')
+        self.until(client.service_is_ready, timeout)
+        answers: list[Any] = []
+        again = 0.0
+
+        def answered() -> bool:
+            nonlocal again
+            if time.monotonic() > again:
+                again = time.monotonic() + 1.0
+                answers.append(client.call_async(GetParameters.Request()))
+            return any(answer.done() for answer in answers)
+
+        self.until(answered, timeout)
+        self.node.destroy_client(client)
 
     def set_parameters(self, node: str, values: dict[str, Any]) -> list[SetParametersResult]:
         """Set parameters over the node's service, as ``ros2 param set`` does; return results."""

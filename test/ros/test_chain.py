@@ -63,9 +63,10 @@ class Chain:
         self._commands = listener.listen(VoltageCommand, 'voltage/command')
         self._references = node.create_publisher(Reference, 'reference', LOOP)
         self._states = node.create_publisher(ActuatorState, 'actuator/state', LOOP)
-        processes.serve('feedforward', {'transition': 0.1, 'gain': GAIN})
+        processes.start('piezo_hysteresis', 'feedforward', {'transition': 0.1, 'gain': GAIN})
         self.attenuation = self.start_attenuation()
-        processes.serve(
+        processes.start(
+            'piezo_hysteresis',
             'feedback',
             {'transition': 0.1},
             remap={'voltage/feedforward': 'voltage/attenuated'},

@@ -27,6 +27,11 @@ NEEDED: dict[str, Callable[[Path], dict[str, object]]] = {
 INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
 
 
+@pytest.fixture
+def processes(started_processes: NodeProcesses) -> NodeProcesses:
+    return started_processes
+
+
 @pytest.mark.parametrize('name', sorted(PACKAGES))
 def test_a_node_starts_answers_and_ends(
     processes: NodeProcesses, listener: Listener, tmp_path: Path, name: str

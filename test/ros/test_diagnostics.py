@@ -42,11 +42,11 @@ class Bench:
         model = named('classical')
         file = folder / 'model.yaml'
         ModelFile(model, model.defaults()).save(file)
-        processes.serve('control_loop', {**LINK, 'model_file': str(file)})
-        processes.serve('identification')
-        processes.serve('gap_monitor', {'model_file': str(file)})
-        processes.serve('recorder', {'out': str(folder / 'bag')})
-        processes.serve('simulator', {'clock': 'lock_step'}, namespace='elsewhere')
+        processes.start('piezo_hysteresis', 'control_loop', {**LINK, 'model_file': str(file)})
+        processes.start('piezo_hysteresis', 'identification')
+        processes.start('piezo_hysteresis', 'gap_monitor', {'model_file': str(file)})
+        processes.start('piezo_hysteresis', 'recorder', {'out': str(folder / 'bag')})
+        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'}, namespace='elsewhere')
         self.tick = 0
         listener.until(lambda: self.references.get_subscription_count() == 2)
         listener.until(lambda: self.states.get_subscription_count() == 4)

@@ -35,9 +35,10 @@ def test_a_discovery_over_ros(processes: LiveNodes, listener: Listener, tmp_path
     ]
     hidden = {'effects.sensor_nonlinearity': True}
     write_bag(tmp_path / 'bag', simulate('generic_bouc_wen', plan, hidden, 4))
-    processes.serve('discovery', {'folder': str(tmp_path)})
+    processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
     client = ActionClient(listener.node, Discover, 'discover')
     listener.until(client.server_is_ready)
+    listener.found_by('discovery')
     health = listener.watch_health()
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
     listener.says(health, 'discovery', ok, 'idle')

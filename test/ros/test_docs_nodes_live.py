@@ -13,6 +13,7 @@ from live_nodes import LiveNodes
 
 from piezo_common import topics
 from piezo_common.sheet import NodeSheet
+from piezo_hysteresis.cli.node import PACKAGES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 
@@ -53,7 +54,7 @@ def test_the_page_tells_what_a_node_offers(
         'recorder': {'out': str(tmp_path / 'bag')},
         'dashboard': {'port': 0},
     }
-    processes.serve(name, settings.get(name))
+    processes.start(PACKAGES[name], name, settings.get(name))
     graph = listener.node
     nodes = INSIDE.get(name, (name,))
     private = [n for n in NODES if n.executable in INSIDE.get(name, ())]

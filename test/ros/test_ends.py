@@ -105,6 +105,8 @@ class Everything:
             words = ['-p', NEEDED[name](folder)] if name in NEEDED else []
             words += [word for each in NAMES.get(name, ()) for word in ('-r', each)]
             self.running[name] = start(name, words, processes.environment)
+        # at full speed they would take the time that those which still load need
+        assert listener.set_one('simulator', 'speed_factor', 0.2) == ''
 
     def close(self) -> None:
         for process in self.running.values():
@@ -138,7 +140,6 @@ def test_every_node_ends_on_either_signal_while_the_loop_runs_and_leaves_nothing
     everything: Everything,
 ) -> None:
     listener, states = everything.listener, everything.states
-    assert listener.set_one('simulator', 'speed_factor', 0.2) == ''
     assert listener.set_one('excitation', 'frequency', 10.0) == ''
     assert listener.set_one('excitation', 'mode', 'reference') == ''
     listener.until(lambda: states and abs(states[-1].voltage) > 0.0)
@@ -182,6 +183,7 @@ def test_a_discovery_under_way_ends_with_its_node(
     node = processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
     client = ActionClient(listener.node, Discover, 'discover')
     listener.until(client.server_is_ready)
+    listener.found_by('discovery')
     feedback: list[float] = []
     goal = Discover.Goal(data=['bag'], baseline='classical', out='out', seed=3, workers=2)
     client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback.fraction))

@@ -11,8 +11,9 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
+from piezo_hysteresis.cli.node import PACKAGES
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import ProcessError
+from piezo_ros_common.processes import NodeProcesses, ProcessError
 
 pytestmark = pytest.mark.ros
 
@@ -44,7 +45,7 @@ def test_what_cannot_start_says_why_in_one_line(processes: LiveNodes) -> None:
     # A few at a time: they mostly wait for the disk.
     for first in range(0, len(WRONG), 6):
         started = [
-            (processes.serve(name, values), word)
+            (processes.start(PACKAGES[name], name, values), word)
             for name, values, word in WRONG[first : first + 6]
         ]
         for node, word in started:
@@ -57,8 +58,8 @@ def test_a_dead_link_ends_the_experiment_and_leaves_nothing_running() -> None:
     with LiveNodes() as processes:
         listener = Listener(processes)
         states = listener.listen(ActuatorState, 'actuator/state')
-        processes.serve('simulator', {'clock': 'lock_step', 'wait_for': 3})
-        processes.serve('feedforward')
+        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 3})
+        processes.start('piezo_hysteresis', 'feedforward')
         victim = processes.start('piezo_hysteresis', 'attenuation')
         settings = {'mode': 'reference', 'exit_when_done': True, 'deadline': 60.0, 'wait_for': 2}
         listener.matched('actuator/state')
@@ -97,12 +98,12 @@ STARTS = [
 
 
 def test_a_node_that_is_interrupted_while_it_starts_ends_in_silence(
-    processes: LiveNodes,
+    started_processes: NodeProcesses,
 ) -> None:
     for package, name, moment in STARTS:
-        node = processes.start(package, name)
+        node = started_processes.start(package, name)
         time.sleep(moment)
         node.signal(signal.SIGINT)
         assert node.wait(60.0) == 0, node.tail()
         assert 'Traceback' not in node.log.read_text(), node.tail(20)
-        processes.forget(node)
+        started_processes.forget(node)

@@ -34,6 +34,7 @@ def run_a_sweep(listener: Listener) -> list[RecordMarker]:
     listener.matched('record/marker')
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(client.server_is_ready)
+    listener.found_by('excitation')
     assert listener.set_one('excitation', 'marker_listeners', 1) == ''
     goal = RunSweep.Goal(frequencies=[5.0], amplitudes=[0.5], seconds=0.5)
     accepted = client.send_goal_async(goal)
@@ -111,7 +112,7 @@ def test_the_driver_of_the_page_serves_an_excitation(
     try:
         settings = {'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 3.0, 'ramp': 0.1}
         states = listener.heard['actuator/state']
-        processes.serve('excitation', settings)
+        processes.start('piezo_hysteresis', 'excitation', settings)
         listener.until(lambda: any(abs(s.voltage) == 1.2 for s in states), 60.0)
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)

@@ -28,8 +28,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def bench(processes: LiveNodes, listener: Listener, model: Path, tmp_path: Path) -> Bench:
     (tmp_path / 'model.yaml').write_bytes(model.read_bytes())
-    killed = ('excitation', 'feedforward', 'simulator', 'discovery')
-    return Bench(processes, listener, tmp_path / 'model.yaml', killed)
+    return Bench(processes, listener, tmp_path / 'model.yaml')
 
 
 def node(bench: Bench, name: str) -> NodeProcess:

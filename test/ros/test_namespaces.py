@@ -21,7 +21,7 @@ def test_two_actuators_side_by_side(processes: LiveNodes, listener: Listener) ->
     y = listener.listen(ActuatorState, 'stage_y/actuator/state')
     for stage in ('stage_x', 'stage_y'):
         settings = {'clock': 'lock_step', 'wait_for': 1}
-        processes.serve('simulator', settings, namespace=stage, files=[SCENARIO])
+        processes.start('piezo_sim', 'simulator', settings, namespace=stage, files=[SCENARIO])
     publisher = listener.node.create_publisher(VoltageCommand, 'stage_x/voltage/command', LOOP)
     listener.matched('stage_x/actuator/state')
     listener.matched('stage_y/actuator/state')
@@ -45,9 +45,9 @@ def test_two_chains_side_by_side(processes: LiveNodes, listener: Listener) -> No
     """References of one stage move that stage alone, by its own links and its own gain."""
     for stage, gain in GAINS.items():
         settings = {'clock': 'lock_step', 'wait_for': 2}
-        processes.serve('simulator', settings, namespace=stage)
-        processes.serve('feedforward', {'gain': gain}, namespace=stage)
-        processes.serve('attenuation', {'enabled': False}, namespace=stage)
+        processes.start('piezo_sim', 'simulator', settings, namespace=stage)
+        processes.start('piezo_hysteresis', 'feedforward', {'gain': gain}, namespace=stage)
+        processes.start('piezo_hysteresis', 'attenuation', {'enabled': False}, namespace=stage)
     kinds: dict[str, type[ActuatorState | VoltageCommand]] = {
         'voltage/feedforward': VoltageCommand,
         'voltage/command': VoltageCommand,

@@ -17,6 +17,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
 from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.parameters import tables
 from piezo_hysteresis.records import Record, write_bag
 from piezo_interfaces.msg import ActuatorState
@@ -72,7 +73,9 @@ class Everything:
         self.nodes: dict[str, NodeProcess] = {}
         self.kept_up: int | None = None
         for name in TABLES:
-            self.nodes[name] = processes.serve(name, settings.get(name), remap=remap.get(name))
+            self.nodes[name] = processes.start(
+                PACKAGES[name], name, settings.get(name), remap=remap.get(name)
+            )
         listener.until(lambda: self.states and abs(self.states[-1].voltage) > 0.0, 90.0)
 
     def run_at(self, speed: float) -> None:

@@ -120,6 +120,7 @@ def test_an_excitation_that_comes_late_moves_nothing_faster_than_its_slew(
     node = processes.start('piezo_hysteresis', 'excitation', {'rate': RATE, 'slew': SLEW})
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(lambda: states and client.server_is_ready())
+    listener.found_by('excitation')
     listener.matched('actuator/state')
     goal = RunSweep.Goal(frequencies=[5.0, 10.0], amplitudes=[1.0], seconds=2.0)
     future = client.send_goal_async(goal)

@@ -40,6 +40,7 @@ IDENTIFICATION = {'publish_every': round(2000 * SECONDS)}
 def run_sweep(listener: Listener, goal: dict[str, Any]) -> None:
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(client.server_is_ready)
+    listener.found_by('excitation')
     accepted = client.send_goal_async(RunSweep.Goal(**goal))
     listener.until(accepted.done)
     finished = accepted.result().get_result_async()
@@ -72,13 +73,16 @@ def online(
         listener.listen(LoopStatus, f'{name}/status', latched=True)
     states = listener.listen(ActuatorState, 'actuator/state')
     estimates = listener.listen(ModelEstimate, 'model/estimate', latched=True)
-    processes.serve('simulator', {'clock': 'lock_step', 'wait_for': 5, 'seed': 5})
-    processes.serve('excitation', {'actuator': 'bender', 'marker_listeners': 3})
-    processes.serve(
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 5, 'seed': 5})
+    processes.start(
+        'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'marker_listeners': 3}
+    )
+    processes.start(
+        'piezo_hysteresis',
         'identification',
         {**IDENTIFICATION, 'model_folder': str(folder)},
     )
-    closed = processes.serve('recorder', {'out': str(folder / 'sweep')})
+    closed = processes.start('piezo_hysteresis', 'recorder', {'out': str(folder / 'sweep')})
     killed = processes.start(
         'piezo_hysteresis', 'recorder', {'out': str(folder / 'killed')}, name='victim'
     )
@@ -107,7 +111,9 @@ def replayed(folder: Path) -> Iterator[tuple[LiveNodes, Listener, list[ModelEsti
     with LiveNodes() as processes:
         listener = Listener(processes)
         estimates = listener.listen(ModelEstimate, 'model/estimate', latched=True)
-        processes.serve('identification', {**IDENTIFICATION, 'model_folder': str(folder)})
+        processes.start(
+            'piezo_hysteresis', 'identification', {**IDENTIFICATION, 'model_folder': str(folder)}
+        )
         yield processes, listener, estimates
         listener.close()
 
@@ -166,7 +172,9 @@ def test_online_and_offline_identification_agree(
 
 
 def play(processes: LiveNodes, bag: Path, **settings: Any) -> NodeProcess:
-    return processes.serve('player', {'bag': str(bag), 'lock_step': True, **settings})
+    return processes.start(
+        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, **settings}
+    )
 
 
 @pytest.mark.parametrize(

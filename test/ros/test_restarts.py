@@ -35,8 +35,8 @@ class Loop:
         rate = {'rate': RATE}
         ramp = {'ramp': 5.0}  # no command_slew: the links tell theirs
         drive = {'mode': 'reference', 'frequency': 1.0, 'reference.amplitude': 5e-5}
-        processes.serve('simulator', {**rate, **ramp, 'command_timeout': 0.5})
-        processes.serve('excitation', {**rate, **drive, 'deadline': 3600.0})
+        processes.start('piezo_sim', 'simulator', {**rate, **ramp, 'command_timeout': 0.5})
+        processes.start('piezo_hysteresis', 'excitation', {**rate, **drive, 'deadline': 3600.0})
         self.links = self.start_links()
         self.moves()
 
@@ -109,7 +109,7 @@ def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
     names = ('actuator/state', 'record/marker')
     remap = {f'/piezo/{name}': name for name in names}
     settings = {'bag': str(loop.folder / 'bag'), 'lock_step': True, 'wait': 60.0}
-    hearer = loop.processes.serve('identification', namespace='apart')
+    hearer = loop.processes.start('piezo_hysteresis', 'identification', namespace='apart')
     first = loop.processes.start(
         'piezo_hysteresis', 'player', settings, namespace='apart', remap=remap
     )
@@ -136,14 +136,16 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
     client = ActionClient(loop.listener.node, Discover, 'discover')
     first = loop.processes.start('piezo_hysteresis', 'discovery', folder)
     loop.listener.until(client.server_is_ready)
+    loop.listener.found_by('discovery')
     assert send(data=['bag'], out='out', workers=1).accepted
     loop.listener.tells(loop.health, 'discovery', 'busy', 'True')
     loop.kill(first)
     left = {path.name for path in (loop.folder / 'out').glob('*')}
     # on a fast machine it may have come to its end before it was heard to be busy
     assert not left or left >= {'verdict.json', 'report.html', 'model.yaml', 'params.yaml'}
-    second = loop.processes.serve('discovery', folder)
+    second = loop.processes.start('piezo_hysteresis', 'discovery', folder)
     loop.listener.tells(loop.health, 'discovery', 'runs', '0')
+    loop.listener.found_by('discovery')
     handle = send(data=['nowhere'], out='out')
     finished = handle.get_result_async()
     loop.listener.until(finished.done)

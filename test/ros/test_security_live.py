@@ -15,6 +15,7 @@ from live_nodes import LiveNodes
 
 from piezo_common import topics
 from piezo_interfaces.msg import Reference
+from piezo_ros_common.processes import NodeProcesses
 from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
@@ -24,7 +25,7 @@ NO_SECURITY = "doesn't have the security libraries"
 
 
 @pytest.fixture
-def secured(processes: LiveNodes, tmp_path: Path) -> LiveNodes:
+def secured(started_processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
     """Make processes keep to a keystore with an enclave for the feedforward alone."""
     if importlib.util.find_spec('sros2') is None:
         pytest.skip('sros2 is not installed: no keystore can be made')
@@ -42,20 +43,20 @@ def secured(processes: LiveNodes, tmp_path: Path) -> LiveNodes:
                 'security',
                 *words,
             ],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(processes.domain)},
+            env={**os.environ, 'ROS_DOMAIN_ID': str(started_processes.domain)},
             check=True,
             capture_output=True,
             timeout=120,
         )
-    processes.environment.update(
+    started_processes.environment.update(
         ROS_SECURITY_KEYSTORE=keystore,
         ROS_SECURITY_ENABLE='true',
         ROS_SECURITY_STRATEGY='Enforce',
     )
-    return processes
+    return started_processes
 
 
-def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: LiveNodes) -> None:
+def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -> None:
     stranger = secured.start('piezo_sim', 'simulator', namespace='piezo')
     assert stranger.wait(60.0) == 2
     assert 'security' in stranger.log.read_text().lower()
@@ -81,7 +82,7 @@ def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
     processes: LiveNodes, listener: Listener
 ) -> None:
     """It hears the actuator only then, so that a loop at work does not show it."""
-    processes.serve('feedforward')
+    processes.start('piezo_hysteresis', 'feedforward')
     references = listener.node.create_publisher(Reference, topics.REFERENCE, LOOP)
     listener.until(references.get_subscription_count)
     references.publish(Reference(sample=0))

@@ -25,7 +25,7 @@ class Twin:
 
     def __init__(self, processes: LiveNodes, listener: Listener) -> None:
         settings = {'clock': 'lock_step', 'preset': PRESET, 'seed': SEED, 'effects.creep': True}
-        processes.serve('simulator', settings)
+        processes.start('piezo_sim', 'simulator', settings)
         self.listener = listener
         self.driver = Driver(listener)
         self.status = listener.listen(LoopStatus, 'loop/status', latched=True)

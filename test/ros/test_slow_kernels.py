@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +38,16 @@ def slowed(folder: Path, kernel: str, seconds: float) -> dict[str, str]:
     }
 
 
+@contextmanager
+def slow(processes: LiveNodes, folder: Path, kernel: str, seconds: float) -> Iterator[None]:
+    """Let nodes that are started meanwhile compile slowly."""
+    before = dict(processes.environment)
+    processes.environment.update(slowed(folder, kernel, seconds))
+    yield
+    processes.environment.clear()
+    processes.environment.update(before)
+
+
 def log(node: NodeProcess) -> str:
     return node.log.read_text(errors='replace')
 
@@ -43,13 +55,14 @@ def log(node: NodeProcess) -> str:
 def test_an_excitation_waits_for_an_actuator_that_compiles(
     processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
-    processes.environment.update(slowed(tmp_path, SIMULATOR, 1.4 * FRESH))
     said = listener.listen(Log, '/rosout')
     states = listener.listen(ActuatorState, 'actuator/state')
     health = listener.watch_health()
-    simulator = processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
+    with slow(processes, tmp_path, SIMULATOR, 1.4 * FRESH):
+        simulator = processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
     listener.tells(health, 'simulator', 'state', 'starting')
-    excitation = processes.serve(
+    excitation = processes.start(
+        'piezo_hysteresis',
         'excitation',
         {'mode': 'voltage', 'voltage.amplitude': 0.5, 'duration': 0.5, 'deadline': 3.0,
          'exit_when_done': True},
@@ -70,12 +83,13 @@ def test_a_lock_step_actuator_waits_for_a_link_that_compiles(
 ) -> None:
     """The excitation counts a link that starts for one that works, and so does the simulator."""
     health = listener.watch_health()
-    processes.serve('simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
-    processes.environment.update(slowed(tmp_path, ATTENUATION, 8.0))
-    processes.serve('feedforward')
-    processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls', 'orders': [3]})
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'lock_step_deadline': 2.0})
+    processes.start('piezo_hysteresis', 'feedforward')
+    with slow(processes, tmp_path, ATTENUATION, 6.0):
+        processes.start('piezo_hysteresis', 'attenuation', {'method': 'rls', 'orders': [3]})
     listener.tells(health, 'attenuation', 'state', 'starting')
-    excitation = processes.serve(
+    excitation = processes.start(
+        'piezo_hysteresis',
         'excitation',
         {'mode': 'reference', 'reference.amplitude': 1e-6, 'duration': 0.5, 'deadline': 3.0,
          'wait_for': 2, 'exit_when_done': True},
@@ -91,11 +105,13 @@ def test_a_player_waits_for_a_listener_that_compiles(
     phase = np.arange(500) * 0.03
     write_bag(bag, [Record('short', 1e-3, np.sin(phase), 1e-6 * np.sin(phase - 0.2))])
     heard = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
-    processes.environment.update(slowed(tmp_path / 'kernels', 'update', 8.0))
     health = listener.watch_health()
-    processes.start('piezo_hysteresis', 'identification', namespace='piezo')
+    with slow(processes, tmp_path / 'kernels', 'update', 6.0):
+        processes.start('piezo_hysteresis', 'identification', namespace='piezo')
     listener.tells(health, 'piezo/identification', 'state', 'starting')
-    player = processes.serve('player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0})
+    player = processes.start(
+        'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0}
+    )
     assert processes.wait_for(player, 120.0) == 0
     listener.until(lambda: bool(heard) and heard[-1].counts[0] == 500)
 

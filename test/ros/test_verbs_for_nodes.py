@@ -25,7 +25,7 @@ pytestmark = pytest.mark.ros
 @pytest.fixture(scope='module')
 def excitation() -> Any:
     with LiveNodes() as processes:
-        processes.serve('excitation', namespace='stage')
+        processes.start('piezo_hysteresis', 'excitation', namespace='stage')
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv('ROS_DOMAIN_ID', str(processes.domain))
             patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

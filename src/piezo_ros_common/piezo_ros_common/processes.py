@@ -92,12 +92,13 @@ class NodeProcess:
     def stop(self, timeout: float = TIMEOUT) -> int:
         """End the node politely, then firmly; return its exit code."""
         self.signal(signal.SIGINT)
-        try:
-            return self._process.wait(timeout)
-        except subprocess.TimeoutExpired:
+        code = self._ended(timeout)
+        if code is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
-            return self._process.wait()
+            code = self._ended(None)
+        assert code is not None  # a killed process ends
+        return code
 
     def wait(self, timeout: float) -> int:
         """Wait for the node to end by itself.
@@ -107,12 +108,19 @@ class NodeProcess:
         ProcessError
             If it does not within `timeout` seconds.
         """
+        code = self._ended(timeout)
+        if code is None:
+            raise ProcessError(
+                f'{self.name} did not end within {timeout:g} s; its last words: {self.tail()}'
+            )
+        return code
+
+    def _ended(self, timeout: float | None) -> int | None:
+        """Wait for the end; return the exit code, None where the process still runs."""
         try:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
-            raise ProcessError(
-                f'{self.name} did not end within {timeout:g} s; its last words: {self.tail()}'
-            ) from None
+            return None
 
     def tail(self, lines: int = 3) -> str:
         """Return the last lines it printed, on one line."""
@@ -203,9 +211,14 @@ class NodeProcesses:
         """
         arguments = ros_arguments(parameters, name, namespace, remap, files)
         log = Path(self._folder.name) / f'{len(self._running)}_{name or executable}.log'
-        node = NodeProcess(package, executable, arguments, self.environment, log)
+        node = self._launch(package, executable, arguments, log)
         self._running.append(node)
         return node
+
+    def _launch(
+        self, package: str, executable: str, arguments: Sequence[str], log: Path
+    ) -> NodeProcess:
+        return NodeProcess(package, executable, arguments, self.environment, log)
 
     @property
     def nodes(self) -> tuple[NodeProcess, ...]:

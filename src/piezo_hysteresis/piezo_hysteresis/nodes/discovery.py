@@ -32,8 +32,8 @@ SENTENCES: dict[str, Finding] = {
 class DiscoveryNode(Node):
     """Runs one discovery or investigation at a time in a thread of its own."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('discovery', **options)
+    def __init__(self) -> None:
+        super().__init__('discovery')
         self._params = NodeParameters(self, DISCOVERY)
         self._busy = self._closing = False
         self._at = ''

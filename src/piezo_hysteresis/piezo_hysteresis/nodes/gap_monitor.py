@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from math import isfinite
-from typing import Any
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -39,8 +38,8 @@ SENTENCES: dict[str, Finding] = {
 class GapMonitorNode(Node):
     """Compares every tick with the model and publishes the gap window by window."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('gap_monitor', **options)
+    def __init__(self) -> None:
+        super().__init__('gap_monitor')
         Diagnostics(self, self._judge)
         self._intake = SequenceFilter()
         self._refused = 0

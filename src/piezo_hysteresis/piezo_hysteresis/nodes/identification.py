@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -50,8 +49,8 @@ SENTENCES: dict[str, Finding] = {
 class IdentificationNode(Node):
     """Takes every state of the actuator in and publishes what it knows of the model."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('identification', **options)
+    def __init__(self) -> None:
+        super().__init__('identification')
         Diagnostics(self, self._judge)
         self._received = 0
         self._marked = 0

@@ -6,7 +6,6 @@ import math
 import sys
 import time
 from collections.abc import Mapping
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.timer import Timer
@@ -47,8 +46,8 @@ SHORTEST_WAIT = 2e-4
 class Simulator(Node):
     """A plant behind two topics; everything about it is a ROS parameter."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('simulator', **options)
+    def __init__(self) -> None:
+        super().__init__('simulator')
         Diagnostics(self, self._judge)
         self.exit_code = 0
         self._tick = 0

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
@@ -84,8 +83,8 @@ Later = Callable[[float, Callable[[], None]], None]
 class Dashboard(Node):
     """Serves the page; is the `Backend` that it speaks to, from any thread."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('dashboard', **options)
+    def __init__(self) -> None:
+        super().__init__('dashboard')
         self._params = NodeParameters(self, DASHBOARD)
         self._folder = Path(self._params.text('folder')).expanduser()
         self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()

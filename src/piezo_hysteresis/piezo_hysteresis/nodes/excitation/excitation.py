@@ -62,8 +62,8 @@ class Excitation(Node):
     It so follows the clock of the actuator, whatever that is: lock-step or real time.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('excitation', **options)
+    def __init__(self) -> None:
+        super().__init__('excitation')
         self.stop = Future()
         self.exit_code = 0
         self._experiment: Experiment | None = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from piezo_common import topics
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
@@ -46,10 +45,10 @@ class HarmonicReport:
         self._publisher.publish(message)
 
 
-def attenuation(*, output: str = topics.VOLTAGE_COMMAND, **options: Any) -> TrackingNode:
+def attenuation(*, output: str = topics.VOLTAGE_COMMAND, wired: bool = True) -> TrackingNode:
     """Return the second link of the chain: it takes harmonics of the tracking error off."""
     return TrackingNode(
-        'attenuation', ATTENUATION, HarmonicLaws(), HarmonicReport, output=output, **options
+        'attenuation', ATTENUATION, HarmonicLaws(), HarmonicReport, output=output, wired=wired
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from rclpy.node import Node
 
@@ -24,11 +23,10 @@ class ControlLoop:
     are received once for all three. Feedback passes the voltage on until its `method` is set.
     """
 
-    def __init__(self, **options: Any) -> None:
-        options['wired'] = False
-        self.feedback = feedback(**options)
-        self.attenuation = attenuation(output=topics.VOLTAGE_ATTENUATED, **options)
-        self.feedforward = Feedforward(**options)
+    def __init__(self) -> None:
+        self.feedback = feedback(wired=False)
+        self.attenuation = attenuation(output=topics.VOLTAGE_ATTENUATED, wired=False)
+        self.feedforward = Feedforward(wired=False)
         self.attenuation.deliver_to(self.feedback.take_voltage)
         self.feedforward.deliver_to(self.attenuation.take_voltage)
         for kind, topic, take in (

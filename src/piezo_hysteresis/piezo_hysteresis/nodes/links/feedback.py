@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from piezo_hysteresis.nodes.links.tracking_node import TrackingNode
 from piezo_hysteresis.parameters.links import FEEDBACK
@@ -11,9 +10,9 @@ from piezo_hysteresis.runtime.feedback_laws import FeedbackLaws
 from piezo_ros_common.running import run_node
 
 
-def feedback(**options: Any) -> TrackingNode:
+def feedback(*, wired: bool = True) -> TrackingNode:
     """Return an optional link: it adds what a law on the tracking error asks for."""
-    return TrackingNode('feedback', FEEDBACK, FeedbackLaws(), **options)
+    return TrackingNode('feedback', FEEDBACK, FeedbackLaws(), wired=wired)
 
 
 def main() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
@@ -41,13 +40,11 @@ class Feedforward(LinkNode):
     ----------
     wired : bool
         False where somebody in the same process calls the ``take_`` methods instead of topics.
-    **options
-        Of the rclpy node.
     """
 
-    def __init__(self, *, wired: bool = True, **options: Any) -> None:
+    def __init__(self, *, wired: bool = True) -> None:
         output, source = topics.VOLTAGE_FEEDFORWARD, topics.REFERENCE
-        super().__init__('feedforward', FEEDFORWARD, output, source, **options)
+        super().__init__('feedforward', FEEDFORWARD, output, source)
         self._seen = -1
         self._states: Subscription | None = None
         self._ticks = SequenceFilter()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NoReturn, Protocol
+from typing import NoReturn, Protocol
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -62,14 +62,10 @@ class LinkNode(LifecycleNode):
         Of what it passes on.
     source : str
         Topic of its input; who publishes it tells a pause from a node that has gone.
-    **options
-        Of the rclpy node.
     """
 
-    def __init__(
-        self, name: str, table: ParameterTable, topic: str, source: str, **options: Any
-    ) -> None:
-        super().__init__(name, **options)
+    def __init__(self, name: str, table: ParameterTable, topic: str, source: str) -> None:
+        super().__init__(name)
         self._source = source
         Diagnostics(self, self.health)
         self.active = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from std_srvs.srv import Trigger
 
@@ -43,8 +42,6 @@ class TrackingNode(LinkNode):
         Topic of what it passes on.
     wired : bool
         False where somebody in the same process calls the ``take_`` methods instead of topics.
-    **options
-        Of the rclpy node.
     """
 
     def __init__(
@@ -56,9 +53,8 @@ class TrackingNode(LinkNode):
         *,
         output: str = topics.VOLTAGE_COMMAND,
         wired: bool = True,
-        **options: Any,
     ) -> None:
-        super().__init__(name, table, output, topics.VOLTAGE_FEEDFORWARD, **options)
+        super().__init__(name, table, output, topics.VOLTAGE_FEEDFORWARD)
         self._laws = laws
         self._model: ModelFile | None = None
         self._report = None if report is None else report(self)

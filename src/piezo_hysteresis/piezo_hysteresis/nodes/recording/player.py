@@ -60,8 +60,8 @@ class PlayerNode(Node):
     has all samples at the end.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('player', **options)
+    def __init__(self) -> None:
+        super().__init__('player')
         self._diagnostics = Diagnostics(self, self._judge)
         self._neighbours = Neighbours(self, everywhere=True)
         self.stop = Future()

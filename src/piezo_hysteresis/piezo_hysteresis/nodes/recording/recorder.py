@@ -6,7 +6,6 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -46,8 +45,8 @@ KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: 
 class RecorderNode(Node):
     """Subscribes to what it is told as soon as it appears, and writes what comes."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('recorder', **options)
+    def __init__(self) -> None:
+        super().__init__('recorder')
         Diagnostics(self, self._judge)
         self._report = RecorderReport(self)
         self._params = NodeParameters(self, RECORDER)
@@ -176,13 +175,13 @@ class RecorderNode(Node):
         )
 
 
-def create(**options: Any) -> RecorderNode:
+def create() -> RecorderNode:
     """Return the node, ready to record from its first appearance on."""
     # Whoever sees the node in the graph may begin at once: what takes time is done before.
     for kind in KNOWN_TYPES.values():
         definition_of(kind)
         message_type(kind)
-    return RecorderNode(**options)
+    return RecorderNode()
 
 
 def run(arguments: Sequence[str]) -> int:
