@@ -102,7 +102,10 @@ def test_real_time(processes: NodeProcesses, listener: Listener) -> None:
     count = len(states)
     listener.until(lambda: len(states) > count + 50)
     samples = [state.sample for state in states]
-    assert samples == list(range(samples[0], samples[0] + len(samples)))
+    assert samples == sorted(set(samples))
+    # Of all states a listener on a busy machine may miss some; about the change it has them all.
+    near = samples[count - 25 : count + 50]
+    assert near == list(range(near[0], near[0] + 75))
     stamps = [nanoseconds(state.header.stamp) for state in states]
     assert stamps == [round(sample * 1e9 / RATE) for sample in samples]
     times = [nanoseconds(each.clock) for each in clock]
