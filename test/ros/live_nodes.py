@@ -133,9 +133,9 @@ class LiveNodes(NodeProcesses):
     with the lock of Python held, and the test with it.
     """
 
-    def _launch(
+    def launch(
         self, package: str, executable: str, arguments: Sequence[str], log: Path
     ) -> NodeProcess:
         if fork_server().suits(self.environment):
             return ForkedNode(executable, arguments, self.environment, log)
-        return super()._launch(package, executable, arguments, log)
+        return super().launch(package, executable, arguments, log)

@@ -19,7 +19,7 @@ from piezo_papers import (
     zhou,
 )
 from piezo_papers.bimorph import Length
-from piezo_papers.page import PAPERS, Entry, page, save
+from piezo_papers.page import PAPERS, Exhibit, page, save
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 SHORT = Length(20.0, 8.0, 5.0, (1.0, 10.0, 14.0, 22.0, 23.0))
 
 
-def numbers(entry: Entry) -> dict[str, float]:
+def numbers(entry: Exhibit) -> dict[str, float]:
     return entry.numbers
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_papers import fang, fujii, tatebatake, xiao, zhou
-from piezo_papers.page import MISSING, Builders, Entry
+from piezo_papers.page import MISSING, Builders, Exhibit
 
 PAPERS: dict[str, tuple[str, Builders]] = {
     'fujii2018': ('Fujii 2018', fujii.BUILDERS),
@@ -23,7 +23,7 @@ def names(paper: str) -> list[str]:
     return sorted((each for group, _ in PAPERS[paper][1] for each in group), key=_order)
 
 
-def entries(paper: str, wanted: Sequence[str] = (), quick: bool = False) -> Iterator[Entry]:
+def entries(paper: str, wanted: Sequence[str] = (), quick: bool = False) -> Iterator[Exhibit]:
     """Yield figures and tables, in order; those that are made together are made once.
 
     Parameters
@@ -47,7 +47,7 @@ def entries(paper: str, wanted: Sequence[str] = (), quick: bool = False) -> Iter
                 f'{name.lower()} of {paper} is not made here; there are '
                 f'{", ".join(each.lower() for each in names(paper))}. {missing}'
             )
-    found: list[Entry] = []
+    found: list[Exhibit] = []
     for group, build in PAPERS[paper][1]:
         if not wanted or set(group) & set(wanted):
             found += [each for each in build(quick) if not wanted or each.name in wanted]

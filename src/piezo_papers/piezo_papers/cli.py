@@ -31,14 +31,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     begun = time.perf_counter()
     chosen = PAPERS if arguments.paper == 'all' else (arguments.paper,)
-    wanted = [f'Figure {k}' for k in arguments.figure] + [f'Table {k}' for k in arguments.table]
-    if wanted and arguments.paper == 'all':
+    names = [f'Figure {k}' for k in arguments.figure] + [f'Table {k}' for k in arguments.table]
+    if names and arguments.paper == 'all':
         raise PiezoError('--figure and --table need one paper, not all')
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     found = []
     for paper in chosen:
-        for entry in catalogue.entries(paper, wanted, arguments.short):
+        for entry in catalogue.entries(paper, names, arguments.short):
             print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)
             save(entry, out)
             found.append(entry)

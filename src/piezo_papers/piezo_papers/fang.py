@@ -12,7 +12,7 @@ from piezo_hysteresis.compensation.loop import LoopResult
 from piezo_hysteresis.records import Record
 from piezo_papers import runs, stage
 from piezo_papers.loops import last, together, width
-from piezo_papers.page import Builders, Draw, Entry, finish, loop, panels
+from piezo_papers.page import Builders, Draw, Exhibit, finish, loop, panels
 from piezo_papers.stage import SEEDS, Found
 
 _LAW = (
@@ -35,7 +35,7 @@ def errors_of(found: Found, records: Sequence[Record]) -> dict[str, float]:
     return shares
 
 
-def loop_figure(quick: bool = False) -> list[Entry]:
+def loop_figure(quick: bool = False) -> list[Exhibit]:
     """Return figure 3."""
     seen = {each.info.frequency: last(each, 1.0) for each in stage.records(stage.ALL)}
     wide = {f: width(each) for f, each in seen.items()}
@@ -43,7 +43,7 @@ def loop_figure(quick: bool = False) -> list[Entry]:
     text = ', '.join(f'{f:g} Hz {value:.1f} %' for f, value in wide.items())
     heights = ', '.join(f'{f:g} Hz {value:.2f}' for f, value in high.items())
     return [
-        Entry('Fang 2019', 'Figure 3', 'loops from 0.5 to 10 Hz',
+        Exhibit('Fang 2019', 'Figure 3', 'loops from 0.5 to 10 Hz',
               'hardly change up to 1 Hz; above wider and lower',
               f'opening {text}; height [um] {heights}',
               together({f'{f:g} Hz': each for f, each in seen.items()}),
@@ -51,7 +51,7 @@ def loop_figure(quick: bool = False) -> list[Entry]:
     ]  # fmt: skip
 
 
-def model_figures(quick: bool = False) -> list[Entry]:
+def model_figures(quick: bool = False) -> list[Exhibit]:
     """Return figure 4 and table 1, of every seed the one in the middle."""
     records = stage.records(stage.ALL)
     swarms = [_fast(seed, quick) for seed in _seeds(quick)]
@@ -72,13 +72,14 @@ def model_figures(quick: bool = False) -> list[Entry]:
             axis.set_title(f'{each.info.frequency:g} Hz')
 
     return [
-        Entry('Fang 2019', 'Figure 4', 'modified model and measurement',
+        Exhibit('Fang 2019', 'Figure 4', 'modified model and measurement',
               'good agreement, no number',
               f'errors as shares of what moves, means removed: {shares}, by the median of '
               f'{len(swarms)} modified swarms (fang2019); largest error by seed '
               f'{min(worst):.1f} to {max(worst):.1f} %', draw, _LAW,
               {'worst': max(worst)}, holds=max(worst) < 10.0),
-        Entry('Fang 2019', 'Table 1', 'parameters of the modified model', 'missing from the text',
+        Exhibit('Fang 2019', 'Table 1', 'parameters of the modified model',
+              'missing from the text',
               ', '.join(f'{k} {v:.3g}' for k, v in values.items()), draw, _LAW),
     ]  # fmt: skip
 
@@ -96,7 +97,7 @@ def _slow(seed: int, quick: bool) -> Found:
 
 
 @functools.cache
-def tracking(number: int, quick: bool = False) -> Entry:
+def tracking(number: int, quick: bool = False) -> Exhibit:
     """Return one of figures 7 to 11: by the method of Fang 2019, median and worst of the seeds."""
     name, spec, pid_printed, printed = stage.FIGURES[number - 7]
     alone = stage.run(spec, 'PID')
@@ -112,7 +113,7 @@ def tracking(number: int, quick: bool = False) -> Entry:
     without, median = stage.largest_error(alone), float(np.median(largest))
     middle = compound[int(np.argsort(largest)[(len(largest) - 1) // 2])]
     better = ', better than the PID here' if without > pid_printed else ''
-    return Entry(
+    return Exhibit(
         'Fang 2019', f'Figure {number}', name,
         f'largest error {pid_printed} um with PID{better}, {printed} um with inverse and fuzzy '
         'PID',

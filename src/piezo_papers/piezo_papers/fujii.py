@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from piezo_papers import bimorph, loops, runs
 from piezo_papers.bimorph import DT, FULL, QUICK, Length
-from piezo_papers.page import Builders, Entry, finish, loop
+from piezo_papers.page import Builders, Exhibit, finish, loop
 
 NO_MEAN = (
     'The model has no offset, so its free run and its feedforward miss the mean by 16 to 230 um; '
@@ -20,7 +20,7 @@ def last_period(frequency: float, count: float = 2.0) -> slice:
     return slice(-round(count / frequency / DT), None)
 
 
-def loop_figures() -> list[Entry]:
+def loop_figures() -> list[Exhibit]:
     """Loops of the actuator at 1 and 35 Hz, and of the extended model."""
     slow, fast = (loops.last(bimorph.record(f, 3.0)) for f in (1.0, 35.0))
     smooth = bimorph.modelled(30.0, 'extended')
@@ -28,20 +28,21 @@ def loop_figures() -> list[Entry]:
     each = bimorph.record(35.0)
     lag = -bimorph.phase_difference(each.displacement, each.voltage, 35.0)
     return [
-        Entry('Fujii 2018', 'Figure 2', 'loop at a low frequency', 'off-centre, not symmetric',
+        Exhibit('Fujii 2018', 'Figure 2', 'loop at a low frequency', 'off-centre, not symmetric',
               f'centre of the loop at {centre:+.1f} um, {loops.width(slow):.0f} % open',
               loops.drawn({'1 Hz': slow}), numbers={'centre': centre}),
-        Entry('Fujii 2018', 'Figure 3', 'loop at 35 Hz', 'smooth at the tips, the output lags',
+        Exhibit('Fujii 2018', 'Figure 3', 'loop at 35 Hz', 'smooth at the tips, the output lags',
               f'lag {lag:.1f} degrees, {loops.width(fast):.0f} % open',
               loops.drawn({'35 Hz': fast}), numbers={'lag': lag}, holds=lag > 0.0),
-        Entry('Fujii 2018', 'Figure 4', 'response of the extended model', 'a smooth, rounded loop',
+        Exhibit('Fujii 2018', 'Figure 4', 'response of the extended model',
+              'a smooth, rounded loop',
               f'rounded, {loops.width(smooth):.0f} % open at 30 Hz',
               loops.drawn({'30 Hz': smooth}),
               'with identified parameters; those of the paper are fictitious'),
     ]  # fmt: skip
 
 
-def figure_5() -> Entry:
+def figure_5() -> Exhibit:
     """Loops at 14 and 23 Hz."""
     third = {f: harmonics(f) for f in (14.0, 23.0)}
 
@@ -52,7 +53,7 @@ def figure_5() -> Entry:
             loop(axis, each.voltage[part], each.displacement[part], '')
             axis.set_title(f'{f:.0f} Hz')
 
-    return Entry(
+    return Exhibit(
         'Fujii 2018', 'Figure 5', 'loops at 14 and 23 Hz', 'twisted loops at 14 and 23 Hz',
         f'the 69 Hz line is {100 * third[23.0][3]:.0f} % of the fundamental at 23 Hz (a doubly '
         f'twisted loop), the 70 Hz line {100 * third[14.0][5]:.1f} % at 14 Hz',
@@ -67,7 +68,7 @@ def harmonics(frequency: float) -> dict[int, float]:
     return {order: abs(value) / abs(found[1]) for order, value in found.items()}
 
 
-def figure_6() -> Entry:
+def figure_6() -> Exhibit:
     """Spectra at 1, 14, 15 and 23 Hz."""
     shares = {f: harmonics(f) for f in (1.0, 14.0, 15.0, 23.0)}
 
@@ -84,11 +85,11 @@ def figure_6() -> Entry:
     ours = '; '.join(
         f'{f:.0f} Hz: 3rd {100 * s[3]:.1f} %, 5th {100 * s[5]:.1f} %' for f, s in shares.items()
     )
-    return Entry('Fujii 2018', 'Figure 6', 'spectra', text, ours, draw,
+    return Exhibit('Fujii 2018', 'Figure 6', 'spectra', text, ours, draw,
                  numbers={f'{f:.0f}': max(s[3], s[5]) for f, s in shares.items()})  # fmt: skip
 
 
-def figure_7() -> Entry:
+def figure_7() -> Exhibit:
     """Frequency characteristics of the displacement."""
     frequencies = np.unique(np.concatenate([np.arange(5.0, 101.0, 5.0), np.arange(60.0, 78.0)]))
     gains = []
@@ -104,7 +105,7 @@ def figure_7() -> Entry:
         axis.plot(frequencies, level, '.-')
         finish(axis, 'frequency [Hz]', 'gain relative to 5 Hz [dB]')
 
-    return Entry(
+    return Exhibit(
         'Fujii 2018', 'Figure 7', 'frequency characteristics',
         'resonance around 70 Hz, rolled off above 80 Hz (printed resonance 103 Hz)',
         f'peak of {level.max():.0f} dB at {peak:.0f} Hz, {level[-1]:.1f} dB at 100 Hz', draw,
@@ -113,7 +114,7 @@ def figure_7() -> Entry:
     )  # fmt: skip
 
 
-def figure_8_11(length: Length) -> list[Entry]:
+def figure_8_11(length: Length) -> list[Exhibit]:
     """Show the enhanced model's loop, and both models beside the measurement, at 23 Hz."""
     loops_of = {kind: bimorph.free_run(23.0, kind, length.identify) for kind in
                 ('extended', 'enhanced')}  # fmt: skip
@@ -139,11 +140,11 @@ def figure_8_11(length: Length) -> list[Entry]:
     twist = bimorph.lines(loops_of['enhanced'][1], 23.0, (1, 3))
     share = abs(twist[3]) / abs(twist[1])
     return [
-        Entry('Fujii 2018', 'Figure 8', 'response of the third-harmonic model at 23 Hz',
+        Exhibit('Fujii 2018', 'Figure 8', 'response of the third-harmonic model at 23 Hz',
               'a twisted loop, from the 69 Hz component',
               f'twisted; the 69 Hz component is {100 * share:.0f} % of the fundamental', draw_8,
               'the paper\'s parameters are fictitious, ours are identified'),
-        Entry('Fujii 2018', 'Figure 11', 'models and measurement at 23 Hz',
+        Exhibit('Fujii 2018', 'Figure 11', 'models and measurement at 23 Hz',
               'enhanced accurate, extended fails to capture the twisted loop',
               f'rms {errors["enhanced"]:.1f} um enhanced, {errors["extended"]:.0f} um extended',
               draw_11, NO_MEAN,
@@ -151,7 +152,7 @@ def figure_8_11(length: Length) -> list[Entry]:
     ]  # fmt: skip
 
 
-def figure_10(length: Length) -> Entry:
+def figure_10(length: Length) -> Exhibit:
     """Modelling error over frequency."""
     table = {
         kind: [1e6 * bimorph.modelling_error(f, kind, length.identify) for f in length.frequencies]
@@ -167,7 +168,7 @@ def figure_10(length: Length) -> Entry:
     def at(kind: str, f: float) -> float:
         return table[kind][length.frequencies.index(f)]
 
-    return Entry(
+    return Exhibit(
         'Fujii 2018', 'Figure 10', 'modelling error over frequency',
         'the extended model is bad where odd harmonics are observed, the enhanced one is not',
         f'14 Hz {at("extended", 14.0):.1f} -> {at("enhanced", 14.0):.1f} um, 22 Hz '
@@ -181,7 +182,7 @@ def figure_10(length: Length) -> Entry:
     )  # fmt: skip
 
 
-def figure_13_17(length: Length) -> list[Entry]:
+def figure_13_17(length: Length) -> list[Exhibit]:
     """Tracking at 23 Hz by (16), (17) alone and with attenuation."""
     alone = bimorph.tracked(23.0, 'extended', length)
     proposed = bimorph.tracked(23.0, 'proposed', length)
@@ -215,7 +216,7 @@ def figure_13_17(length: Length) -> list[Entry]:
             finish(axis, 'time [s]', '[µm]', title)
 
     return [
-        Entry('Fujii 2018', 'Figure 13', 'spectrum of the tracking error at 23 Hz',
+        Exhibit('Fujii 2018', 'Figure 13', 'spectrum of the tracking error at 23 Hz',
               'only the third harmonic',
               f'third harmonic {abs(found[3]) * 1e6:.0f} um, the next largest line '
               f'{rest * 1e6:.1f} um', draw_13,
@@ -224,7 +225,7 @@ def figure_13_17(length: Length) -> list[Entry]:
               'fundamental by some degrees',
               {'third': abs(found[3]) * 1e6, 'rest': rest * 1e6},
               holds=abs(found[3]) > 10 * rest),
-        Entry('Fujii 2018', 'Figure 17', 'tracking 23 Hz',
+        Exhibit('Fujii 2018', 'Figure 17', 'tracking 23 Hz',
               'moderate error with (16), (17); high precision with (20)',
               f'{errors[0]:.0f} um with (16), (17); with (20) and the printed rule of the sign '
               f'(22), (23) {near[23.0][0]:.1f} um at 23 Hz, but {near[22.0][0]:.0f} um at 22 Hz, '
@@ -239,7 +240,7 @@ def figure_13_17(length: Length) -> list[Entry]:
     ]  # fmt: skip
 
 
-def figure_15() -> Entry:
+def figure_15() -> Exhibit:
     """Loops at 66 and 69 Hz."""
     records = {f: bimorph.record(f) for f in (66.0, 69.0)}
     phases = {
@@ -253,7 +254,7 @@ def figure_15() -> Entry:
             loop(axis, each.voltage[part], each.displacement[part], '')
             axis.set_title(f'{f:.0f} Hz')
 
-    return Entry(
+    return Exhibit(
         'Fujii 2018', 'Figure 15', 'loops at 66 and 69 Hz',
         'a common loop at 66 Hz, inverted polarity at 69 Hz',
         f'phase {phases[66.0]:.0f} degrees at 66 Hz, {phases[69.0]:.0f} degrees at 69 Hz', draw,
@@ -263,7 +264,7 @@ def figure_15() -> Entry:
     )  # fmt: skip
 
 
-def figure_16(length: Length) -> Entry:
+def figure_16(length: Length) -> Exhibit:
     """Tracking error over frequency."""
     marked = [f for f in length.frequencies if bimorph.order_of(f)]
     some = sorted({*length.frequencies[::3], *marked})
@@ -289,7 +290,7 @@ def figure_16(length: Length) -> Entry:
         return table[kind][length.frequencies.index(f)]
 
     median = float(np.median(table['ours, mean included']))
-    return Entry(
+    return Exhibit(
         'Fujii 2018', 'Figure 16', 'tracking error over frequency',
         'the proposed control clearly outperforms the extended model at 14 and 18 to 28 Hz',
         '; '.join(f'{f:.0f} Hz {at("extended", f):.1f} -> {at("proposed", f):.1f} um'

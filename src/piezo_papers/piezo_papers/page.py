@@ -44,11 +44,11 @@ _EQUAL = 0.05  # errors within this share of each other count as equal
 _TICKS = 9  # that fit below a picture of one panel
 
 Draw = Callable[[Figure], None]
-Builders = Sequence[tuple[Sequence[str], Callable[[bool], Sequence['Entry']]]]
+Builders = Sequence[tuple[Sequence[str], Callable[[bool], Sequence['Exhibit']]]]
 
 
 @dataclass(frozen=True)
-class Entry:
+class Exhibit:
     """One figure or table of a paper, reproduced.
 
     Attributes
@@ -108,7 +108,7 @@ class Entry:
         return f'{key}_{self.name.lower().replace(" ", "_").replace(",", "")}.png'
 
 
-def save(entry: Entry, folder: Path, dpi: int = 100) -> None:
+def save(entry: Exhibit, folder: Path, dpi: int = 100) -> None:
     """Draw `entry` into `folder`."""
     figure = Figure(figsize=(7.5, 3.5), layout='constrained')
     entry.draw(figure)
@@ -125,7 +125,7 @@ def _spare_ticks(figure: Figure) -> None:
             axes.xaxis.set_major_locator(MaxNLocator(max(_TICKS // columns, 2)))
 
 
-def page(entries: Sequence[Entry], pictures: str = '') -> str:
+def page(entries: Sequence[Exhibit], pictures: str = '') -> str:
     """Return the page, Markdown; with `pictures`, a path to their folder, they are shown."""
     lines = [
         '# The five papers, reproduced',
@@ -168,14 +168,13 @@ def by_verbs(paper: str) -> list[str]:
     """Return the lines that say what a user types for the main figures of a paper."""
     lines = ['### By the plain verbs', '', '```bash']
     for each in COMMANDS[paper]:
-        words = each.words
-        program = 'python -m' if words.startswith('piezo_sim') else 'piezo'
-        lines.append(f'{program} {words}' + (f'  # {each.figures}' if each.figures else ''))
+        program = 'python -m' if each.words.startswith('piezo_sim') else 'piezo'
+        lines.append(f'{program} {each.words}' + (f'  # {each.figures}' if each.figures else ''))
     outcomes = [each.outcome for each in COMMANDS[paper] if each.outcome]
     return [*lines, '```', '<!-- expect:', '\n'.join(outcomes) + ' -->', '']
 
 
-def summary(entries: Sequence[Entry]) -> list[str]:
+def summary(entries: Sequence[Exhibit]) -> list[str]:
     """Return the lines of a table: figures by paper and verdict."""
     lines = [
         '"Better", "equal" (within 5 %) and "worse" compare the errors that a paper prints with',

@@ -8,13 +8,13 @@ from matplotlib.figure import Figure
 from piezo_hysteresis.arrays import FloatArray
 from piezo_papers import bimorph, loops, runs
 from piezo_papers.bimorph import DT, FULL, QUICK, Length
-from piezo_papers.page import Builders, Entry, finish, loop
+from piezo_papers.page import Builders, Exhibit, finish, loop
 
 KINDS = ('basic', 'extended')
 CONTROL = ('basic', 'printed')
 
 
-def loop_figures() -> list[Entry]:
+def loop_figures() -> list[Exhibit]:
     """Loops of the actuator and of the basic, modified and extended models."""
     seen = {f: loops.last(bimorph.record(f, 3.0)) for f in (1.0, 2.0, 30.0)}
     centre = 1e6 * float(0.5 * (seen[1.0][1].max() + seen[1.0][1].min()))
@@ -25,25 +25,25 @@ def loop_figures() -> list[Entry]:
     fictitious = 'parameters fictitious, as in the paper'
     ours = 'with identified parameters; those of the paper are fictitious'
     return [
-        Entry('Tatebatake 2017', 'Figure 1', 'response of the basic model',
+        Exhibit('Tatebatake 2017', 'Figure 1', 'response of the basic model',
               'symmetric, pointed loop',
               f'mean {1e6 * np.mean(basic[1]):+.2f} um, {loops.width(basic):.0f} % open',
               loops.drawn({'basic, 1 Hz': basic}), fictitious),
-        Entry('Tatebatake 2017', 'Figure 2', 'observed loop', 'off-centre, not symmetric',
+        Exhibit('Tatebatake 2017', 'Figure 2', 'observed loop', 'off-centre, not symmetric',
               f'centre of the loop at {centre:+.1f} um', loops.drawn({'1 Hz': seen[1.0]})),
-        Entry('Tatebatake 2017', 'Figure 3', 'response of the modified model', 'off-centre',
+        Exhibit('Tatebatake 2017', 'Figure 3', 'response of the modified model', 'off-centre',
               f'the mean moves by {shift:+.2f} um with A0 = A / 10',
               loops.drawn({'modified': moved}), fictitious, holds=abs(shift) > 0.1),
-        Entry('Tatebatake 2017', 'Figure 5', 'response of the extended model',
+        Exhibit('Tatebatake 2017', 'Figure 5', 'response of the extended model',
               'off-centre and rounded', f'rounded, {wide[30.0]:.0f} % open at 30 Hz',
               loops.drawn({'30 Hz': extended[30.0]}), ours),
-        Entry('Tatebatake 2017', 'Figure 6', 'actuator at 2 Hz', 'pointed tips',
+        Exhibit('Tatebatake 2017', 'Figure 6', 'actuator at 2 Hz', 'pointed tips',
               f'{loops.width(seen[2.0]):.0f} % open', loops.drawn({'2 Hz': seen[2.0]})),
-        Entry('Tatebatake 2017', 'Figure 7', 'actuator at a higher frequency',
+        Exhibit('Tatebatake 2017', 'Figure 7', 'actuator at a higher frequency',
               'rounded tips, wider', f'{loops.width(seen[30.0]):.0f} % open at 30 Hz',
               loops.drawn({'30 Hz': seen[30.0]}),
               holds=loops.width(seen[30.0]) > loops.width(seen[2.0])),
-        Entry('Tatebatake 2017', 'Figure 8', 'extended model at several frequencies',
+        Exhibit('Tatebatake 2017', 'Figure 8', 'extended model at several frequencies',
               'loops that change with the frequency',
               ', '.join(f'{f:.0f} Hz {each:.0f} % open' for f, each in wide.items()),
               loops.drawn({f'{f:.0f} Hz': each for f, each in extended.items()}), ours,
@@ -56,7 +56,7 @@ def sweep(length: Length) -> list[float]:
     return [f for f in length.frequencies if f <= 30.0]
 
 
-def figures_11_12_13(length: Length) -> list[Entry]:
+def figures_11_12_13(length: Length) -> list[Exhibit]:
     """Modelling: rms error and phase, basic and extended."""
     frequencies = sweep(length)
     rms = {
@@ -79,7 +79,7 @@ def figures_11_12_13(length: Length) -> list[Entry]:
     )  # fmt: skip
 
 
-def figures_14_15_16(length: Length) -> list[Entry]:
+def figures_14_15_16(length: Length) -> list[Exhibit]:
     """Control: rms error and phase, basic and extended."""
     frequencies = sweep(length)
     rms = {
@@ -118,7 +118,7 @@ def compare(
     frequencies: list[float],
     phase: dict[str, list[float]],
     deviating: str = '',
-) -> list[Entry]:
+) -> list[Exhibit]:
     """Return the entry of the errors and the two of the phases."""
     rms = error[3]
     first_kind, second_kind = rms
@@ -133,7 +133,7 @@ def compare(
 
     better = sum(b < a for a, b in zip(rms[first_kind], rms[second_kind], strict=True))
     found = [
-        Entry('Tatebatake 2017', error[0], error[1], error[2],
+        Exhibit('Tatebatake 2017', error[0], error[1], error[2],
               f'extended better at {better} of {len(frequencies)} frequencies; median '
               f'{np.median(rms[first_kind]):.1f} against {np.median(rms[second_kind]):.1f} um',
               draw,
@@ -154,12 +154,12 @@ def compare(
             finish(axis, 'frequency [Hz]', 'phase [degrees]')
 
         ours = f'up to {max(others):.1f} degrees away from 23 Hz, {near:+.1f} at 23 Hz'
-        found.append(Entry('Tatebatake 2017', name, shows, text, ours, draw_phase,
+        found.append(Exhibit('Tatebatake 2017', name, shows, text, ours, draw_phase,
                            numbers={'others': max(others), '23': near}))  # fmt: skip
     return found
 
 
-def figures_17_22(length: Length) -> list[Entry]:
+def figures_17_22(length: Length) -> list[Exhibit]:
     """Show displacement over desired displacement, open loop and controlled."""
     shown = [(k, f) for k, f in enumerate((10.0, 23.0, 30.0)) if f in length.frequencies]
     return [
@@ -168,7 +168,7 @@ def figures_17_22(length: Length) -> list[Entry]:
     ]
 
 
-def open_loop(number: int, f: float, seconds: float) -> Entry:
+def open_loop(number: int, f: float, seconds: float) -> Exhibit:
     """Return a figure of the identification record: the response to a sine of 1 V."""
     record = bimorph.record(f, seconds)
     desired = bimorph.amplitude(f) * record.voltage
@@ -182,7 +182,7 @@ def open_loop(number: int, f: float, seconds: float) -> Entry:
     )  # fmt: skip
 
 
-def controlled(number: int, f: float, length: Length) -> Entry:
+def controlled(number: int, f: float, length: Length) -> Exhibit:
     """Return a figure of the tracking run with the extended model, (12) as printed."""
     each = bimorph.tracked(f, 'printed', length)
     solved = 1e6 * bimorph.tracking_error(f, 'extended', length)
@@ -206,7 +206,7 @@ def shape(
     *,
     more: str = '',
     deviating: str = '',
-) -> Entry:
+) -> Exhibit:
     """Return a figure of `displacement` over `desired` [m], with its harmonics and `error` [m]."""
     part = slice(-round(3.0 / f / DT), None)
     lines = bimorph.lines(displacement, f, (1, 3))
@@ -219,7 +219,7 @@ def shape(
         loop(axis, desired[part] * 1e6, shown, '')
         finish(axis, 'desired displacement [µm]', 'displacement, mean removed [µm]')
 
-    return Entry(
+    return Exhibit(
         'Tatebatake 2017', f'Figure {number}', shows, paper,
         f'third harmonic {share:.1f} % of the fundamental, phase {phase:+.1f} degrees, rms error '
         f'{1e6 * error:.1f} um{more}', draw,

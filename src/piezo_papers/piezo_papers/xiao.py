@@ -15,7 +15,7 @@ from piezo_hysteresis.models import named
 from piezo_hysteresis.waveforms import Waveform, from_spec
 from piezo_papers import runs, stack
 from piezo_papers.loops import drawn, last, together, width
-from piezo_papers.page import Builders, Entry, finish, loop
+from piezo_papers.page import Builders, Exhibit, finish, loop
 
 _BEGIN = 1.2
 
@@ -51,17 +51,18 @@ def by_003(frequency: float) -> Identification:
     )
 
 
-def loop_figures() -> list[Entry]:
+def loop_figures() -> list[Exhibit]:
     """Return figures 3, 4, 5, 7 and 8."""
     seen = {f: last(stack.record(f), 1.0) for f in (20.0, 40.0, 60.0, 80.0, 100.0)}
     found = []
     for name, f in (('Figure 3', 40.0), ('Figure 4', 100.0)):
         found.append(
-            Entry('Xiao 2014', name, f'loop at {f:.0f} Hz', 'the higher the frequency, the wider',
+            Exhibit('Xiao 2014', name, f'loop at {f:.0f} Hz',
+                  'the higher the frequency, the wider',
                   f'{width(seen[f]):.0f} % open', drawn({f'{f:.0f} Hz': seen[f]}))
         )  # fmt: skip
     found.append(
-        Entry('Xiao 2014', 'Figure 5', 'loops from 20 to 100 Hz',
+        Exhibit('Xiao 2014', 'Figure 5', 'loops from 20 to 100 Hz',
               'wider from frequency to frequency',
               ', '.join(f'{f:.0f} Hz {width(each):.0f} % open' for f, each in seen.items()),
               together({f'{f:.0f} Hz': each for f, each in seen.items()}),
@@ -72,7 +73,7 @@ def loop_figures() -> list[Entry]:
     return found
 
 
-def _model_figure(name: str, frequency: float) -> Entry:
+def _model_figure(name: str, frequency: float) -> Exhibit:
     model = by_003(frequency)
     each = stack.record(frequency)
     answer = model.model.respond(each.voltage, model.model.pack(model.values), each.dt)
@@ -87,7 +88,7 @@ def _model_figure(name: str, frequency: float) -> Entry:
         finish(axis, 'input [V]', 'displacement [µm]')
 
     row = model.records[0]
-    return Entry(
+    return Exhibit(
         'Xiao 2014', name, f'Bouc-Wen model by particle swarm, {frequency:.0f} Hz',
         'matches very well, worst at the tips',
         f'rms error {1e6 * row.free_run_rms:.2f} um ({row.nrmse_percent:.1f} % of what moves)',
@@ -96,7 +97,7 @@ def _model_figure(name: str, frequency: float) -> Entry:
     )  # fmt: skip
 
 
-def step_figure() -> Entry:
+def step_figure() -> Exhibit:
     """Return figure 12: the linear model."""
     found, record = stack.transfer(), stack.step()
     poles = sorted(np.roots(found.denominator), key=lambda p: -p.real)
@@ -116,7 +117,7 @@ def step_figure() -> Entry:
         axis.plot((time[50:]) * 1e3, 2e6 * y, '--', label='model')
         finish(axis, 'time [ms]', 'displacement [µm]')
 
-    return Entry(
+    return Exhibit(
         'Xiao 2014',
         'Figure 12',
         'step response and identified linear model',
@@ -133,7 +134,7 @@ def step_figure() -> Entry:
     )
 
 
-def stack_table(frequencies: Sequence[float]) -> list[Entry]:
+def stack_table(frequencies: Sequence[float]) -> list[Exhibit]:
     """Return table 1 and figure 14."""
     rows, lines, text, other = {}, [], [], []
     for f, none, none_max, paper, paper_max in stack.TABLE_1:
@@ -181,9 +182,9 @@ def stack_table(frequencies: Sequence[float]) -> list[Entry]:
     shows = 'triangles of 30 um, rms (largest) error without and with the selector [um]'
     chain = 'inverse of hysteresis, mode and creep: ' + '; '.join(other)
     return [
-        Entry('Xiao 2014', 'Table 1', shows, '; '.join(text), '; '.join(lines), draw, why, numbers,
-              chain, pairs),
-        Entry('Xiao 2014', 'Figure 14', 'the same over the frequency',
+        Exhibit('Xiao 2014', 'Table 1', shows, '; '.join(text), '; '.join(lines), draw, why,
+              numbers, chain, pairs),
+        Exhibit('Xiao 2014', 'Figure 14', 'the same over the frequency',
               'both grow with the frequency, with the selector below 2 um rms up to 40 Hz',
               f'with the selector {max(r[3] for r in rows.values()):.2f} um rms at most, '
               f'{max(r[6] for r in rows.values()):.2f} um largest', draw, 'as table 1',
@@ -191,7 +192,7 @@ def stack_table(frequencies: Sequence[float]) -> list[Entry]:
     ]  # fmt: skip
 
 
-def tracking_figures(frequencies: Sequence[float]) -> list[Entry]:
+def tracking_figures(frequencies: Sequence[float]) -> list[Exhibit]:
     """Return figures 15 and 16."""
     found = []
     for name, f in (('Figure 15', 40.0), ('Figure 16', 100.0)):
@@ -210,7 +211,7 @@ def tracking_figures(frequencies: Sequence[float]) -> list[Entry]:
             finish(right, 'time [s]', 'error [µm]')
 
         found.append(
-            Entry('Xiao 2014', name, f'tracking a triangle of {f:.0f} Hz by the selector',
+            Exhibit('Xiao 2014', name, f'tracking a triangle of {f:.0f} Hz by the selector',
                   'largest errors at the tips',
                   f'rms {1e6 * met.rms:.2f} um, largest {1e6 * met.largest:.2f} um, at the tips',
                   draw, 'as table 1')
@@ -218,7 +219,7 @@ def tracking_figures(frequencies: Sequence[float]) -> list[Entry]:
     return found
 
 
-def signals(seconds: float) -> list[Entry]:
+def signals(seconds: float) -> list[Exhibit]:
     """Return figures 17 to 20, all with their means."""
     middle = 15e-6
     fast = from_spec({'kind': 'composite_xiao2014', 'amplitude': 12e-6, 'offset': middle,
@@ -260,7 +261,7 @@ def signals(seconds: float) -> list[Entry]:
             f'{1e6 * np.abs(closed).max():.3f} um'
         )  # fmt: skip
         found.append(
-            Entry('Xiao 2014', name, shows, stated,
+            Exhibit('Xiao 2014', name, shows, stated,
                   f'largest error {worst:.3f} um, mean removed {moving:.3f} um', draw, reason,
                   {'worst': worst}, others, [(bound, worst)] if bound else [])
         )  # fmt: skip

@@ -12,7 +12,7 @@ from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.waveforms import Sine, Waveform, from_spec
 from piezo_papers import flap, runs
 from piezo_papers.loops import together, width
-from piezo_papers.page import Builders, Draw, Entry, finish, loop, panels
+from piezo_papers.page import Builders, Draw, Exhibit, finish, loop, panels
 
 FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 
@@ -30,7 +30,7 @@ def model_error(frequency: float) -> tuple[FloatArray, FloatArray, FloatArray, f
     return voltage[part], measured[part], modelled[part], error
 
 
-def table() -> Entry:
+def table() -> Exhibit:
     """Return table 2 of Zhou 2021: what its two steps find."""
     found = flap.by_zhou()
     v, d = found.values, found.values['A1']
@@ -46,7 +46,7 @@ def table() -> Entry:
         axis.axhline(1.0, color='k', lw=0.8)
         finish(axis, '', 'found here over printed')
 
-    return Entry(
+    return Exhibit(
         'Zhou 2021', 'Table 2', 'identified parameters',
         'alpha 0.61, beta 0.039 /V, gamma 0.0065 /V, b 513 N s/m; m 5.4e-5 kg, k 8.0e5 N/m, '
         'd 5.5e-6 mm/V',
@@ -60,7 +60,7 @@ def table() -> Entry:
     )  # fmt: skip
 
 
-def model_figures() -> list[Entry]:
+def model_figures() -> list[Exhibit]:
     """Return figures 6 and 7 of Zhou 2021."""
     data = {f: model_error(f) for f in (1.0, *FREQUENCIES)}
 
@@ -77,10 +77,10 @@ def model_figures() -> list[Entry]:
     worst = max(data[f][3] for f in FREQUENCIES) * 1e6
     same = 'the model is of the kind that the simulated actuator is made of'
     return [
-        Entry('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
+        Exhibit('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
               f'rms error {data[1.0][3] * 1e6:.2f} um of +-{data[1.0][1].max() * 1e6:.0f} um, by '
               'the two steps of Zhou 2021', drawing((1.0,)), same, {'error': data[1.0][3] * 1e6}),
-        Entry('Zhou 2021', 'Figure 7', 'model at 10 to 60 Hz',
+        Exhibit('Zhou 2021', 'Figure 7', 'model at 10 to 60 Hz',
               'captures the rate dependence in a wide range, no number',
               f'rms error at most {worst:.2f} um; the damping alone widens the loops',
               drawing(FREQUENCIES), same, {'error': worst}),
@@ -98,7 +98,7 @@ def tracked(kind: str, wave: Waveform) -> LoopResult:
     )  # fmt: skip
 
 
-def control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
+def control(frequencies: Sequence[float], seconds: float) -> list[Exhibit]:
     """Return figures 9, 11 and 12 of Zhou 2021."""
     kinds = ('none', 'inverse', 'PID', 'ours inverse', 'ours compound')
     results = {
@@ -146,15 +146,16 @@ def control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
     )
     better = 'exact inverse of a joint fit, and cancellation of orders 1, 2, 3, 5 with PID: '
     return [
-        Entry('Zhou 2021', 'Figure 9', 'feedforward at 10 Hz',
+        Exhibit('Zhou 2021', 'Figure 9', 'feedforward at 10 Hz',
               '65 um without, about 14 um with it',
               f'{ten[0]:.0f} um without, {ten[1]:.1f} um with (8)', draw_9, why,
               {'none': ten[0], 'inverse': ten[1]},
               f'exact inverse {worst["ours inverse", 10.0]:.1f} um', [(14.0, ten[1])]),
-        Entry('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
+        Exhibit('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
               'straight lines, largest error '
               f'{max(worst["PID", f] for f in frequencies):.1f} um', draw_11, why),
-        Entry('Zhou 2021', 'Figure 12', 'errors without, with feedforward, with compound control',
+        Exhibit('Zhou 2021', 'Figure 12',
+              'errors without, with feedforward, with compound control',
               'largest at 10 Hz 65, 14 and 9 um; other frequencies without numbers',
               'largest errors without / (8) / (8) and PID [um]: '
               + listed('none', 'inverse', 'PID'), draw_12, why,
@@ -163,7 +164,7 @@ def control(frequencies: Sequence[float], seconds: float) -> list[Entry]:
     ]  # fmt: skip
 
 
-def composites(seconds: float) -> Entry:
+def composites(seconds: float) -> Exhibit:
     """Return figure 13 of Zhou 2021."""
     results = {}
     for kind in ('composite_zhou2021_low', 'composite_zhou2021_high'):
@@ -182,7 +183,7 @@ def composites(seconds: float) -> Entry:
             finish(axis, 'time [s]', 'error [µm]', kind)
 
     low, high = 'composite_zhou2021_low', 'composite_zhou2021_high'
-    return Entry(
+    return Exhibit(
         'Zhou 2021', 'Figure 13', 'sums of three sinusoids',
         'errors reduced dramatically, no numbers',
         f'20/30/40 Hz {worst[low, "none"]:.0f} -> {worst[low, "inverse"]:.1f} -> '
@@ -195,7 +196,7 @@ def composites(seconds: float) -> Entry:
     )  # fmt: skip
 
 
-def loop_figure(quick: bool = False) -> list[Entry]:
+def loop_figure(quick: bool = False) -> list[Exhibit]:
     """Return figure 3."""
 
     def measured(frequency: float) -> tuple[FloatArray, FloatArray]:
@@ -209,7 +210,7 @@ def loop_figure(quick: bool = False) -> list[Entry]:
     seen = {f: measured(f) for f in (1.0, 5.0, 10.0, 20.0, 40.0, 60.0)}
     stroke = {f: 1e6 * float(np.ptp(y)) / 2 for f, (_, y) in seen.items()}
     return [
-        Entry('Zhou 2021', 'Figure 3', 'loops from 1 to 60 Hz',
+        Exhibit('Zhou 2021', 'Figure 3', 'loops from 1 to 60 Hz',
               'alike up to 10 Hz, much wider above; the stroke hardly changes',
               'opening ' + ', '.join(f'{f:.0f} Hz {width(each):.0f} %' for f, each in seen.items())
               + f'; stroke +-{stroke[1.0]:.0f} um at 1 Hz, +-{stroke[60.0]:.0f} um at 60 Hz',

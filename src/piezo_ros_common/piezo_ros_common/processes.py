@@ -211,13 +211,14 @@ class NodeProcesses:
         """
         arguments = ros_arguments(parameters, name, namespace, remap, files)
         log = Path(self._folder.name) / f'{len(self._running)}_{name or executable}.log'
-        node = self._launch(package, executable, arguments, log)
+        node = self.launch(package, executable, arguments, log)
         self._running.append(node)
         return node
 
-    def _launch(
+    def launch(
         self, package: str, executable: str, arguments: Sequence[str], log: Path
     ) -> NodeProcess:
+        """Return the process of a node; a subclass may come by it in another way."""
         return NodeProcess(package, executable, arguments, self.environment, log)
 
     @property

@@ -136,12 +136,12 @@ def _study(
 def _usual(study: Study, about: Mapping[str, Any]) -> str:
     """Return one line about the range and the reference that the preset stands behind."""
     limits, wave = study.limits, study.waveform
-    words = f'{about["preset"]}: {limits.low:g} to {limits.high:g} V, at most {limits.slew:g} V/s'
+    line = f'{about["preset"]}: {limits.low:g} to {limits.high:g} V, at most {limits.slew:g} V/s'
     if about['offset_m']:
         offset = 1e6 * float(getattr(wave, 'offset', 0.0))
         phase = math.degrees(getattr(wave, 'phase', 0.0))
-        words += f'; reference about {offset:g} µm, phase {phase:g} degrees at its start'
-    return words
+        line += f'; reference about {offset:g} µm, phase {phase:g} degrees at its start'
+    return line
 
 
 def _plant(arguments: argparse.Namespace) -> ModelFile | str:

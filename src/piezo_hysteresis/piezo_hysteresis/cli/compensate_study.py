@@ -104,14 +104,14 @@ def _value(text: str) -> Any:
         return plain_yaml.load(text.replace(' ', ', ')) if text.startswith('[') else text
 
 
-def run_study(study: Study, plant: Plant) -> list[Run]:
+def run_study(study: Study, plant: ResettablePlant) -> list[Run]:
     """Run the reference without compensation, with the inverse, and with each further link.
 
     Parameters
     ----------
     study : Study
         What is run.
-    plant : Plant
+    plant : ResettablePlant
         What is driven, from `opened`.
 
     Raises
@@ -127,7 +127,7 @@ def run_study(study: Study, plant: Plant) -> list[Run]:
     return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
 
 
-class Plant(Protocol):
+class ResettablePlant(Protocol):
     """A plant that can be put back to rest."""
 
     def exchange(self, voltage: float) -> float:
@@ -140,7 +140,7 @@ class Plant(Protocol):
 @contextmanager
 def opened(
     plant: ModelFile | str, dt: float, seed: int, *, noise: float, settings: Sequence[str]
-) -> Iterator[tuple[Plant, Mapping[str, Any]]]:
+) -> Iterator[tuple[ResettablePlant, Mapping[str, Any]]]:
     """Open a plant; yield it and what it is known to be, which of a model is nothing.
 
     Parameters
@@ -166,7 +166,9 @@ def opened(
         actuator.close()
 
 
-def _run(study: Study, name: str, links: list[Link], samples: Samples, plant: Plant) -> Run:
+def _run(
+    study: Study, name: str, links: list[Link], samples: Samples, plant: ResettablePlant
+) -> Run:
     plant.reset()
     result = closed_loop(samples, links, plant, study.limits, study.dt)
     remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
