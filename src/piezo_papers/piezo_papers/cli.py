@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_papers import catalogue
     from piezo_papers.page import page, save
 
-    begun = time.perf_counter()
+    started = time.perf_counter()
     chosen = PAPERS if arguments.paper == 'all' else (arguments.paper,)
     names = [f'Figure {k}' for k in arguments.figure] + [f'Table {k}' for k in arguments.table]
     if names and arguments.paper == 'all':
@@ -51,6 +51,6 @@ def run(arguments: argparse.Namespace) -> int:
         for entry in found:
             save(entry, pictures, dpi=75)
         arguments.page.write_text(page(found, 'pictures/papers'))
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     print(f'{len(found)} figures and tables in {seconds:.0f} s, in {out}')
     return 0
