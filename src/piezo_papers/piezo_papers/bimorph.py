@@ -84,6 +84,11 @@ FULL = Length()
 QUICK = Length(20.0, 10.0, 6.0, (1.0, 10.0, 14.0, 22.0, 23.0, 35.0))
 
 
+def length_of(quick: bool) -> Length:
+    """Return how long the runs of a figure are."""
+    return QUICK if quick else FULL
+
+
 def lines(signal: FloatArray, frequency: float, orders: Sequence[int]) -> dict[int, complex]:
     """Return the complex amplitudes of whole periods at the end of `signal`."""
     periods = max(1, int(signal.size * DT * frequency * 0.5))

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_papers import bimorph, loops, runs
-from piezo_papers.bimorph import DT, FULL, QUICK, Length
+from piezo_papers.bimorph import DT, Length, length_of
 from piezo_papers.page import Builders, Exhibit, finish, loop
 
 NO_MEAN = (
@@ -312,19 +312,15 @@ def figure_16(length: Length) -> Exhibit:
     )  # fmt: skip
 
 
-def _length(quick: bool) -> Length:
-    return QUICK if quick else FULL
-
-
 BUILDERS: Builders = (
     (('Figure 2', 'Figure 3', 'Figure 4'), lambda quick: loop_figures()),
     (('Figure 5',), lambda quick: [figure_5()]),
     (('Figure 6',), lambda quick: [figure_6()]),
     (('Figure 7',), lambda quick: [figure_7()]),
-    (('Figure 8', 'Figure 11'), lambda quick: figure_8_11(_length(quick))),
-    (('Figure 10',), lambda quick: [figure_10(_length(quick))]),
-    (('Figure 13', 'Figure 17'), lambda quick: figure_13_17(_length(quick))),
+    (('Figure 8', 'Figure 11'), lambda quick: figure_8_11(length_of(quick))),
+    (('Figure 10',), lambda quick: [figure_10(length_of(quick))]),
+    (('Figure 13', 'Figure 17'), lambda quick: figure_13_17(length_of(quick))),
     (('Figure 15',), lambda quick: [figure_15()]),
-    (('Figure 16',), lambda quick: [figure_16(_length(quick))]),
+    (('Figure 16',), lambda quick: [figure_16(length_of(quick))]),
 )
 """Names of the figures of Fujii 2018 that are made together, and what makes them."""

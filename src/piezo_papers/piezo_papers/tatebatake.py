@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_papers import bimorph, loops, runs
-from piezo_papers.bimorph import DT, FULL, QUICK, Length
+from piezo_papers.bimorph import DT, Length, length_of
 from piezo_papers.page import Builders, Exhibit, finish, loop
 
 KINDS = ('basic', 'extended')
@@ -227,14 +227,10 @@ def shape(
     )  # fmt: skip
 
 
-def _length(quick: bool) -> Length:
-    return QUICK if quick else FULL
-
-
 BUILDERS: Builders = (
     (tuple(f'Figure {k}' for k in (1, 2, 3, 5, 6, 7, 8)), lambda quick: loop_figures()),
-    (('Figure 11', 'Figure 12', 'Figure 13'), lambda quick: figures_11_12_13(_length(quick))),
-    (('Figure 14', 'Figure 15', 'Figure 16'), lambda quick: figures_14_15_16(_length(quick))),
-    (tuple(f'Figure {k}' for k in range(17, 23)), lambda quick: figures_17_22(_length(quick))),
+    (('Figure 11', 'Figure 12', 'Figure 13'), lambda quick: figures_11_12_13(length_of(quick))),
+    (('Figure 14', 'Figure 15', 'Figure 16'), lambda quick: figures_14_15_16(length_of(quick))),
+    (tuple(f'Figure {k}' for k in range(17, 23)), lambda quick: figures_17_22(length_of(quick))),
 )
 """Names of the figures of Tatebatake 2017 that are made together, and what makes them."""

@@ -217,7 +217,7 @@ def run_on_clock(
     *,
     start: Mapping[str, float] | None = None,
     forgetting: float | None = None,
-    variant: str = 'V1',
+    variant: str | None = None,
     offset: bool = True,
     unit: str = 'mm',
     p0: float = 1.0,
@@ -230,8 +230,9 @@ def run_on_clock(
         )
     remarks: tuple[str, ...] = ()
     if method == 'rls':
+        _, usual = _BY_RLS.get(model.name, (0, (RlsSettings.variant,)))
         settings = RlsSettings(
-            variant=variant,
+            variant=variant or usual[0],
             forgetting=forgetting or 1.0,
             unit=unit,
             dt=records[0].dt,
@@ -310,8 +311,6 @@ def _papers(model: Model, records: Sequence[Record], settings: RlsSettings) -> O
             f'rls identifies {", ".join(_BY_RLS)}, not {model.name}; use output_error'
         )
     harmonic, variants = _BY_RLS[model.name]
-    if settings.variant == RlsSettings.variant:
-        settings = replace(settings, variant=variants[0])
     if settings.variant not in variants:
         fitting = ', '.join(name for name, row in _BY_RLS.items() if settings.variant in row[1])
         raise IdentificationError(
