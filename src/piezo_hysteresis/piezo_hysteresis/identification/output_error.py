@@ -28,8 +28,9 @@ _FOLLOWED_RECORDS = 5
 #: How often what a fit tells of the records may change what it is fitted to, and what change of a
 #: weight is one.
 _REVISIONS = 6
-#: A clock as our convention has it is kept where it leaves hardly more.
-_NO_WORSE = 1e-3
+#: A clock as our convention has it is kept where it leaves hardly more: by this share of the
+#: squares, or by what three standard deviations of chance are of so many samples.
+_NO_WORSE, _CHANCE = 1e-3, 9.0
 _ALIKE = 0.2
 #: Starts that end within this factor of the best have come to the same end; so many are enough.
 _SAME = 1.01
@@ -270,7 +271,8 @@ def refined(
             targets, result = other[0], plain
     if sampling_offset is True and result.sampling_offset != 0.0:
         trusted = attempt(targets, result.values, False)
-        if trusted.cost <= (1.0 + _NO_WORSE) * result.cost:
+        samples = sum(left.size for left in result.residuals.values())
+        if trusted.cost <= (1.0 + max(_NO_WORSE, _CHANCE / samples)) * result.cost:
             return trusted
     return result
 
