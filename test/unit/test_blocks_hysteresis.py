@@ -248,6 +248,17 @@ def test_selector_follows_the_slope() -> None:
     assert np.diff(y)[-1] / DT == pytest.approx(slope, rel=1e-6)
 
 
+def test_a_selector_whose_table_is_steep_still_answers_smoothly() -> None:
+    """By the row of the move before, the slope would jump between two rows from tick to tick."""
+    span = 0.05
+    steep = {f'inverse_gain_at{i}': 7e3 * (1.0 if i < 5 else 3.0) for i in range(1, 11)}
+    steep |= {f'inverse_A_at{i}': 0.0 for i in range(1, 11)}
+    slope = 0.47 * span  # between the fourth and the fifth row
+    gain = 7e3 * (1.0 + 2.0 * 0.7)
+    y = respond('inverse_selector', np.arange(1, 201) * DT * slope * gain, steep)
+    np.testing.assert_allclose(np.diff(y) / DT, slope, rtol=1e-9)
+
+
 def test_side_by_side_bank_adds_play() -> None:
     x = wave()
     more = {f'memory{j}': 0.0 for j in range(1, 10)} | {'memory4': 1e-5}

@@ -36,7 +36,7 @@ _STAGE = (
 )
 _STAGE_SWEEP = (
     'piezo_sim sweep --preset fang_p845_stage --amplitudes 4.8 --options '
-    'offset=4.9,phase=-1.5708 --seconds 8 --warm-up 4'
+    'offset=4.9 --seconds 8 --warm-up 4'
 )
 
 COMMANDS: dict[str, tuple[Command, ...]] = {
@@ -76,7 +76,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
     ),
     'Xiao 2014': (
         Command('piezo_sim sweep --preset xiao_pi_stack --waveform triangle --frequencies '
-                '10,40,100 --seconds 1 --options phase=-1.5708 --out stack'),
+                '10,40,100 --seconds 1 --out stack'),
         Command('identify stack --method xiao2014 --model inverse_selector --out xiao'),
         Command(f'compensate --model xiao/model.yaml {_STACK} --reference '
                 'triangle:frequency=40,amplitude=15e-6,duration=2 --from-seconds 1.2 --out '

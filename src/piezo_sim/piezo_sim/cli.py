@@ -137,6 +137,8 @@ def _grid(options: argparse.Namespace) -> list[dict[str, Any]]:
         settings['duration'] = options.seconds
     if preset.bias and has_setting(kind, 'offset'):
         settings.setdefault('offset', preset.bias)
+    if preset.phase and has_setting(kind, 'phase'):
+        settings.setdefault('phase', preset.phase)
     amplitudes = options.amplitudes
     if amplitudes is None:
         amplitudes = [] if 'amplitude' in settings else [preset.voltage]

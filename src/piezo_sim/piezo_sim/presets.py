@@ -40,7 +40,7 @@ class Preset:
     rate : float
         Sampling rate of its laboratory [Hz].
     phase : float
-        Of references at their start [rad]: -pi/2 where they begin at their lowest.
+        Of drives and references at their start [rad]: -pi/2 where they begin at their lowest.
     parameters : mapping of str to float
         Numbers that differ from the scaled defaults.
     effects : tuple of str

@@ -74,15 +74,56 @@ def kernel(
 
 
 @jit
-def at_slope(p: FloatArray, first: int, slope: float, span: float) -> float:
-    """Return a parameter of the selector, linear between its knots, constant outside."""
-    place = slope / span * KNOTS - 1.0
-    if place <= 0.0:
-        return float(p[first])
-    if place >= KNOTS - 1:
-        return float(p[first + KNOTS - 1])
-    i = int(place)
+def at_place(p: FloatArray, first: int, place: float) -> float:
+    """Return a parameter of the selector, linear between its knots."""
+    i = min(int(place), KNOTS - 2)
     return float(p[first + i] + (place - i) * (p[first + i + 1] - p[first + i]))
+
+
+@jit
+def selected_step(d: float, h: float, p: FloatArray, dt: float) -> tuple[float, float]:
+    """Return by how much the voltage grows with a move `d` within `dt`, and h behind it."""
+    place = min(max(abs(d) / dt / p[0] * KNOTS - 1.0, 0.0), KNOTS - 1.0)
+    a = at_place(p, 1 + KNOTS, place)
+    beta = at_place(p, 1 + 2 * KNOTS, place)
+    gamma = at_place(p, 1 + 3 * KNOTS, place)
+    moved = exact_step(h, d, a, 0.0, beta, gamma)
+    rise: float = at_place(p, 1, place) * d - (moved - h)
+    return rise, moved
+
+
+@jit
+def solve_selected(needed: float, h: float, p: FloatArray, dt: float) -> float:
+    """Return the smallest move d that lets the voltage grow by `needed`, by the row of its slope.
+
+    It is searched for from knot to knot, and between two of them by the regula falsi (Illinois).
+    """
+    if needed == 0.0:
+        return 0.0
+    side = 1.0 if needed > 0.0 else -1.0
+    apart = side * p[0] / KNOTS * dt
+    low, below = 0.0, -abs(needed)
+    d = apart
+    for i in range(2, 60):
+        above = side * selected_step(d, h, p, dt)[0] - abs(needed)
+        if above >= 0.0:
+            break
+        low, below = d, above
+        d = i * apart if i <= KNOTS else 2.0 * d
+    high, before = d, 0.0
+    for _ in range(60):
+        d = low - below * (high - low) / (above - below)
+        error = side * selected_step(d, h, p, dt)[0] - abs(needed)
+        if abs(error) <= 1e-12 * abs(needed) or abs(high - low) <= 1e-12 * abs(high):
+            break
+        if error > 0.0:
+            high, above = d, error
+            below *= 0.5 if before > 0.0 else 1.0
+        else:
+            low, below = d, error
+            above *= 0.5 if before < 0.0 else 1.0
+        before = error
+    return float(d)
 
 
 @jit
@@ -90,31 +131,23 @@ def selector_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return the displacement; state is (displacement [m], h [V], voltage of the law [V], slope).
+    """Return the displacement; state is (displacement [m], h [V], voltage of the law [V]).
 
-    The slope is that of the last tick. Voltage and h are kept when the parameters change.
+    A move takes the row of its own slope, as in the compensator: by the row of the move before, a
+    free run is chaotic where a table changes by more than the slope does. Voltage and h are kept
+    when the parameters change.
     """
-    span = p[0]
-    position, h, voltage, slope = state[0], state[1], state[2], state[3]
-    for tick in range(0, x.size, points):
-        gain = at_slope(p, 1, slope, span)
-        a = at_slope(p, 1 + KNOTS, slope, span)
-        beta = at_slope(p, 1 + 2 * KNOTS, slope, span)
-        gamma = at_slope(p, 1 + 3 * KNOTS, slope, span)
-        travel = 0.0
-        for k in range(tick, tick + points):
-            d = solve_step(x[k] - voltage, h, gain, a, 0.0, beta, gamma)
-            moved = exact_step(h, d, a, 0.0, beta, gamma)
-            voltage += gain * d - (moved - h)
-            h = moved
-            position += d
-            travel += d
-            y[k] = position
-        slope = abs(travel) / dt
+    position, h, voltage = state[0], state[1], state[2]
+    part = dt / points
+    for k in range(x.size):
+        d = solve_selected(x[k] - voltage, h, p, part)
+        rise, h = selected_step(d, h, p, part)
+        voltage += rise
+        position += d
+        y[k] = position
     state[0] = position
     state[1] = h
     state[2] = voltage
-    state[3] = slope
 
 
 @jit
@@ -220,7 +253,7 @@ BLOCKS = (
             *_knots(),
         ),
         kernel=selector_kernel,
-        state_size=4,
+        state_size=3,
         between=Between.PATH,
         unknown=(1,),
         along=selector_along,

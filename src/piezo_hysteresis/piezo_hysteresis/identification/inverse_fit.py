@@ -17,16 +17,19 @@ from piezo_hysteresis.identification.inverse_rows import (
     by_least_squares,
     inverse_parameters,
 )
-from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
 from piezo_hysteresis.identification.output_error import leaves_noise, output_error, suited
 from piezo_hysteresis.identification.reading import simulated
-from piezo_hysteresis.identification.result import FitResult, result_at
+from piezo_hysteresis.identification.result import FitResult, pooled_noise, result_at
 from piezo_hysteresis.identification.targets import targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
 # Each costs a derivative by forty unknowns.
 _SELECTOR_EVALUATIONS = 40
+#: Standard deviation of a row of the table about the one row for all slopes before the data,
+#: relatively: a slope that no record shows leaves its row where it is.
+_LOOSE = 0.1
 
 
 def law_of(model: Model) -> Block | None:
@@ -171,6 +174,10 @@ def _selector(
     known = {name: values[name] for name in chain.parameter_names}
     known[SAMPLING_OFFSET] = one.sampling_offset
     free = tuple(name for name in chain.free_names if name != 'offset')
+    scales = {q.name: q.scale for q in chain.parameters}
+    priors = {n: Prior(v, _LOOSE * max(abs(v), scales[n])) for n, v in rows.items()}
+    if np.isfinite(pooled_noise(plain.targets)):
+        options = {'priors': priors, **options}
     options = {'max_evaluations': _SELECTOR_EVALUATIONS, **options}
     fitted = output_error(chain, records, start=known, free=free, count=1, **options)
     if plain.rms < fitted.rms:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.circumstances import Choices, revised, zeros_lie_apart
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.start_search import search_by
@@ -60,6 +61,7 @@ def output_error(
     start: Mapping[str, float] | None = None,
     guesses: Sequence[Mapping[str, float]] = (),
     free: Sequence[str] | None = None,
+    priors: Mapping[str, Prior] | None = None,
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
     stride: int = 1,
@@ -78,8 +80,8 @@ def output_error(
 
     Parameters
     ----------
-    model, records, free, weights, folded, stride, sampling_offset, workers, progress
-        See `fit`; the rest as in `refined`.
+    model, records, free, priors, weights, folded, stride, sampling_offset, workers
+        See `fit`, also for `progress`; the rest as in `refined`.
     start : mapping of str to float, optional
         Values known beforehand; the others are found. May hold ``sampling_offset``.
     guesses : sequence of mapping of str to float
@@ -123,12 +125,15 @@ def output_error(
         targets = revised(chain, given, late[SAMPLING_OFFSET], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
 
+    common: dict[str, Any] = {
+        'free': names, 'priors': priors, 'weights': weights,
+        'sampling_offset': sampling_offset, 'workers': workers,
+    }  # fmt: skip
+
     def follow(seen: Sequence[Target], begins: Sequence[Start]) -> FitResult:
         def attempt(values: Mapping[str, float]) -> FitResult:
             begin, evaluations = {**late, **values}, max_evaluations // 6
-            return _attempt(
-                chain, seen, begin, names, weights, sampling_offset, evaluations, workers
-            )
+            return _attempt(chain, seen, begin, max_evaluations=evaluations, **common)
 
         guessed = [Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses]
         return _followed([*guessed, *begins], attempt)
@@ -140,12 +145,9 @@ def output_error(
             records,
             _with_offset(best),
             choices=choices,
-            free=names,
-            weights=weights,
-            sampling_offset=sampling_offset,
             max_evaluations=max_evaluations,
-            workers=workers,
             progress=progress,
+            **common,
         )
 
     found = starts(chain, few, names, known, count=count)
@@ -220,6 +222,7 @@ def refined(
     *,
     choices: Choices,
     free: Sequence[str] | None = None,
+    priors: Mapping[str, Prior] | None = None,
     weights: str | Mapping[str, float] = 'equal',
     sampling_offset: bool | float = True,
     max_evaluations: int = 200,
@@ -240,7 +243,7 @@ def refined(
         Values to begin from; may hold ``sampling_offset``.
     choices : Choices
         What the user says of the records.
-    free, weights, sampling_offset, workers, progress
+    free, priors, weights, sampling_offset, workers, progress
         See `fit`; a sampling offset that explains nothing is set to zero.
     max_evaluations : int
         Of each fit.
@@ -251,8 +254,10 @@ def refined(
         seen: Sequence[Target], values: Mapping[str, float], late: bool | float
     ) -> FitResult:
         return _attempt(
-            model, seen, values, names, weights, late, max_evaluations, workers, progress
-        )
+            model, seen, values, free=names, priors=priors, weights=weights,
+            sampling_offset=late, max_evaluations=max_evaluations, workers=workers,
+            progress=progress,
+        )  # fmt: skip
 
     result = attempt(targets, start, sampling_offset)
     for _ in range(_REVISIONS):
@@ -297,25 +302,18 @@ def _attempt(
     model: Model,
     targets: Sequence[Target],
     values: Mapping[str, float],
-    names: Sequence[str],
-    weights: str | Mapping[str, float],
-    sampling_offset: bool | float,
-    evaluations: int,
-    workers: int,
-    progress: Progress | None = None,
+    *,
+    max_evaluations: int,
+    **options: Any,
 ) -> FitResult:
     return fit(
         model,
         (),
         values,
-        free=names,
         bounds=_resolvable(values, targets),
-        weights=weights,
-        sampling_offset=sampling_offset,
-        max_evaluations=max(evaluations, 20),
-        workers=workers,
+        max_evaluations=max(max_evaluations, 20),
         targets=targets,
-        progress=progress,
+        **options,
     )
 
 
