@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import get_args
@@ -64,18 +64,34 @@ def between_ticks() -> None:
 
 
 def derivatives() -> None:
-    """Differentiate every block, by its kernel where it has one, and chains that need a path."""
+    """Differentiate hysteresis, and chains that need a path."""
+    from piezo_hysteresis.blocks import BLOCKS
+    from piezo_hysteresis.blocks.base import Slot
+    from piezo_hysteresis.models.named import FOLLOWED
+
+    _differentiate((b.name,) for b in BLOCKS.values() if b.slot is Slot.HYSTERESIS)
+    _differentiate(FOLLOWED)
+
+
+def more_derivatives() -> None:
+    """Differentiate every other block."""
+    from piezo_hysteresis.blocks import BLOCKS
+    from piezo_hysteresis.blocks.base import Slot
+
+    _differentiate((b.name,) for b in BLOCKS.values() if b.slot is not Slot.HYSTERESIS)
+
+
+def _differentiate(chains: Iterable[tuple[str, ...]]) -> None:
     from piezo_hysteresis.blocks import BLOCKS
     from piezo_hysteresis.identification.sensitivities import sensitivities
     from piezo_hysteresis.models import Model
-    from piezo_hysteresis.models.named import FOLLOWED
 
-    for blocks in (*((name,) for name in BLOCKS), *FOLLOWED):
-        model = Model('differentiated', tuple(BLOCKS[name] for name in blocks))
+    for names in chains:
+        model = Model('differentiated', tuple(BLOCKS[name] for name in names))
         packed, signal = model.pack(model.defaults()), np.linspace(0.0, 1.0, 8)
         # those that follow the range are differenced, and hide the kernel of their block
-        names = [q.name for q in model.parameters if not (q.held or q.follows_range)]
-        sensitivities(model, packed, names, signal, DT)
+        free = [q.name for q in model.parameters if not (q.held or q.follows_range)]
+        sensitivities(model, packed, free, signal, DT)
 
 
 def fit() -> None:
@@ -225,11 +241,12 @@ def screening() -> None:
 
 
 REHEARSALS = (
+    derivatives,
+    more_derivatives,
     fit,
     inverses,
     blocks,
     between_ticks,
-    derivatives,
     online_methods,
     laws,
     errors,

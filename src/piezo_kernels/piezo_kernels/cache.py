@@ -43,6 +43,10 @@ class KernelCache(_BASE):
         self._name = f'{function.__module__}.{function.__qualname__}'.replace('<locals>.', '')
         self._stamps: tuple[str, str] | None = None
 
+    def known_by(self, digest: str, source: Callable[..., Any]) -> None:
+        """Name entries by the digest of a generated text, and what its `source` depends on."""
+        self._stamps = digest, fresh.stamp(source)
+
     @property
     def cache_path(self) -> str:
         """Folder that is looked into first."""

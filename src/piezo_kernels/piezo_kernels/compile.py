@@ -82,3 +82,44 @@ def leaf(function: Kernel) -> Kernel:
         return function
     compiled: Kernel = numba.njit(nogil=True, error_model='numpy')(function)
     return compiled
+
+
+def generated(
+    name: str,
+    text: str,
+    space: dict[str, Any],
+    source: Callable[..., Any],
+    digest: str,
+    *,
+    inner: bool,
+) -> Callable[..., Any]:
+    """Compile a function from generated `text`; its machine code is kept as that of others.
+
+    Parameters
+    ----------
+    name : str
+        Of the function in `text`.
+    text : str
+        Its source.
+    space : dict of str to object
+        What it may name.
+    source : callable
+        The function that it was generated from.
+    digest : str
+        Of `text` and of what it calls.
+    inner : bool
+        Whether only other kernels call it: its machine code is not kept.
+    """
+    exec(compile(text, f'<{name}>', 'exec'), space)
+    function: Any = space[name]
+    function.__module__, function.text = source.__module__, text
+    if numba is None:
+        return leaf(function)  # type: ignore[no-any-return]
+    options = {'no_cpython_wrapper': True, 'no_cfunc_wrapper': True} if inner else {}
+    compiled: Any = numba.njit(nogil=True, error_model='numpy', **options)(function)
+    if not inner and hasattr(compiled, 'enable_caching'):
+        kept = KernelCache(function)
+        kept.known_by(digest, source)
+        compiled._cache = kept
+        MADE.add(compiled)
+    return compiled  # type: ignore[no-any-return]

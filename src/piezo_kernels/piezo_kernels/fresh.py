@@ -80,7 +80,11 @@ def _follow(
     if id(function) in seen:
         return
     seen[id(function)] = function
-    files.add(function.__code__.co_filename)
+    text = getattr(function, 'text', None)  # of one that was generated
+    if text is None:
+        files.add(function.__code__.co_filename)
+    else:
+        values.append(text)
     for name, value in (*_bound(function), *_globals(function)):
         kernel = getattr(value, 'py_func', None)
         if kernel is not None:

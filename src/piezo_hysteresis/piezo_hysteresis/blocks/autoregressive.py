@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks.base import Block, Parameter, Part, Slot
 from piezo_hysteresis.jit import jit
 
@@ -48,7 +47,6 @@ BLOCK = Block(
     name='autoregressive',
     part=Part.RECURSION,
     predictor=('', 'c1', 'c2'),
-    tangent=_tangents.autoregressive,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter('c1', '1', 0.47, -3.0, 3.0, 'Weight of the displacement two samples ago.', 0.5),

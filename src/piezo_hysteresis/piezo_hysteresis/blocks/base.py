@@ -15,20 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import Counterpart
 from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
 Tuned = Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float]]
 Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
-Carry = Callable[
-    [
-        FloatArray, FloatArray, FloatArray, FloatArray, FloatArray,
-        FloatArray, FloatArray, IntArray, float, int,
-    ],
-    None,
-]  # fmt: skip
 Restoring = Callable[[FloatArray, float, float, float, float], tuple[float, float]]
 Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
 
@@ -230,11 +223,6 @@ class Block:
         `before` [m], and its memory.
     tangent : callable or None
         ``tangent(x, y, dx, dy, p, dt)``, compiled: the answer and its derivatives in one pass.
-    carry : callable or None
-        ``carry(x, y, dx, dy, state, moved, p, wanted, dt, points)``, compiled: the same along a
-        path as `along` takes it, or with 0 `points` by ticks, from a memory `state` whose
-        derivatives are `moved`, shape (m + q, states), both in place. Of the own parameters only
-        the q of `wanted` come behind the m rows of `dx`.
     counterpart : callable or None
         ``counterpart(values)`` returns the parameters of the simulator node that mean the same;
         besides its own values it gets the gain ``A1`` of the model, where there is one.
@@ -268,7 +256,6 @@ class Block:
     predictor: tuple[str, ...] = ()
     restoring: Restoring | None = None
     tangent: Tangent | None = None
-    carry: Carry | None = None
     counterpart: Counterpart | None = field(default=None, compare=False)
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:

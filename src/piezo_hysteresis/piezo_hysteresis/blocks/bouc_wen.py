@@ -1,7 +1,6 @@
 """Bouc-Wen hysteresis by the papers' forward Euler step."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
@@ -30,7 +29,6 @@ BLOCK = Block(
     name='bouc_wen',
     counterpart=bouc_wen,
     part=Part.EULER,
-    tangent=_tangents.bouc_wen,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
     kernel=kernel,

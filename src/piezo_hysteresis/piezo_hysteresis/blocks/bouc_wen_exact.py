@@ -3,7 +3,6 @@
 from math import expm1, log1p
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
 from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
@@ -71,7 +70,6 @@ BLOCK = Block(
     name='bouc_wen_exact',
     counterpart=bouc_wen,
     part=Part.EXACT,
-    tangent=_tangents.bouc_wen_exact,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
     kernel=kernel,

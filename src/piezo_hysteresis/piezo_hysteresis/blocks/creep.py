@@ -6,7 +6,6 @@ from math import expm1
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _creep_tangents
 from piezo_hysteresis.blocks._counterpart import SimulatorValues, switched
 from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
@@ -133,7 +132,6 @@ BLOCKS = (
     Block(
         name='creep',
         counterpart=_counterpart,
-        tangent=_creep_tangents.creep,
         slot=Slot.SLOW,
         parameters=_ELEMENT,
         kernel=kernel,
@@ -146,7 +144,6 @@ BLOCKS = (
     Block(
         name='creep_pair',
         counterpart=_pair_counterpart,
-        tangent=_creep_tangents.creep_pair,
         slot=Slot.SLOW,
         parameters=(
             *_ELEMENT,
@@ -178,7 +175,6 @@ BLOCKS = (
     ),
     Block(
         name='creep_spectrum',
-        tangent=_creep_tangents.creep_spectrum,
         slot=Slot.SLOW,
         parameters=tuple(
             Parameter(
@@ -204,7 +200,6 @@ BLOCKS = (
         counterpart=switched(
             'log_creep', creep_per_decade='log_creep__gain', creep_onset='log_creep__start'
         ),
-        tangent=_creep_tangents.logarithmic_creep,
         slot=Slot.SLOW,
         parameters=(
             Parameter(

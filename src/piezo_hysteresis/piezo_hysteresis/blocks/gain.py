@@ -3,7 +3,6 @@
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._bouc_wen_parameters import LINEAR_GAIN
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot, System
 from piezo_hysteresis.jit import jit
@@ -26,7 +25,6 @@ def system(p: FloatArray) -> System:
 BLOCK = Block(
     name='gain',
     part=Part.GAIN,
-    tangent=_tangents.gain,
     slot=Slot.HYSTERESIS,
     parameters=(LINEAR_GAIN,),
     kernel=kernel,

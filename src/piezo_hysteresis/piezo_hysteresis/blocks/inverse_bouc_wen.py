@@ -112,6 +112,8 @@ def solve_selected(needed: float, h: float, p: FloatArray, dt: float) -> float:
         d = i * apart if i <= KNOTS else 2.0 * d
     high, before = d, 0.0
     for _ in range(60):
+        if not above > below:
+            break
         d = low - below * (high - low) / (above - below)
         error = side * selected_step(d, h, p, dt)[0] - abs(needed)
         if abs(error) <= 1e-12 * abs(needed) or abs(high - low) <= 1e-12 * abs(high):

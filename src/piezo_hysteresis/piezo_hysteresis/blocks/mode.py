@@ -3,7 +3,6 @@
 from math import pi
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._counterpart import first_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot, System
@@ -37,7 +36,6 @@ BLOCK = Block(
     name='mode',
     counterpart=first_mode,
     part=Part.STRUCTURE,
-    tangent=_tangents.mode,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter(

@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import inf, pi
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _friction_mode, _friction_mode_tangents
+from piezo_hysteresis.blocks import _friction_mode
 from piezo_hysteresis.blocks._friction_mode import friction_state, spring
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
@@ -57,7 +57,6 @@ BLOCK = Block(
     unknown=(0, 1, 2),
     inertia=True,
     along=_friction_mode.along,
-    carry=_friction_mode_tangents.carry,
     pace=pace,
     description=(
         "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "

@@ -1,7 +1,7 @@
 """A bank of plays beside the hysteresis: memory of more than the last reversal."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
+from piezo_hysteresis.blocks import _bank_tangents
 from piezo_hysteresis.blocks._plays import bank
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -24,7 +24,7 @@ def kernel(
 def _block(name: str, prefix: str, count: int) -> Block:
     return Block(
         name=name,
-        tangent=_tangents.nonlocal_memory,
+        tangent=_bank_tangents.nonlocal_memory,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(

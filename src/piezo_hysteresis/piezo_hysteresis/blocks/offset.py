@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -27,7 +26,6 @@ BLOCK = Block(
     name='offset',
     counterpart=_counterpart,
     part=Part.ZERO,
-    tangent=_tangents.offset,
     slot=Slot.SENSOR,
     parameters=(Parameter('offset', 'm', 0.0, -1.0, 1.0, 'Reading of the sensor at zero.', 1e-5),),
     kernel=kernel,

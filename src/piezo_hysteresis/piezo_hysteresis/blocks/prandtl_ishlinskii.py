@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
+from piezo_hysteresis.blocks import _bank_tangents
 from piezo_hysteresis.blocks._plays import COUNT, bank
 from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Part, Slot, Tangent
 from piezo_hysteresis.jit import jit
@@ -94,7 +94,7 @@ BLOCKS = (
         'w',
         [j / (COUNT + 1) for j in range(1, COUNT + 1)],
         kernel,
-        _tangents.prandtl_ishlinskii,
+        _bank_tangents.prandtl_ishlinskii,
         Part.PLAYS,
     ),
     _block(
@@ -103,6 +103,6 @@ BLOCKS = (
         'fine_w',
         [(j + 0.5) / FINE for j in range(FINE)],
         fine_kernel,
-        _tangents.prandtl_ishlinskii_fine,
+        _bank_tangents.prandtl_ishlinskii_fine,
     ),
 )

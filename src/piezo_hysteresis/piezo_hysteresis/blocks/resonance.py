@@ -6,7 +6,6 @@ from math import pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _tangents
 from piezo_hysteresis.blocks._counterpart import SimulatorValues, first_mode, second_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
@@ -175,7 +174,6 @@ _RESONANCE = Block(
 _SERIES = Block(
     name='series_mode',
     counterpart=_series_counterpart,
-    tangent=_tangents.mode,
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING),
     kernel=mode_kernel,

@@ -35,27 +35,6 @@ def kernel(
         y[k] = _at(x[k], p)[0]
 
 
-@jit
-def tangent(
-    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, p: FloatArray, dt: float
-) -> None:
-    """Fill outputs and derivatives, see `_tangents`; the range is held, its row is 0."""
-    m = dx.shape[0]
-    inner, outer = _INNER * p[0], _OUTER * p[0]
-    for k in range(x.size):
-        v = x[k]
-        y[k], slope = _at(v, p)
-        for j in range(m):
-            dy[j, k] = slope * dx[j, k]
-        dy[m, k] = 0.0
-        dy[m + 1, k] = v * v
-        dy[m + 2, k] = v * v * v
-        dy[m + 3, k] = _beyond(v, inner) ** 3
-        dy[m + 4, k] = _beyond(-v, inner) ** 3
-        dy[m + 5, k] = _beyond(v, outer) ** 3
-        dy[m + 6, k] = _beyond(-v, outer) ** 3
-
-
 def _bend(name: str, where: str, scale: float) -> Parameter:
     what = f'Cubic that the error gains {where} spline_range.'
     return Parameter(name, '1/m^2', 0.0, -1e14, 1e14, what, scale)
@@ -83,7 +62,6 @@ BLOCK = Block(
         _bend('far_bend_low', 'below -0.6', 1e7),
     ),
     kernel=kernel,
-    tangent=tangent,
     state_size=0,
     between=Between.INSTANT,
     description='Cubic spline of five pieces in the displacement, before the offset.',

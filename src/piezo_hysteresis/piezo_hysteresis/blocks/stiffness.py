@@ -1,8 +1,8 @@
 """A spring that hardens or softens with the displacement."""
 
-from math import asin, asinh, inf, sin, sinh, sqrt
+from math import asin, asinh, sin, sinh, sqrt
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -28,26 +28,8 @@ def kernel(
         y[k] = bent(x[k], p[0])
 
 
-@jit
-def carry(
-    x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, state: FloatArray,
-    moved: FloatArray, p: FloatArray, wanted: IntArray, dt: float, points: int,
-) -> None:  # fmt: skip
-    """Carry derivatives along, see `Block.carry`; beyond the fold nothing moves with the input."""
-    m = dx.shape[0]
-    folds = inf if p[0] >= 0.0 else 2.0 / 3.0 / sqrt(-3.0 * p[0])
-    for k in range(x.size):
-        y[k] = bent(x[k], p[0])
-        slope = 1.0 / (1.0 + 3.0 * p[0] * y[k] * y[k]) if abs(x[k]) < folds else 0.0
-        for j in range(m):
-            dy[j, k] = slope * dx[j, k]
-        for j in range(m, dy.shape[0]):
-            dy[j, k] = -(y[k] ** 3) * slope if slope > 0.0 else -0.5 * y[k] / p[0]
-
-
 BLOCK = Block(
     name='stiffness',
-    carry=carry,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter(

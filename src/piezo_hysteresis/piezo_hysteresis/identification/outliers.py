@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.jit import jit
 
 # Robust standard deviations from which a sample is none of the others'.
 _FAR = 8.0
@@ -77,34 +77,44 @@ def excursions(y: FloatArray) -> BoolArray:
     for width in range(1, _WIDEST + 1):
         if y.size < 2 * _NEARBY:
             break
-        before, after = y[: -width - 1], y[width + 1 :]
-        steps = np.arange(1, width + 1) / (width + 1)
-        course = before[:, None] + steps * (after - before)[:, None]
-        inside = np.lib.stride_tricks.sliding_window_view(y[1:-1], width)
-        away = inside - course
-        least = np.min(np.abs(away), axis=1)
-        one_side = np.abs(np.sum(np.sign(away), axis=1)) == width
-        returns = np.abs(after - before - (width + 1) * _slope(y, width)) < 0.3 * least
-        largest = np.max(np.abs(away), axis=1)
-        others = _largest_nearby(largest, width)
-        for k in np.flatnonzero(one_side & returns & (least > _STANDS_OUT * others)):
-            found[k + 1 : k + 1 + width] = True
+        _mark_excursions(np.ascontiguousarray(y), width, found)
     return found
 
 
-def _slope(y: FloatArray, width: int) -> FloatArray:
-    """Return the mean slope beside every excursion of `width` samples [m per sample]."""
-    step = np.diff(y, prepend=y[0], append=y[-1])
-    return np.asarray(0.5 * (step[: -width - 2] + step[width + 2 :]))
+@jit
+def _away(y: FloatArray, k: int, width: int) -> tuple[float, float, bool]:
+    """Return how far `width` samples behind `k` are off a line, least and most, and if one way."""
+    slope = (y[k + width + 1] - y[k]) / (width + 1)
+    least = most = abs(y[k + 1] - (y[k] + slope))
+    up = down = 0
+    for i in range(1, width + 1):
+        off = y[k + i] - (y[k] + i * slope)
+        least, most = min(least, abs(off)), max(most, abs(off))
+        up += off > 0.0
+        down += off < 0.0
+    return least, most, width in (up, down)
 
 
-def _largest_nearby(size: FloatArray, width: int) -> FloatArray:
-    """Return the largest of the neighbours, those that share samples left out."""
-    half = _NEARBY // 2
-    reach = half + width + 1
-    wide = maximum_filter1d(size, 2 * half + 1, mode='nearest')
-    padded = np.pad(wide, reach, mode='edge')
-    return np.asarray(np.maximum(padded[: size.size], padded[2 * reach :]))
+@jit
+def _mark_excursions(y: FloatArray, width: int, found: BoolArray) -> None:
+    """Mark excursions of `width` samples that stand out of all others nearby."""
+    last, half = y.size - width - 2, _NEARBY // 2
+    reach = half + width + 1  # those that share samples are left out
+    for k in range(last + 1):
+        least, _, one_side = _away(y, k, width)
+        # the mean slope of the samples beside it
+        before = y[k] - y[max(k - 1, 0)]
+        after = y[min(k + width + 2, y.size - 1)] - y[k + width + 1]
+        back = y[k + width + 1] - y[k] - 0.5 * (width + 1) * (before + after)
+        stands_out = one_side and abs(back) < 0.3 * least
+        for side in (-reach, reach):
+            middle = min(max(k + side, 0), last)
+            for i in range(max(middle - half, 0), min(middle + half, last) + 1):
+                if not stands_out:
+                    break
+                stands_out = least > _STANDS_OUT * _away(y, i, width)[1]
+        if stands_out:
+            found[k + 1 : k + 1 + width] = True
 
 
 def frozen(y: FloatArray) -> BoolArray:

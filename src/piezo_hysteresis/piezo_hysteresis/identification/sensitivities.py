@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Parameter
+from piezo_hysteresis.blocks.base import Between, Block, Parameter
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.directions import through
+from piezo_hysteresis.models.parts import PlacedBlock
 from piezo_hysteresis.models.path_tangents import carried
 from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
 
 _MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
-# From so many derivatives on, those that come into a path are carried from tick to tick instead,
-# where one that is carried along the path differs by less than this share.
-_MANY = 8
-_CLOSE = 0.02
 _STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
 
 
@@ -34,9 +32,8 @@ def sensitivities(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the free run from rest and its derivatives.
 
-    Blocks with a compiled tangent kernel are differentiated exactly, the others by differences of
-    that block alone, so that a chain costs little more than its slowest blocks. A run of blocks
-    that is followed between the ticks counts as one.
+    Blocks are differentiated by the generated derivative of their kernel. Delays, and linear runs
+    by their own parameters, are differenced.
 
     Parameters
     ----------
@@ -170,22 +167,9 @@ def _along(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a run of blocks along its path, many of them by ticks.
-
-    What is carried from tick to tick leaves out what happens between them. That changes the way
-    of a fit a little, and not where it ends.
-    """
+    """Carry tangents through a run of blocks."""
     if not isinstance(stage, PathStage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
-    if tangent.shape[0] >= _MANY:
-        near = _by_ticks(stage, own, p, signal, tangent, clock)
-        largest = int(np.argmax(np.max(np.abs(near), axis=1)))
-        probe = tangent[largest : largest + 1]
-        output, exact = _by_path(stage, own, p, columns, signal, probe, clock)
-        missed = float(np.max(np.abs(near[largest] - exact[0]), initial=0.0))
-        if missed <= _CLOSE * float(np.max(np.abs(exact[0]), initial=0.0)):
-            near[largest] = exact[0]
-            return output, np.vstack([near, exact[1:]])
     return _by_path(stage, own, p, columns, signal, tangent, clock)
 
 
@@ -227,22 +211,6 @@ def _around(stage: Stage, parameter: Parameter, value: float, dt: float) -> tupl
     )
 
 
-def _by_ticks(
-    stage: PathStage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    signal: FloatArray,
-    tangent: FloatArray,
-    clock: _Clock,
-) -> FloatArray:
-    """Return tangents carried through the blocks of a path as if each held its output."""
-    for part in stage.run.parts:
-        single = TickStage(part.block, slice(0, 0), stage.run.ahead)
-        mine = own[part.span.start : part.span.stop]
-        signal, tangent = _through(single, mine, p[part.span], (), signal, tangent, clock)
-    return tangent
-
-
 def _joined(
     answers: Sequence[tuple[FloatArray, FloatArray]], incoming: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -266,6 +234,8 @@ def _through(
     block = stage.block
     columns = [j for j, parameter in enumerate(own) if parameter.name in free]
     incoming = tangent.shape[0]
+    if moves_by_ticks(stage):
+        return _differenced(stage, own, p, columns, signal, tangent, clock)
     ranged = any(own[j].follows_range for j in columns)
     if block.tangent is not None and not ranged and (columns or incoming):
         output = np.empty_like(signal)
@@ -274,13 +244,30 @@ def _through(
         if len(columns) == len(own):
             return output, every
         return output, every[[*range(incoming), *(incoming + j for j in columns)]]
-    if block.carry is not None and (columns or incoming):
-        output, state = np.empty_like(signal), block.initial_state(clock.dt)
-        rows = np.empty((incoming + len(columns), signal.size))
-        moved, by = np.zeros((len(rows), state.size)), np.array(columns, dtype=np.int64)
-        block.carry(signal, output, tangent, rows, state, moved, p, by, clock.dt, 0)
-        return output, rows
-    return _differenced(stage, own, p, columns, signal, tangent, clock)
+    state = stage.initial_state(clock.dt, clock.start)
+    linear = block.system is not None
+    given = tangent[:0] if linear else tangent
+    moved = np.zeros((len(given) + len(columns), state.size))
+    kernel: Any = block.kernel
+    times: tuple[float, ...] = (clock.dt, clock.frequency)
+    if block.along is not None and block.between is Between.PATH:
+        kernel, times = block.along, (*times, 1)  # the same, a point per tick
+    output, rows = through(kernel, signal, given, p, columns, state, moved, *times, parameters=own)
+    if linear and incoming:
+        rows = np.vstack([_as_linear(block).carried(tangent, p, clock.dt), rows])
+    return output, rows
+
+
+_ALONE: dict[int, LinearStage] = {}
+
+
+def _as_linear(block: Block) -> LinearStage:
+    """Return the stage that a linear block is alone: it carries four derivatives side by side."""
+    if id(block) not in _ALONE:
+        places = np.arange(len(block.parameters))
+        part = PlacedBlock(block, slice(0, places.size))
+        _ALONE[id(block)] = LinearStage((part,), places, 0, ahead=not block.inertia)
+    return _ALONE[id(block)]
 
 
 def _differenced(

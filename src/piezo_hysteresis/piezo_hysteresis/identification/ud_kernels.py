@@ -11,8 +11,9 @@ from math import isfinite, nan
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import play
-from piezo_hysteresis.blocks._tangents import exact_step
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit
+from piezo_kernels.forward import jacobian
 
 SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)
 ERROR_SUM, WEIGHT_SUM, LEARNT, PROJECTED, PLAYS = 8, 9, 10, 11, 12
@@ -25,6 +26,8 @@ _STEP = 0.02  # largest relative change of the shape in one update
 _SHORTEST = 16.0  # memory that forgetting always leaves [ranges travelled]: four full cycles
 _FIRST, _GROWTH = 8.0, 0.25  # memory at the start [ranges travelled], and its growth
 _SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is learnt
+
+_step = jacobian(exact_step)
 
 
 @jit
@@ -68,14 +71,10 @@ def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray)
     """Fill v with u, -h and the derivatives by beta and gamma, for h of unit A."""
     du = u - m[LAST]
     if du != 0.0:
-        side = 1.0 if du > 0.0 else -1.0
-        beta, gamma = theta[2], theta[3]
-        h, by_h, _, by_toward, by_away, _ = exact_step(
-            m[H], abs(du), side, beta - gamma, beta + gamma
-        )
+        h, by_h, _, _, _, by_beta, by_gamma = _step(m[H], du, 1.0, 0.0, theta[2], theta[3])
         m[H] = h
-        m[H_BETA] = by_h * m[H_BETA] + by_toward + by_away
-        m[H_GAMMA] = by_h * m[H_GAMMA] + by_away - by_toward
+        m[H_BETA] = by_h * m[H_BETA] + by_beta
+        m[H_GAMMA] = by_h * m[H_GAMMA] + by_gamma
         m[H_MAX] = max(m[H_MAX], abs(h))
     v[0] = u
     v[1] = -m[H]

@@ -1,19 +1,22 @@
 """Derivatives of a run that is followed between the ticks, carried along its path.
 
-Pieces pass them on one after another: linear ones by the step that they take themselves, blocks
-with a compiled kernel by that, and the others by differences of that block alone. A parameter
-costs its own piece and those behind it, and not the whole run.
+Pieces pass them on one after another: linear ones by the step that they take themselves, the
+others by the generated derivative of their kernel. A parameter costs its own piece and those
+behind it, and not the whole run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.blocks.transport_delay import shift
+from piezo_hysteresis.models.directions import through
 from piezo_hysteresis.models.linear_runs import (
     LinearStep,
     in_series,
@@ -22,10 +25,11 @@ from piezo_hysteresis.models.linear_runs import (
     step_of,
 )
 from piezo_hysteresis.models.parts import systems_of
-from piezo_hysteresis.models.path_runs import PathClock, PathPiece, PathRun, followed, read_ticks
+from piezo_hysteresis.models.path_runs import PathClock, PathPiece, PathRun, read_ticks
+from piezo_hysteresis.models.paths import with_turns, without_turns
+from piezo_kernels.forward import directions_of
 
 _VALUES = 1 << 15  # values of path and derivatives that are followed at a time
-_STEP = 1e-6  # of a difference by what comes from upstream, over the size of the signal
 
 Around = Mapping[int, tuple[float, float]]
 """Values below and above, one of them the parameter itself where a bound leaves no room."""
@@ -68,55 +72,125 @@ class _Linear:
         return output, answers
 
 
-class _Carried:
-    """A block that carries derivatives by a kernel of its own."""
+class _Nonlinear:
+    """One block, or several side by side, by the derivatives of their kernels."""
 
     def __init__(
         self, piece: PathPiece, p: FloatArray, around: Around, clock: PathClock,
         state: FloatArray, incoming: int,
     ) -> None:  # fmt: skip
         ((self._block, span),) = piece.parts
+        self._turns = piece.turns
         self._p, self._clock, self._state = p[span], clock, state
-        by = [column - span.start for column in _columns(piece, around)]
-        self._by = np.array(by, dtype=np.int64)
-        self._moved = np.zeros((incoming + len(by), state.size))
+        self._columns = [column - span.start for column in _columns(piece, around)]
+        self._moved = np.zeros((incoming + len(self._columns), state.size))
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        output, answers = np.empty_like(path), np.empty((len(self._moved), path.size))
-        assert self._block.carry is not None
-        self._block.carry(
-            path, output, rows, answers, self._state, self._moved, self._p, self._by,
-            self._clock.dt, self._clock.points,
+        m = len(rows)
+        output = np.zeros_like(path)
+        answers = np.zeros((m + len(self._columns), path.size))
+        first = memory = 0
+        for part in parts_of(self._block):
+            last, end = (
+                first + len(part.parameters),
+                memory + part.initial_state(self._clock.dt).size,
+            )
+            mine = [k for k, column in enumerate(self._columns) if first <= column < last]
+            places = [*range(m), *(m + k for k in mine)]
+            own, moved = slice(memory, end), self._moved[places, memory:end]
+            y, found = self._of(
+                part, path, rows, self._p[first:last],
+                [self._columns[k] - first for k in mine], self._state[own], moved,
+            )  # fmt: skip
+            output += y
+            answers[places] += found
+            self._moved[places, memory:end] = moved
+            first, memory = last, end
+        return output, answers
+
+    def _of(
+        self, block: Block, path: FloatArray, rows: FloatArray, p: FloatArray,
+        columns: list[int], state: FloatArray, moved: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        clock = self._clock
+        if block.between is Between.CLOCK:
+            return on_the_clock(block, path, rows, p, columns, state, clock)
+        if block.along is not None:
+            times = clock.dt, clock.frequency, clock.points
+            return through(
+                block.along,
+                path,
+                rows,
+                p,
+                columns,
+                state,
+                moved,
+                *times,
+                parameters=block.parameters,
+            )
+        turns = self._turns and block.between is Between.PATH and self._block.along is None
+        if not turns:
+            return through(
+                block.kernel,
+                path,
+                rows,
+                p,
+                columns,
+                state,
+                moved,
+                clock.dt,
+                0.0,
+                parameters=block.parameters,
+            )
+        wide, late, wide_rows = turned(path, rows)
+        y, found = through(
+            block.kernel, wide, wide_rows, p, columns, state, moved, clock.dt, 0.0,
+            parameters=block.parameters,
         )  # fmt: skip
+        output, answers = np.empty_like(path), np.empty((len(found), path.size))
+        for each, answer in zip((y, *found), (output, *answers), strict=True):
+            without_turns(each, late, answer)
         return output, answers
 
 
-class _Differenced:
-    """A block without such a kernel: it is followed once more for each derivative."""
+def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a path with its turns, in which half of a step they lie, and derivatives there."""
+    wide, late = np.empty(path.size // 3 * 4), np.empty(path.size // 3)
+    with_turns(path, wide, late)
+    answers, none = np.empty((len(rows), wide.size)), np.zeros((1, late.size))
+    along = directions_of(with_turns, 1)
+    for row, answer in zip(rows, answers, strict=True):
+        along(path, wide, late, row[None], answer[None], none)
+    return wide, late, answers
 
-    def __init__(
-        self, piece: PathPiece, p: FloatArray, around: Around, clock: PathClock,
-        state: FloatArray, sizes: Sequence[float],
-    ) -> None:  # fmt: skip
-        self._piece, self._p, self._clock, self._state = piece, p, clock, state
-        self._sizes = sizes
-        self._states = [state.copy() for _ in sizes]
-        self._own = [
-            (_with(p, column, _other(p, column, around)), state.copy())
-            for column in _columns(piece, around)
-        ]
 
-    def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        answers = np.empty((len(rows) + len(self._own), path.size))
-        output = followed(self._piece, None, path, self._p, self._state, self._clock)
-        for j, (row, size) in enumerate(zip(rows, self._sizes, strict=True)):
-            moved = path + size * row
-            other = followed(self._piece, None, moved, self._p, self._states[j], self._clock)
-            answers[j] = (other - output) / size
-        for answer, (p, state) in zip(answers[len(rows) :], self._own, strict=True):
-            other = followed(self._piece, None, path, p, state, self._clock)
-            answer[:] = (other - output) / float(np.sum(p - self._p))
-        return output, answers
+def on_the_clock(
+    block: Block, path: FloatArray, rows: FloatArray, p: FloatArray, columns: list[int],
+    state: FloatArray, clock: PathClock,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Return what a function of the time makes of a path and its derivatives, see `paths`."""
+    assert block.count is not None
+    steps = clock.points // 3
+    output, answers = np.empty_like(path), np.empty((len(rows) + len(columns), path.size))
+    for place in range(3):
+        memory = state.copy()
+        memory[block.count] = (state[block.count] + clock.ahead) * steps + 0.5 * place
+        part, own = np.ascontiguousarray(path[place::3]), rows[:, place::3]
+        still = np.zeros((len(answers), state.size))
+        output[place::3], answers[:, place::3] = through(
+            block.kernel,
+            part,
+            own,
+            p,
+            columns,
+            memory,
+            still,
+            clock.dt / steps,
+            0.0,
+            parameters=block.parameters,
+        )
+    state[block.count] += path.size // clock.points
+    return output, answers
 
 
 def carried(
@@ -152,16 +226,16 @@ def carried(
         tangent = np.array([_late(row, timing.ticks, state[layout.ring].size) for row in tangent])
         tangent = tangent.reshape(-1, signal.size)
     clock = PathClock(dt, frequency, 3 * steps, timing.ahead)
-    sizes = _sizes(signal, tangent)
     pieces: list[_Through] = []
+    count = len(tangent)
     for piece, step in zip(run.pieces(layout), run.made(p, dt, steps), strict=True):
         memory = state[piece.memory]
-        pieces.append(_piece(piece, step, p, around, clock, memory, sizes))
-        sizes += [_other(p, c, around) - float(p[c]) for c in _columns(piece, around)]
-    output, rows = np.empty(signal.size), np.empty((len(sizes), signal.size))
-    last = np.zeros((1 + len(sizes), 1))
+        pieces.append(_piece(piece, step, p, around, clock, memory, count))
+        count += len(_columns(piece, around))
+    output, rows = np.empty(signal.size), np.empty((count, signal.size))
+    last = np.zeros((1 + count, 1))
     last[0, 0] = state[0]
-    at_once = max(1, _VALUES // (clock.points * (1 + len(sizes))))
+    at_once = max(1, _VALUES // (clock.points * (1 + count)))
     for first in range(0, signal.size, at_once):
         chunk = slice(first, first + at_once)
         path = np.repeat(signal[chunk], clock.points)
@@ -176,26 +250,17 @@ def carried(
 
 def _piece(
     piece: PathPiece, step: LinearStep | None, p: FloatArray, around: Around, clock: PathClock,
-    state: FloatArray, sizes: Sequence[float],
+    state: FloatArray, incoming: int,
 ) -> _Through:  # fmt: skip
-    if step is not None:
-        h = 3.0 * clock.dt / clock.points
-        return _Linear(piece, step, p, around, h, state, len(sizes))
-    if piece.parts[0].block.carry is not None:
-        return _Carried(piece, p, around, clock, state, len(sizes))
-    return _Differenced(piece, p, around, clock, state, tuple(sizes))
+    if step is None:
+        return _Nonlinear(piece, p, around, clock, state, incoming)
+    return _Linear(piece, step, p, around, 3.0 * clock.dt / clock.points, state, incoming)
 
 
 def _columns(piece: PathPiece, around: Around) -> list[int]:
     """Return those of `around` that are parameters of a piece."""
     inside = range(piece.parts[0].span.start, piece.parts[-1].span.stop)
     return [column for column in inside if column in around]
-
-
-def _other(p: FloatArray, column: int, around: Around) -> float:
-    """Return the value to which a parameter is moved for a difference to one side."""
-    below, above = around[column]
-    return above if above != p[column] else below
 
 
 def _with(p: FloatArray, column: int, value: float) -> FloatArray:
@@ -227,10 +292,3 @@ def _late(signal: FloatArray, ticks: int, ring: int) -> FloatArray:
     answer = np.empty(signal.size)
     shift(np.ascontiguousarray(signal), answer, np.zeros(ring), ticks)
     return answer
-
-
-def _sizes(signal: FloatArray, tangent: FloatArray) -> list[float]:
-    """Return how much of each derivative is added to the signal for a difference."""
-    span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
-    sizes = np.max(np.abs(tangent), axis=1, initial=0.0)
-    return [_STEP * span / float(size) if size > 0.0 else 1.0 for size in sizes]

@@ -1,0 +1,115 @@
+"""What a block makes of derivatives that come in, by the generated derivative of its kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Parameter
+from piezo_kernels.forward import directional
+
+_VALUES = 1 << 15  # values of derivatives that are carried at a time: what a cache holds
+_BESIDE = 1e-6  # in units of what is usual
+
+
+def through(
+    kernel: Any,
+    x: FloatArray,
+    rows: FloatArray,
+    p: FloatArray,
+    columns: list[int],
+    state: FloatArray,
+    moved: FloatArray,
+    *clock: Any,
+    parameters: Sequence[Parameter] = (),
+) -> tuple[FloatArray, FloatArray]:
+    """Return the output of a kernel and its derivatives, updating its state and theirs.
+
+    Parameters
+    ----------
+    kernel : callable
+        ``kernel(x, y, state, p, *clock)`` of a block, or its `along`.
+    x, rows : ndarray, shapes (n,) and (m, n)
+        Input, and its derivatives by what is upstream.
+    p : ndarray
+        Parameters.
+    columns : list of int
+        The q of them to differentiate by.
+    state, moved : ndarray, shapes (s,) and (m + q, s)
+        Memory and its derivatives, in place.
+    clock
+        What the kernel is told besides: interval [s], drive [Hz], points per tick.
+    parameters : sequence of Parameter
+        Of `p`, where the law may be differentiated beside them, see `_beside`.
+
+    Returns
+    -------
+    output : ndarray, shape (n,)
+        As the kernel has it.
+    answers : ndarray, shape (m + q, n)
+        Derivatives by what is upstream, then by `columns`.
+    """
+    m, q, n = len(rows), len(columns), x.size
+    output, answers = np.empty_like(x), np.empty((m + q, n))
+    if m + q == 0:
+        kernel(x, output, state, p, *clock)
+        return output, answers
+    derivative = directional(kernel, p.size)
+    own, lanes = derivative.own, derivative.lanes
+    multiple = clock[2] if len(clock) > 2 else 1
+    most = max(1, _VALUES // ((own + lanes) * multiple)) * multiple
+    begin, count, first_moved = state.copy(), m if own else m + q, moved.copy()
+    for first in range(0, max(count, 1), lanes or 1):
+        given = slice(first, min(first + lanes, count))
+        here = slice(own, own + given.stop - first)
+        incoming = max(min(m, given.stop) - first, 0)
+        tangent = np.zeros((own + lanes, state.size))
+        tangent[here] = moved[given]
+        alone = own > 0 and first == 0  # its own parameters go with the first
+        if alone:
+            tangent[columns] = moved[m:]
+        seeds = () if own else (_seeds(first, given.stop, m, columns, (lanes, p.size)),)
+        state[:] = begin
+        for start in range(0, n, most):
+            chunk = slice(start, min(start + most, n))
+            if start == 0 or chunk.stop - start < most:
+                x_d, y_d = np.zeros((2, own + lanes, chunk.stop - start))
+            x_d[own : own + incoming] = rows[first : first + incoming, chunk]
+            derivative.run(x[chunk], output[chunk], state, p, *clock, x_d, y_d, tangent, *seeds)
+            answers[given, chunk] = y_d[here]
+            if alone:
+                answers[m:, chunk] = y_d[columns]
+        moved[given] = tangent[here]
+        if alone:
+            moved[m:] = tangent[columns]
+    for k, column in enumerate(columns):
+        if parameters and p[column] in (0.0, 1.0) and not np.any(answers[m + k]):
+            # one by one: what does nothing where it stands is not to be moved for another's sake
+            beside, other = _beside(parameters[column], p, column), first_moved[m + k, None]
+            found = through(kernel, x, rows[:0], beside, [column], begin.copy(), other, *clock)
+            answers[m + k], moved[m + k] = found[1][0], other[0]
+    return output, answers
+
+
+def _beside(parameter: Parameter, p: FloatArray, column: int) -> FloatArray:
+    """Return values a little off where a law takes another branch.
+
+    With an exponent of 1, a share or a time of 0 it may say at once what comes out, and nothing
+    seems to depend on them.
+    """
+    beside, step = p.copy(), _BESIDE * parameter.scale
+    beside[column] += step if p[column] + step <= parameter.high else -step
+    return beside
+
+
+def _seeds(
+    first: int, last: int, incoming: int, columns: Sequence[int], shape: tuple[int, int]
+) -> FloatArray:
+    """Return how the parameters move with derivatives `first` to `last`."""
+    seeds = np.zeros(shape)
+    for i in range(max(first, incoming), last):
+        seeds[i - first, columns[i - incoming]] = 1.0
+    return seeds
