@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.models.directions import through
+from piezo_hysteresis.models.directions import At, through
 
 DT = 1e-3
 
@@ -142,8 +142,9 @@ def test_tangents_of_a_nonlinear_mode_respond_with_the_bits_of_its_kernel(fricti
     x = np.cumsum(np.random.default_rng(3).normal(0.0, 2e-6, 800))  # turns round all the time
     moved = np.zeros((len(p) + 1, 3))
     y, rows = through(
-        block.kernel, x, np.ones((1, x.size)), p, list(range(len(p))), np.zeros(3), moved, dt, 0.0
-    )
+        block.kernel, x, np.ones((1, x.size)), At(p, list(range(len(p))), block.parameters),
+        np.zeros(3), moved, dt, 0.0,
+    )  # fmt: skip
     np.testing.assert_array_equal(y, respond('nonlinear_mode', x, values, dt))
     # the first row is what a voltage that is higher throughout does
     higher, lower = (respond('nonlinear_mode', x + step, values, dt) for step in (1e-10, -1e-10))

@@ -13,7 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.base import Block, Slot
 from piezo_hysteresis.jit import jit, scratch
-from piezo_hysteresis.models.directions import through
+from piezo_hysteresis.models.directions import At, through
 from piezo_kernels.forward import NotDifferentiable, directions_of, jacobian
 
 DT = 1e-3
@@ -151,7 +151,7 @@ def test_derivatives_of_every_block_equal_central_differences(name: str, kind: s
 
     state, columns = block.initial_state(DT), list(range(p.size))
     moved = np.zeros((1 + p.size, state.size))
-    y, rows = through(law, x, row[None], p, columns, state, moved, *clock)
+    y, rows = through(law, x, row[None], At(p, columns, block.parameters), state, moved, *clock)
     np.testing.assert_array_equal(y, respond(x, p))
     for place in range(1 + p.size):
         missed = []

@@ -12,7 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.directions import through
+from piezo_hysteresis.models.directions import At, through
 from piezo_hysteresis.models.parts import PlacedBlock
 from piezo_hysteresis.models.path_tangents import carried
 from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
@@ -252,7 +252,8 @@ def _through(
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if block.along is not None and block.between is Between.PATH:
         kernel, times = block.along, (*times, 1)  # the same, a point per tick
-    output, rows = through(kernel, signal, given, p, columns, state, moved, *times, parameters=own)
+    at = At(p, columns, own)
+    output, rows = through(kernel, signal, given, at, state, moved, *times)
     if linear and incoming:
         rows = np.vstack([_as_linear(block).carried(tangent, p, clock.dt), rows])
     return output, rows

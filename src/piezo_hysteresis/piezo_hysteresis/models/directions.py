@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,16 +15,32 @@ _VALUES = 1 << 15  # values of derivatives that are carried at a time: what a ca
 _BESIDE = 1e-6  # in units of what is usual
 
 
+class At(NamedTuple):
+    """Where a block is differentiated.
+
+    Attributes
+    ----------
+    values : ndarray
+        Its parameters.
+    columns : list of int
+        Those of them to differentiate by.
+    parameters : tuple of Parameter
+        What they are.
+    """
+
+    values: FloatArray
+    columns: list[int]
+    parameters: Sequence[Parameter]
+
+
 def through(
     kernel: Any,
     x: FloatArray,
     rows: FloatArray,
-    p: FloatArray,
-    columns: list[int],
+    at: At,
     state: FloatArray,
     moved: FloatArray,
     *clock: Any,
-    parameters: Sequence[Parameter] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """Return the output of a kernel and its derivatives, updating its state and theirs.
 
@@ -34,24 +50,21 @@ def through(
         ``kernel(x, y, state, p, *clock)`` of a block, or its `along`.
     x, rows : ndarray, shapes (n,) and (m, n)
         Input, and its derivatives by what is upstream.
-    p : ndarray
-        Parameters.
-    columns : list of int
-        The q of them to differentiate by.
+    at : At
+        Parameters, and the q of them to differentiate by.
     state, moved : ndarray, shapes (s,) and (m + q, s)
         Memory and its derivatives, in place.
     clock
         What the kernel is told besides: interval [s], drive [Hz], points per tick.
-    parameters : sequence of Parameter
-        Of `p`, where the law may be differentiated beside them, see `_beside`.
 
     Returns
     -------
     output : ndarray, shape (n,)
         As the kernel has it.
     answers : ndarray, shape (m + q, n)
-        Derivatives by what is upstream, then by `columns`.
+        Derivatives by what is upstream, then by the columns of `at`.
     """
+    p, columns, _ = at
     m, q, n = len(rows), len(columns), x.size
     output, answers = np.empty_like(x), np.empty((m + q, n))
     if m + q == 0:
@@ -86,23 +99,27 @@ def through(
         if alone:
             moved[m:] = tangent[columns]
     for k, column in enumerate(columns):
-        if parameters and p[column] in (0.0, 1.0) and not np.any(answers[m + k]):
+        if p[column] in (0.0, 1.0) and not np.any(answers[m + k]):
             # one by one: what does nothing where it stands is not to be moved for another's sake
-            beside, other = _beside(parameters[column], p, column), first_moved[m + k, None]
-            found = through(kernel, x, rows[:0], beside, [column], begin.copy(), other, *clock)
-            answers[m + k], moved[m + k] = found[1][0], other[0]
+            one = _beside(at, column)
+            if one is not None:
+                other = first_moved[m + k, None]
+                found = through(kernel, x, rows[:0], one, begin.copy(), other, *clock)
+                answers[m + k], moved[m + k] = found[1][0], other[0]
     return output, answers
 
 
-def _beside(parameter: Parameter, p: FloatArray, column: int) -> FloatArray:
-    """Return values a little off where a law takes another branch.
+def _beside(at: At, column: int) -> At | None:
+    """Return values a little off where a law takes another branch; None where it may not move.
 
     With an exponent of 1, a share or a time of 0 it may say at once what comes out, and nothing
     seems to depend on them.
     """
-    beside, step = p.copy(), _BESIDE * parameter.scale
-    beside[column] += step if p[column] + step <= parameter.high else -step
-    return beside
+    parameter, values = at.parameters[column], at.values.copy()
+    step = _BESIDE * parameter.scale
+    values[column] += step if values[column] + step <= parameter.high else -step
+    is_new = values[column] not in (0.0, 1.0) and not parameter.held
+    return At(values, [column], at.parameters) if is_new else None
 
 
 def _seeds(

@@ -16,7 +16,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.blocks.transport_delay import shift
-from piezo_hysteresis.models.directions import through
+from piezo_hysteresis.models.directions import At, through
 from piezo_hysteresis.models.linear_runs import (
     LinearStep,
     in_series,
@@ -91,17 +91,14 @@ class _Nonlinear:
         answers = np.zeros((m + len(self._columns), path.size))
         first = memory = 0
         for part in parts_of(self._block):
-            last, end = (
-                first + len(part.parameters),
-                memory + part.initial_state(self._clock.dt).size,
-            )
+            last = first + len(part.parameters)
+            end = memory + part.initial_state(self._clock.dt).size
             mine = [k for k, column in enumerate(self._columns) if first <= column < last]
             places = [*range(m), *(m + k for k in mine)]
             own, moved = slice(memory, end), self._moved[places, memory:end]
-            y, found = self._of(
-                part, path, rows, self._p[first:last],
-                [self._columns[k] - first for k in mine], self._state[own], moved,
-            )  # fmt: skip
+            columns = [self._columns[k] - first for k in mine]
+            at = At(self._p[first:last], columns, part.parameters)
+            y, found = self._of(part, path, rows, at, self._state[own], moved)
             output += y
             answers[places] += found
             self._moved[places, memory:end] = moved
@@ -109,44 +106,19 @@ class _Nonlinear:
         return output, answers
 
     def _of(
-        self, block: Block, path: FloatArray, rows: FloatArray, p: FloatArray,
-        columns: list[int], state: FloatArray, moved: FloatArray,
+        self, block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray,
+        moved: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-        clock = self._clock
+        dt, frequency, points, _ = clock = self._clock
         if block.between is Between.CLOCK:
-            return on_the_clock(block, path, rows, p, columns, state, clock)
+            return on_the_clock(block, path, rows, at, state, clock)
         if block.along is not None:
-            times = clock.dt, clock.frequency, clock.points
-            return through(
-                block.along,
-                path,
-                rows,
-                p,
-                columns,
-                state,
-                moved,
-                *times,
-                parameters=block.parameters,
-            )
+            return through(block.along, path, rows, at, state, moved, dt, frequency, points)
         turns = self._turns and block.between is Between.PATH and self._block.along is None
         if not turns:
-            return through(
-                block.kernel,
-                path,
-                rows,
-                p,
-                columns,
-                state,
-                moved,
-                clock.dt,
-                0.0,
-                parameters=block.parameters,
-            )
+            return through(block.kernel, path, rows, at, state, moved, dt, 0.0)
         wide, late, wide_rows = turned(path, rows)
-        y, found = through(
-            block.kernel, wide, wide_rows, p, columns, state, moved, clock.dt, 0.0,
-            parameters=block.parameters,
-        )  # fmt: skip
+        y, found = through(block.kernel, wide, wide_rows, at, state, moved, dt, 0.0)
         output, answers = np.empty_like(path), np.empty((len(found), path.size))
         for each, answer in zip((y, *found), (output, *answers), strict=True):
             without_turns(each, late, answer)
@@ -165,29 +137,19 @@ def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 def on_the_clock(
-    block: Block, path: FloatArray, rows: FloatArray, p: FloatArray, columns: list[int],
-    state: FloatArray, clock: PathClock,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, clock: PathClock
+) -> tuple[FloatArray, FloatArray]:
     """Return what a function of the time makes of a path and its derivatives, see `paths`."""
     assert block.count is not None
     steps = clock.points // 3
-    output, answers = np.empty_like(path), np.empty((len(rows) + len(columns), path.size))
+    count = len(rows) + len(at.columns)
+    output, answers = np.empty_like(path), np.empty((count, path.size))
     for place in range(3):
-        memory = state.copy()
+        memory, still = state.copy(), np.zeros((count, state.size))
         memory[block.count] = (state[block.count] + clock.ahead) * steps + 0.5 * place
-        part, own = np.ascontiguousarray(path[place::3]), rows[:, place::3]
-        still = np.zeros((len(answers), state.size))
+        part = np.ascontiguousarray(path[place::3])
         output[place::3], answers[:, place::3] = through(
-            block.kernel,
-            part,
-            own,
-            p,
-            columns,
-            memory,
-            still,
-            clock.dt / steps,
-            0.0,
-            parameters=block.parameters,
+            block.kernel, part, rows[:, place::3], at, memory, still, clock.dt / steps, 0.0
         )
     state[block.count] += path.size // clock.points
     return output, answers
