@@ -55,7 +55,7 @@ def through(
     state, moved : ndarray, shapes (s,) and (m + q, s)
         Memory and its derivatives, in place.
     clock
-        What the kernel is told besides: interval [s], drive [Hz], points per tick.
+        Further arguments of the kernel: interval [s], drive [Hz], points per tick.
 
     Returns
     -------

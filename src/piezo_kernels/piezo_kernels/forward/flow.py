@@ -66,7 +66,7 @@ class Dependences:
             return False
         kind, found = self.kind(value), self.on(value)
         if kind == 'array' or (kind and found):
-            found = frozenset(self.lanes)  # of a tuple not told apart by its entries
+            found = frozenset(self.lanes)  # entries of a tuple are not distinguished
         if kind:
             self.kinds.setdefault(target.id, kind)
         before = self.deps.get(target.id, _NONE)
