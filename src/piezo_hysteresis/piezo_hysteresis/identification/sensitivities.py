@@ -68,8 +68,8 @@ def sensitivities(
             signal, tangent = _alone(stage, own, p, free, signal, tangent, clock)
         else:
             numbers = [j for j, parameter in enumerate(own) if parameter.name in free]
-            through = _by_ways if _is_way(stage, p, signal, tangent, clock) else _along
-            signal, tangent = through(stage, own, p, numbers, signal, tangent, clock)
+            carry = _by_ways if _is_way(stage, p, signal, tangent, clock) else _by_path
+            signal, tangent = carry(stage, own, p, numbers, signal, tangent, clock)
         columns += [each.name for each in own if each.name in free]
     order = [columns.index(name) for name in free]
     return signal, tangent if order == list(range(len(order))) else tangent[order]
@@ -158,7 +158,7 @@ def _by_ways(
     return answers[0], result
 
 
-def _along(
+def _by_path(
     stage: Stage,
     own: Sequence[Parameter],
     p: FloatArray,
@@ -167,22 +167,9 @@ def _along(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a run of blocks."""
+    """Carry tangents along a path; delays, linear runs and runs without steps are differenced."""
     if not isinstance(stage, PathStage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
-    return _by_path(stage, own, p, columns, signal, tangent, clock)
-
-
-def _by_path(
-    stage: PathStage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    columns: Sequence[int],
-    signal: FloatArray,
-    tangent: FloatArray,
-    clock: _Clock,
-) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents along the path; delays, and runs without steps, are differenced."""
     if stage.run.steps(p, clock.dt) == 0 or stage.run.order(p) > 0.0:
         return _differenced(stage, own, p, columns, signal, tangent, clock)
     around = {j: _around(stage, own[j], float(p[j]), clock.dt) for j in columns}
@@ -259,16 +246,15 @@ def _through(
     return output, rows
 
 
-_ALONE: dict[int, LinearStage] = {}
-
-
 def _as_linear(block: Block) -> LinearStage:
     """Return the stage that a linear block is alone: it carries four derivatives side by side."""
-    if id(block) not in _ALONE:
+    known: LinearStage | None = block.__dict__.get('_as_linear')
+    if known is None:
         places = np.arange(len(block.parameters))
         part = PlacedBlock(block, slice(0, places.size))
-        _ALONE[id(block)] = LinearStage((part,), places, 0, ahead=not block.inertia)
-    return _ALONE[id(block)]
+        known = LinearStage((part,), places, 0, ahead=not block.inertia)
+        block.__dict__['_as_linear'] = known  # as long as the block: each fit scales its own
+    return known
 
 
 def _differenced(

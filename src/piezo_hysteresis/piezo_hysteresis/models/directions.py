@@ -75,7 +75,7 @@ def through(
     multiple = clock[2] if len(clock) > 2 else 1
     most = max(1, _VALUES // ((own + lanes) * multiple)) * multiple
     begin, count, first_moved = state.copy(), m if own else m + q, moved.copy()
-    for first in range(0, max(count, 1), lanes or 1):
+    for first in range(0, max(count, 1), lanes):
         given = slice(first, min(first + lanes, count))
         here = slice(own, own + given.stop - first)
         incoming = max(min(m, given.stop) - first, 0)

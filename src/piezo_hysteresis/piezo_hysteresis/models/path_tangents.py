@@ -26,7 +26,7 @@ from piezo_hysteresis.models.linear_runs import (
 )
 from piezo_hysteresis.models.parts import systems_of
 from piezo_hysteresis.models.path_runs import PathClock, PathPiece, PathRun, read_ticks
-from piezo_hysteresis.models.paths import with_turns, without_turns
+from piezo_hysteresis.models.paths import moments, with_turns, without_turns
 from piezo_kernels.forward import directions_of
 
 _VALUES = 1 << 15  # values of path and derivatives that are followed at a time
@@ -140,18 +140,13 @@ def on_the_clock(
     block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, clock: PathClock
 ) -> tuple[FloatArray, FloatArray]:
     """Return what a function of the time makes of a path and its derivatives, see `paths`."""
-    assert block.count is not None
-    steps = clock.points // 3
-    count = len(rows) + len(at.columns)
+    count, steps = len(rows) + len(at.columns), clock.points // 3
     output, answers = np.empty_like(path), np.empty((count, path.size))
-    for place in range(3):
-        memory, still = state.copy(), np.zeros((count, state.size))
-        memory[block.count] = (state[block.count] + clock.ahead) * steps + 0.5 * place
-        part = np.ascontiguousarray(path[place::3])
-        output[place::3], answers[:, place::3] = through(
-            block.kernel, part, rows[:, place::3], at, memory, still, clock.dt / steps, 0.0
+    for place, memory in moments(block, state, path.size // clock.points, steps, clock.ahead):
+        part, still = np.ascontiguousarray(path[place]), np.zeros((count, state.size))
+        output[place], answers[:, place] = through(
+            block.kernel, part, rows[:, place], at, memory, still, clock.dt / steps, 0.0
         )
-    state[block.count] += path.size // clock.points
     return output, answers
 
 

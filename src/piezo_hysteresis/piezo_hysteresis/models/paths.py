@@ -6,6 +6,8 @@ after the signal may have jumped, in its middle and at its end. Between them it 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
@@ -97,16 +99,35 @@ def on_the_clock(
     ahead : float
         Ticks by which the time at the start of the path is ahead of the count in `state`.
     """
-    assert block.count is not None
-    steps = points // 3
     output = np.empty_like(path)
+    for place, memory in moments(block, state, path.size // points, points // 3, ahead):
+        part = np.ascontiguousarray(path[place])
+        output[place] = block.respond(part, p, dt / (points // 3), state=memory)
+    return output
+
+
+def moments(
+    block: Block, state: FloatArray, ticks: int, steps: int, ahead: float
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield where start, middle and end of each step stand in a path, with a memory of that time.
+
+    Parameters
+    ----------
+    block : Block
+        A function of the time.
+    state : ndarray
+        Its memory, in place: counts on by `ticks` at the end.
+    ticks, steps : int
+        Ticks of the path, and steps of each.
+    ahead : float
+        Ticks by which the time at the start of the path is ahead of the count in `state`.
+    """
+    assert block.count is not None
     for place in range(3):
         memory = state.copy()
         memory[block.count] = (state[block.count] + ahead) * steps + 0.5 * place
-        part = np.ascontiguousarray(path[place::3])
-        output[place::3] = block.respond(part, p, dt / steps, state=memory)
-    state[block.count] += path.size // points
-    return output
+        yield slice(place, None, 3), memory
+    state[block.count] += ticks
 
 
 @jit

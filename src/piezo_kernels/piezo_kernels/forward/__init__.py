@@ -3,7 +3,7 @@
 Forward mode, as tangent-linear code: `normal` gives every call a statement of its own, `flow`
 finds what depends on which direction, `partials` differentiates one expression, `writer` puts the
 text together, and `generate` compiles it. Every number ``v`` that depends on a direction j gets a
-companion ``v_dj``, every array one with an axis more, which comes first.
+companion ``v_dj``, every array one with one more leading axis.
 """
 
 from piezo_kernels.forward.generate import (

@@ -25,7 +25,7 @@ class Directional:
     ----------
     run : callable
         ``run(x, y, state, p, ..., x_d, y_d, state_d)``, and with `p_d` last where `own` is 0: the
-        arguments of the kernel and the derivatives of its arrays, one axis more that comes first.
+        arguments of the kernel and the derivatives of its arrays, with one more leading axis.
         Each has ``own + lanes`` rows; the first of `x_d` are 0.
     own : int
         So many directions come first: those of the parameters, one by one. 0 where every
