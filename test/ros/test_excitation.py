@@ -103,6 +103,7 @@ GOAL: dict[str, Any] = {
     'seconds': 0.2,
     'warm_up': 0.05,
 }
+PLAN = Sweep([10.0, 20.0], [0.5, 1.0], 0.2, RATE, warm_up=0.05)
 
 
 def test_a_sweep_is_what_was_ordered(loop: Loop) -> None:
@@ -112,26 +113,25 @@ def test_a_sweep_is_what_was_ordered(loop: Loop) -> None:
     assert result.result.records == 4
     loop.resting()
 
-    plan = Sweep([10.0, 20.0], [0.5, 1.0], 0.2, RATE, warm_up=0.05)
-    expected = [plan.voltage(k) for k in range(plan.length)]
+    expected = [PLAN.voltage(k) for k in range(PLAN.length)]
     assert [state.voltage for state in loop.states] == expected
-    assert result.result.samples == plan.length
+    assert result.result.samples == PLAN.length
     named = [marker for marker in loop.markers if marker.record]
-    assert [marker.record for marker in named] == [record.name for record in plan.records]
+    assert [marker.record for marker in named] == [record.name for record in PLAN.records]
     assert {marker.actuator for marker in named} == {'bender'}
     assert [marker.frequency for marker in named] == [10.0, 20.0, 10.0, 20.0]
     assert {marker.warm_up for marker in named} == {0.05}
     ends = [marker.header.stamp for marker in loop.markers if not marker.record]
     stamps = [state.header.stamp for state in loop.states]
-    assert [stamps.index(end) for end in ends] == [record.last for record in plan.records]
-    places = [f'sample {k}' for record in plan.records for k in (record.first, record.last)]
+    assert [stamps.index(end) for end in ends] == [record.last for record in PLAN.records]
+    places = [f'sample {k}' for record in PLAN.records for k in (record.first, record.last)]
     assert [marker.header.frame_id for marker in loop.markers] == places
 
     left = [each.seconds_left for each in loop.feedback]
     assert left
     assert left == sorted(left, reverse=True)
     assert all(0.0 <= each.fraction <= 1.0 for each in loop.feedback)
-    assert {each.record for each in loop.feedback} <= {record.name for record in plan.records}
+    assert {each.record for each in loop.feedback} <= {record.name for record in PLAN.records}
     assert all(each.frequency in (10.0, 20.0) for each in loop.feedback)
 
 
@@ -309,13 +309,14 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     count = len(loop.states)
     result = loop.result(loop.send(**GOAL))
     assert result.result.success, result.result.message
+    last = f'sample {PLAN.records[-1].last}'
+    loop.listener.until(lambda: loop.markers[-1].header.frame_id == last)
     assert loop.states[count].sample == 0
     loop.tells('restarts', restarts + 1)
 
 
 def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
     listener = loop.listener
-    listener.serve(0.3)  # markers of the sweep before may come after its result
     count = len(loop.markers)
     listener.until(lambda: listener.node.count_subscribers('record/marker') == 1)
     assert listener.set_one('excitation', 'marker_listeners', 2) == ''
