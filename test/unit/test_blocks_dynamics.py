@@ -142,7 +142,7 @@ def test_tangents_of_a_nonlinear_mode_respond_with_the_bits_of_its_kernel(fricti
     x = np.cumsum(np.random.default_rng(3).normal(0.0, 2e-6, 800))  # turns round all the time
     moved = np.zeros((len(p) + 1, 3))
     y, rows = through(
-        block.kernel, x, np.ones((1, x.size)), At(p, list(range(len(p))), block.parameters),
+        block.kernel, x, np.ones((1, x.size)), At(block, p, list(range(len(p)))),
         np.zeros(3), moved, dt, 0.0,
     )  # fmt: skip
     np.testing.assert_array_equal(y, respond('nonlinear_mode', x, values, dt))

@@ -151,7 +151,7 @@ def test_derivatives_of_every_block_equal_central_differences(name: str, kind: s
 
     state, columns = block.initial_state(DT), list(range(p.size))
     moved = np.zeros((1 + p.size, state.size))
-    y, rows = through(law, x, row[None], At(p, columns, block.parameters), state, moved, *clock)
+    y, rows = through(law, x, row[None], At(block, p, columns), state, moved, *clock)
     np.testing.assert_array_equal(y, respond(x, p))
     for place in range(1 + p.size):
         missed = []

@@ -89,8 +89,7 @@ def _differentiate(chains: Iterable[tuple[str, ...]]) -> None:
     for names in chains:
         model = Model('differentiated', tuple(BLOCKS[name] for name in names))
         packed, signal = model.pack(model.defaults()), np.linspace(0.0, 1.0, 8)
-        # with one that follows the range a bank of plays is not run by its own tangent
-        free = [q.name for q in model.parameters if not (q.held or q.follows_range)]
+        free = [q.name for q in model.parameters if not q.held]
         sensitivities(model, packed, free, signal, DT)
 
 

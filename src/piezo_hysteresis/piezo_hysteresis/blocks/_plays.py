@@ -13,6 +13,19 @@ def play(x: float, memory: float, half_width: float) -> float:
 
 
 @jit
+def plays(
+    x: FloatArray, rows: FloatArray, state: FloatArray, spacing: float, first: float
+) -> None:
+    """Fill `rows`, shape (len(state), n), with the plays of `bank` one by one."""
+    for j in range(state.size):
+        memory, half_width, row = state[j], (j + first) * spacing, rows[j]
+        for k in range(x.size):
+            memory = play(x[k], memory, half_width)
+            row[k] = memory
+        state[j] = memory
+
+
+@jit
 def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float, first: float) -> float:
     """Return the weighted sum of plays at thresholds (first + j) spacing; state in place."""
     # one after the other: plays do not wait for the sum, and are moved several at a time

@@ -21,7 +21,7 @@ from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
 Tuned = Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float]]
-Tangent = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float], None]
+Regressors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 Restoring = Callable[[FloatArray, float, float, float, float], tuple[float, float]]
 Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
 
@@ -221,8 +221,9 @@ class Block:
         ``restoring(p, x, before, memory, dt)``, compiled, returns the force that acts back on a
         mode beside its linear spring, in metres of static displacement, at `x` [m] after
         `before` [m], and its memory.
-    tangent : callable or None
-        ``tangent(x, y, dx, dy, p, dt)``, compiled: the answer and its derivatives in one pass.
+    regressors : callable or None
+        ``regressors(x, rows, state, p)``, compiled: the signals whose weighted sum the answer is,
+        where every parameter but the first is a weight.
     counterpart : callable or None
         ``counterpart(values)`` returns the parameters of the simulator node that mean the same;
         besides its own values it gets the gain ``A1`` of the model, where there is one.
@@ -255,7 +256,7 @@ class Block:
     part: Part | None = None
     predictor: tuple[str, ...] = ()
     restoring: Restoring | None = None
-    tangent: Tangent | None = None
+    regressors: Regressors | None = None
     counterpart: Counterpart | None = field(default=None, compare=False)
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:

@@ -1,8 +1,7 @@
 """A bank of plays beside the hysteresis: memory of more than the last reversal."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _bank_tangents
-from piezo_hysteresis.blocks._plays import bank
+from piezo_hysteresis.blocks._plays import bank, plays
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -21,10 +20,15 @@ def kernel(
         y[k] = bank(x[k], state, weights, spacing, 1.0)
 
 
+@jit
+def regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
+    """Fill `rows` with the plays."""
+    plays(x, rows, state, p[0] / p.size, 1.0)
+
+
 def _block(name: str, prefix: str, count: int) -> Block:
     return Block(
         name=name,
-        tangent=_bank_tangents.nonlocal_memory,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(
@@ -52,6 +56,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
             ),
         ),
         kernel=kernel,
+        regressors=regressors,
         state_size=count,
         between=Between.PATH,
         description=f'Bank of {count} play operators beside the hysteresis of the model.',

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks import _bank_tangents
-from piezo_hysteresis.blocks._plays import COUNT, bank
-from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Part, Slot, Tangent
+from piezo_hysteresis.blocks._plays import COUNT, bank, plays
+from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Part, Regressors, Slot
 from piezo_hysteresis.jit import jit
 
 # Plays of the fine bank. Its thresholds lie in the middles of as many equal parts of the range:
@@ -35,13 +34,27 @@ def fine_kernel(
         y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing, 0.5)
 
 
+@jit
+def regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
+    """Fill `rows` with the input and the plays of `kernel`."""
+    rows[0] = x
+    plays(x, rows[1:], state, p[0] / (state.size + 1), 1.0)
+
+
+@jit
+def fine_regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
+    """Fill `rows` with the input and the plays of `fine_kernel`."""
+    rows[0] = x
+    plays(x, rows[1:], state, p[0] / state.size, 0.5)
+
+
 def _block(
     name: str,
     prefix: str,
     weight: str,
     half_widths: Sequence[float],
     answer: Kernel,
-    tangent: Tangent,
+    weighed: Regressors,
     part: Part | None = None,
 ) -> Block:
     """Return a bank of plays; the weights of all banks add up to the same gain."""
@@ -49,7 +62,6 @@ def _block(
     return Block(
         name=name,
         part=part,
-        tangent=tangent,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(
@@ -78,6 +90,7 @@ def _block(
             ),
         ),
         kernel=answer,
+        regressors=weighed,
         state_size=count,
         between=Between.PATH,
         description=(
@@ -94,7 +107,7 @@ BLOCKS = (
         'w',
         [j / (COUNT + 1) for j in range(1, COUNT + 1)],
         kernel,
-        _bank_tangents.prandtl_ishlinskii,
+        regressors,
         Part.PLAYS,
     ),
     _block(
@@ -103,6 +116,6 @@ BLOCKS = (
         'fine_w',
         [(j + 0.5) / FINE for j in range(FINE)],
         fine_kernel,
-        _bank_tangents.prandtl_ishlinskii_fine,
+        fine_regressors,
     ),
 )

@@ -223,14 +223,6 @@ def _through(
     incoming = tangent.shape[0]
     if moves_by_ticks(stage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
-    ranged = any(own[j].follows_range for j in columns)
-    if block.tangent is not None and not ranged and (columns or incoming):
-        output = np.empty_like(signal)
-        every = np.empty((incoming + len(own), signal.size))
-        block.tangent(signal, output, tangent, every, p, clock.dt)
-        if len(columns) == len(own):
-            return output, every
-        return output, every[[*range(incoming), *(incoming + j for j in columns)]]
     state = stage.initial_state(clock.dt, clock.start)
     linear = block.system is not None
     given = tangent[:0] if linear else tangent
@@ -239,7 +231,7 @@ def _through(
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if block.along is not None and block.between is Between.PATH:
         kernel, times = block.along, (*times, 1)  # the same, a point per tick
-    at = At(p, columns, own)
+    at = At(block, p, columns)
     output, rows = through(kernel, signal, given, at, state, moved, *times)
     if linear and incoming:
         rows = np.vstack([_as_linear(block).carried(tangent, p, clock.dt), rows])

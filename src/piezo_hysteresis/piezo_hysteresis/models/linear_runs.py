@@ -164,17 +164,19 @@ def _exponential(matrix: FloatArray) -> FloatArray:
 
 
 @jit
-def reaching(phi: FloatArray, first: FloatArray, last: FloatArray) -> None:
-    """Fill which states each state moves, first and behind the last, each of shape (n,).
+def nonzero(phi: FloatArray, places: FloatArray, shares: FloatArray, counts: FloatArray) -> None:
+    """Fill which states move each state i, and by how much: the first counts[i] of both rows.
 
     Elements side by side move only themselves: most of `phi` is zero where there are many.
     """
     n = phi.shape[0]
-    for j in range(n):
-        first[j], last[j] = n, 0.0
-        for i in range(n):
+    for i in range(n):
+        count = 0
+        for j in range(n):
             if phi[j, i] != 0.0:
-                first[j], last[j] = min(first[j], i), i + 1
+                places[i, count], shares[i, count] = j, phi[j, i]
+                count += 1
+        counts[i] = count
 
 
 @jit
@@ -189,21 +191,23 @@ def run_held(
 ) -> None:
     """Return the output for a held input, one value per tick; `state` in place."""
     n = state.size
-    new, first, last = scratch(n), scratch(n), scratch(n)
-    reaching(phi, first, last)
+    places, shares, counts, states = scratch((n, n)), scratch((n, n)), scratch(n), scratch((2, n))
+    nonzero(phi, places, shares, counts)
+    for i in range(n):
+        states[0, i] = state[i]
     for k in range(x.size):
+        now, new = states[k & 1], states[1 - (k & 1)]
         u = x[k]
         total = gain * u
         for i in range(n):
-            total += row[i] * state[i]
-            new[i] = gamma[i] * u
+            total += row[i] * now[i]
+            moved = gamma[i] * u
+            for r in range(int(counts[i])):
+                moved += shares[i, r] * now[int(places[i, r])]
+            new[i] = moved
         y[k] = total
-        for j in range(n):
-            now = state[j]
-            for i in range(int(first[j]), int(last[j])):
-                new[i] += phi[j, i] * now
-        for i in range(n):
-            state[i] = new[i]
+    for i in range(n):
+        state[i] = states[x.size & 1, i]
 
 
 @jit
@@ -221,8 +225,13 @@ def run_held_four(
     the bits of `run_held`.
     """
     n, many = row.size, x.shape[0]
-    buffer, first, last = np.empty((2, n, 4)), scratch(n), scratch(n)
-    reaching(phi, first, last)
+    buffer, places, shares, counts = (
+        np.empty((2, n, 4)),
+        scratch((n, n)),
+        scratch((n, n)),
+        scratch(n),
+    )
+    nonzero(phi, places, shares, counts)
     for begin in range(0, many, 4):
         a, b = begin, min(begin + 1, many - 1)
         c, d = min(begin + 2, many - 1), min(begin + 3, many - 1)
@@ -237,34 +246,31 @@ def run_held_four(
                 y1 += share * state[i, 1]
                 y2 += share * state[i, 2]
                 y3 += share * state[i, 3]
-                new[i, 0], new[i, 1], new[i, 2], new[i, 3] = (
-                    more * u0, more * u1, more * u2, more * u3
-                )  # fmt: skip
+                n0, n1, n2, n3 = more * u0, more * u1, more * u2, more * u3
+                for r in range(int(counts[i])):
+                    share, j = shares[i, r], int(places[i, r])
+                    n0 += share * state[j, 0]
+                    n1 += share * state[j, 1]
+                    n2 += share * state[j, 2]
+                    n3 += share * state[j, 3]
+                new[i, 0], new[i, 1], new[i, 2], new[i, 3] = n0, n1, n2, n3
             y[a, k], y[b, k], y[c, k], y[d, k] = y0, y1, y2, y3
-            for j in range(n):
-                s0, s1, s2, s3 = state[j, 0], state[j, 1], state[j, 2], state[j, 3]
-                for i in range(int(first[j]), int(last[j])):
-                    share = phi[j, i]
-                    n0 = new[i, 0] + share * s0
-                    n1 = new[i, 1] + share * s1
-                    n2 = new[i, 2] + share * s2
-                    n3 = new[i, 3] + share * s3
-                    new[i, 0], new[i, 1], new[i, 2], new[i, 3] = n0, n1, n2, n3
 
 
 @jit
 def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray, gain: FloatArray) -> None:
     """Return what every state makes alone, `gain` of it at the first tick: rows, shape (q, n)."""
     q = row.size
-    seen, new, first, last = row.copy(), scratch(q), scratch(q), scratch(q)
-    reaching(phi, first, last)
+    seen, new = row.copy(), scratch(q)
+    places, shares, counts = scratch((q, q)), scratch((q, q)), scratch(q)
+    nonzero(phi, places, shares, counts)
     for k in range(rows.shape[1]):
         for j in range(q):
             rows[j, k] = gain[j] * seen[j]
-            total = 0.0
-            for i in range(int(first[j]), int(last[j])):
-                total += phi[j, i] * seen[i]
-            new[j] = total
+            new[j] = 0.0
+        for i in range(q):
+            for r in range(int(counts[i])):
+                new[int(places[i, r])] += shares[i, r] * seen[i]
         for j in range(q):
             seen[j] = new[j]
 
@@ -280,24 +286,27 @@ def run_path(
     gains: FloatArray,
 ) -> None:
     """Return the output along a path, three points to a step; `state` in place."""
-    n = state.size
-    new, first, last = scratch(n), scratch(n), scratch(n)
-    reaching(phi, first, last)
+    n, side = state.size, 0
+    places, shares, counts, states = scratch((n, n)), scratch((n, n)), scratch(n), scratch((2, n))
+    nonzero(phi, places, shares, counts)
+    for i in range(n):
+        states[0, i] = state[i]
     for k in range(0, x.size, 3):
+        now, new = states[side], states[1 - side]
+        side = 1 - side
         u0, u1, u2 = x[k], x[k + 1], x[k + 2]
         for r in range(3):
             total = gains[r, 0] * u0 + gains[r, 1] * u1 + gains[r, 2] * u2
             for i in range(n):
-                total += rows[r, i] * state[i]
+                total += rows[r, i] * now[i]
             y[k + r] = total
         for i in range(n):
-            new[i] = gamma[i, 0] * u0 + gamma[i, 1] * u1 + gamma[i, 2] * u2
-        for j in range(n):
-            now = state[j]
-            for i in range(int(first[j]), int(last[j])):
-                new[i] += phi[j, i] * now
-        for i in range(n):
-            state[i] = new[i]
+            moved = gamma[i, 0] * u0 + gamma[i, 1] * u1 + gamma[i, 2] * u2
+            for r in range(int(counts[i])):
+                moved += shares[i, r] * now[int(places[i, r])]
+            new[i] = moved
+    for i in range(n):
+        state[i] = states[side, i]
 
 
 @jit
@@ -315,8 +324,13 @@ def run_path_four(
     Four run side by side, as in `run_held_four`, each with the bits of `run_path`.
     """
     many, n = states.shape
-    buffer, first, last = np.zeros((2, n, 4)), scratch(n), scratch(n)
-    reaching(phi, first, last)
+    buffer, places, shares, counts = (
+        np.zeros((2, n, 4)),
+        scratch((n, n)),
+        scratch((n, n)),
+        scratch(n),
+    )
+    nonzero(phi, places, shares, counts)
     for begin in range(0, many, 4):
         a, b = begin, min(begin + 1, many - 1)
         c, d = min(begin + 2, many - 1), min(begin + 3, many - 1)
@@ -342,18 +356,17 @@ def run_path_four(
                 y[a, k + r], y[b, k + r], y[c, k + r], y[d, k + r] = y0, y1, y2, y3
             for i in range(n):
                 g0, g1, g2 = gamma[i, 0], gamma[i, 1], gamma[i, 2]
-                new[i, 0] = g0 * x[a, k] + g1 * x[a, k + 1] + g2 * x[a, k + 2]
-                new[i, 1] = g0 * x[b, k] + g1 * x[b, k + 1] + g2 * x[b, k + 2]
-                new[i, 2] = g0 * x[c, k] + g1 * x[c, k + 1] + g2 * x[c, k + 2]
-                new[i, 3] = g0 * x[d, k] + g1 * x[d, k + 1] + g2 * x[d, k + 2]
-            for j in range(n):
-                s0, s1, s2, s3 = state[j, 0], state[j, 1], state[j, 2], state[j, 3]
-                for i in range(int(first[j]), int(last[j])):
-                    share = phi[j, i]
-                    new[i, 0] += share * s0
-                    new[i, 1] += share * s1
-                    new[i, 2] += share * s2
-                    new[i, 3] += share * s3
+                n0 = g0 * x[a, k] + g1 * x[a, k + 1] + g2 * x[a, k + 2]
+                n1 = g0 * x[b, k] + g1 * x[b, k + 1] + g2 * x[b, k + 2]
+                n2 = g0 * x[c, k] + g1 * x[c, k + 1] + g2 * x[c, k + 2]
+                n3 = g0 * x[d, k] + g1 * x[d, k + 1] + g2 * x[d, k + 2]
+                for r in range(int(counts[i])):
+                    share, j = shares[i, r], int(places[i, r])
+                    n0 += share * state[j, 0]
+                    n1 += share * state[j, 1]
+                    n2 += share * state[j, 2]
+                    n3 += share * state[j, 3]
+                new[i, 0], new[i, 1], new[i, 2], new[i, 3] = n0, n1, n2, n3
         for i in range(n):
             states[a, i], states[b, i] = buffer[side, i, 0], buffer[side, i, 1]
             states[c, i], states[d, i] = buffer[side, i, 2], buffer[side, i, 3]

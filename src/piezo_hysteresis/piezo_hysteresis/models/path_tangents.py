@@ -97,7 +97,7 @@ class _Nonlinear:
             places = [*range(m), *(m + k for k in mine)]
             own, moved = slice(memory, end), self._moved[places, memory:end]
             columns = [self._columns[k] - first for k in mine]
-            at = At(self._p[first:last], columns, part.parameters)
+            at = At(part, self._p[first:last], columns)
             y, found = self._of(part, path, rows, at, self._state[own], moved)
             output += y
             answers[places] += found
