@@ -105,9 +105,9 @@ def make_bags(folder: Path, count: int) -> None:
 
 def timed(work: Callable[[], Batch]) -> tuple[Batch, float]:
     """Return what `work` returns, and how long it took [s]."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     done = work()
-    return done, time.perf_counter() - begun
+    return done, time.perf_counter() - started
 
 
 @contextmanager

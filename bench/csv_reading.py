@@ -29,9 +29,9 @@ WAYS = ('lines', 'pyarrow')
 def read(file: Path, way: str) -> None:
     """Read a file in one way and print what that took."""
     csv_columns.LARGE = 0 if way == 'pyarrow' else sys.maxsize
-    begun = time.process_time()
+    started = time.process_time()
     record = read_csv(file)
-    spent = time.process_time() - begun
+    spent = time.process_time() - started
     largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     print(f'{way:8} {len(record)} rows  {spent:5.1f} s of processor time  {largest} MB')
 

@@ -90,12 +90,12 @@ def run(root: Path, words: Sequence[str]) -> tuple[float, float, float, int]:
     sources = [str(root / 'src' / package) for package in PACKAGES]
     old = os.environ.get('PYTHONPATH', '')
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join([*sources, old])}
-    begun = time.perf_counter()
+    started = time.perf_counter()
     child = subprocess.Popen(
         [sys.executable, '-m', *words], env=environment, cwd=root, stdout=subprocess.DEVNULL
     )
     _, status, used = os.wait4(child.pid, 0)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     spent = used.ru_utime + used.ru_stime
     return seconds, spent, _gibibytes(used), os.waitstatus_to_exitcode(status)
 

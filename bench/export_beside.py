@@ -127,9 +127,9 @@ def _timed(name: str, run: Callable[[], FloatArray], ticks: int) -> Row:
     """Return the fastest of some runs; the first one compiles."""
     best, used = math.inf, math.inf
     for _ in range(RUNS):
-        begun, before = time.perf_counter(), time.process_time()
+        started, before = time.perf_counter(), time.process_time()
         error = run()
-        best = min(best, time.perf_counter() - begun)
+        best = min(best, time.perf_counter() - started)
         used = min(used, time.process_time() - before)
     return Row(name, ticks / best, 1e6 * used / ticks, rms(error))
 

@@ -133,24 +133,24 @@ class Campaign:
         trial = Trial(target, fault)
         first = self.watch.mark()
         if fault in ENDINGS:
-            begun = self._end_and_restart(trial)
+            started = self._end_and_restart(trial)
         elif fault == FREEZE:
-            begun = self._freeze(target)
+            started = self._freeze(target)
         elif fault == TWIN:
-            begun = self._doubled(target)
+            started = self._doubled(target)
         elif fault in INJECTED:
             request = InjectFault.Request(fault=fault, duration=0.3)
             self.observer.call(InjectFault, 'simulator/inject_fault', request)
-            begun = time.monotonic() + 0.3
+            started = time.monotonic() + 0.3
         else:
             self.rogue.talk(target, fault, MESSAGES)
             wait_until(lambda: self.rogue.silent(target), PATIENCE)
-            begun = time.monotonic()
-        trial.back, trial.heard = self.watch.back(begun, target, PATIENCE)
+            started = time.monotonic()
+        trial.back, trial.heard = self.watch.back(started, target, PATIENCE)
         trial.beyond, trial.jump, trial.command_jump = self.watch.voltage(first)
         self.trials.append(trial)
         if target == 'recorder' and fault in ENDINGS:
-            self.watch.forget(begun - 1.0)  # no bag reaches further back
+            self.watch.forget(started - 1.0)  # no bag reaches further back
         if trial.back is None:
             words = {name: node.tail() for name, node in self.loop.running.items()}
             print(
@@ -201,11 +201,11 @@ class Campaign:
         SystemExit
             If it never does.
         """
-        begun = time.monotonic()
+        started = time.monotonic()
         for name in self.random.permutation(list(NODES)):
             self.loop.start(str(name))
-        if not self.watch.settle(begun, 2.0 * PATIENCE):
-            silent = [n for n in NODES if self.observer.seen.heard.get(n, 0.0) < begun]
+        if not self.watch.settle(started, 2.0 * PATIENCE):
+            silent = [n for n in NODES if self.observer.seen.heard.get(n, 0.0) < started]
             raise SystemExit(f'the loop does not run; silent are: {", ".join(silent) or "none"}')
 
 

@@ -132,7 +132,7 @@ class Watch:
             before, and at which `target` was heard; None where it did not happen.
         """
         heard: list[float] = []
-        begun: list[float] = []
+        back: list[float] = []
 
         def done() -> bool:
             if not heard and self._seen.heard.get(target, 0.0) > since:
@@ -141,12 +141,12 @@ class Watch:
                 return False
             states = self._seen.states[-self._setting.period :]
             if states and states[0].arrived > since and self.error() <= self._bound:
-                begun.append(states[0].arrived - since)
+                back.append(states[0].arrived - since)
                 return True
             return False
 
         wait_until(done, timeout)
-        return (begun[0] if begun else None), (heard[0] if heard else None)
+        return (back[0] if back else None), (heard[0] if heard else None)
 
     # --- recorder ------------------------------------------------------------------------------
 
@@ -155,7 +155,7 @@ class Watch:
 
         Counted are the samples that were seen from the first one in the bag until the recorder
         was asked to end. One that was killed could not write what it had not flushed: that is
-        told apart, as time.
+        distinguished, as time.
         """
         content = read_content(bag, DamageLog(True)).of_type(STATE)
         columns = [[*part.column(n).tolist()] for part in content for n in _FIELDS]

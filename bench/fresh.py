@@ -105,11 +105,11 @@ def environment(home: Path) -> dict[str, str]:
 
 def made(target: str, clone: Path, env: Mapping[str, str]) -> Outcome:
     """Run ``make`` with a target in a clone."""
-    begun, used = time.monotonic(), _processor()
+    started, used = time.monotonic(), _processor()
     done = subprocess.run(
         ['make', target], cwd=clone, env=env, capture_output=True, text=True, timeout=LIMIT
     )
-    seconds, processor = time.monotonic() - begun, _processor() - used
+    seconds, processor = time.monotonic() - started, _processor() - used
     files = (path for path in (clone / '.venv').rglob('*') if not path.is_dir())
     size = float(sum(path.lstat().st_size for path in files))
     summary = clone / 'out' / 'demo' / 'summary.json'

@@ -33,7 +33,7 @@ from piezo_hysteresis.identification import (
     targets_of,
 )
 from piezo_hysteresis.identification.errors import errors_of, free_run
-from piezo_hysteresis.identification.history import preceded
+from piezo_hysteresis.identification.initial_conditions.conditioning import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.search import METHODS, search
@@ -50,9 +50,9 @@ def best_of(run: Callable[[], object], repeats: int = 5) -> float:
     run()
     times = []
     for _ in range(repeats):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         run()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - started)
     return min(times)
 
 
@@ -168,20 +168,20 @@ def bimorph(seconds: float, frequencies: range | tuple[int, ...]) -> list[Record
 
 def big(seconds: float) -> None:
     """Put 50 records through the papers' RLS and through the folded joint fit."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     records = bimorph(seconds, range(1, 51))
     samples = sum(len(r) for r in records)
-    print(f'{samples:.3g} samples (simulated in {time.perf_counter() - begun:.1f} s)')
+    print(f'{samples:.3g} samples (simulated in {time.perf_counter() - started:.1f} s)')
     rls = OnlineRls()
-    begun = time.perf_counter()
+    started = time.perf_counter()
     for record in records:
         rls.reset()
         rls.update_many(record.voltage, record.displacement)
-    print(f'  RLS of Fujii 2018: {time.perf_counter() - begun:.2f} s')
+    print(f'  RLS of Fujii 2018: {time.perf_counter() - started:.2f} s')
     output_error(named('bouc_wen_mode'), records[:2], count=1)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     result = output_error(named('bouc_wen_mode'), records, workers=2)
-    took = time.perf_counter() - begun
+    took = time.perf_counter() - started
     print(f'  joint output error, folding and starts included: {took:.2f} s; {result.message}')
     rows = errors_of(result.model, result.values, records, result.sampling_offset)
     errors = {row.record: 1e6 * row.free_run_rms for row in rows}
@@ -207,13 +207,13 @@ def recovery() -> None:
         y = model.respond(u, model.pack(truth), DT)
         y += 20e-9 * np.random.default_rng(f).normal(size=u.size)
         records.append(Record(f'{f} Hz', DT, u, y, info=RecordInfo(frequency=float(f))))
-    begun = time.perf_counter()
+    started = time.perf_counter()
     result = output_error(model, records)
     worst = max(
         (abs(result.values[n] / truth[n] - 1), n) for n in model.free_names if truth[n] != 0
     )
     print(f'in-family recovery, 6 records, 20 nm noise: worst {worst[0]:.1e} ({worst[1]}), '
-          f'{time.perf_counter() - begun:.2f} s')  # fmt: skip
+          f'{time.perf_counter() - started:.2f} s')  # fmt: skip
 
 
 def three_parameters(seeds: int) -> None:
@@ -237,12 +237,12 @@ def three_parameters(seeds: int) -> None:
     report('least squares (ours)', best_of(least_squares), [least_squares()], floor)
     scipy_rival(objective, np.array([start[n] for n in free]), low, high, floor)
     for method in METHODS:
-        begun = time.perf_counter()
+        started = time.perf_counter()
         costs = [
             search(objective.cost, low, high, method=method, seed=s, max_evaluations=3000).cost
             for s in range(seeds)
         ]
-        report(f'{method} (ours)', (time.perf_counter() - begun) / seeds, costs, floor)
+        report(f'{method} (ours)', (time.perf_counter() - started) / seeds, costs, floor)
     swarm_rivals(objective, low, high, floor, seeds)
 
 
@@ -277,7 +277,7 @@ def swarm_rivals(
 
         logging.disable(logging.CRITICAL)
         costs = []
-        begun = time.perf_counter()
+        started = time.perf_counter()
         for seed in range(seeds):
             np.random.seed(seed)  # noqa: NPY002 - pyswarms knows no other seed
             swarm = pyswarms.single.GlobalBestPSO(
@@ -291,7 +291,7 @@ def swarm_rivals(
                 return np.array([objective.cost(each) for each in x])
 
             costs.append(float(swarm.optimize(batch, iters=100, verbose=False)[0]))
-        report('pyswarms', (time.perf_counter() - begun) / seeds, costs, floor)
+        report('pyswarms', (time.perf_counter() - started) / seeds, costs, floor)
 
 
 def measured(path: Path) -> None:

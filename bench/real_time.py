@@ -195,9 +195,9 @@ def run(seconds: float, rate: float, together: bool, folder: Path) -> Figures:
         first = max(watch.states) + 1
         before = watch.tally()
         pids = [node.pid for node in processes.nodes]
-        cpu, begun = cpu_seconds(pids), time.monotonic()
+        cpu, started = cpu_seconds(pids), time.monotonic()
         serve(seconds)
-        cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - begun
+        cpu, took = cpu_seconds(pids) - cpu, time.monotonic() - started
         last = max(watch.states)
         serve(1.5)  # the counters, and what is under way
         after = watch.tally()
@@ -224,10 +224,10 @@ def _serve(
 def bare_sleeper(seconds: float, rate: float) -> float:
     """Return how many wake-ups of a loop that does nothing are a period late [%]."""
     late, ticks = 0, round(seconds * rate)
-    begun = time.monotonic()
+    started = time.monotonic()
     for k in range(ticks):
-        time.sleep(max(0.0, begun + k / rate - time.monotonic()))
-        late += time.monotonic() > begun + (k + 1) / rate
+        time.sleep(max(0.0, started + k / rate - time.monotonic()))
+        late += time.monotonic() > started + (k + 1) / rate
     return 100.0 * late / ticks
 
 

@@ -146,12 +146,12 @@ def soak(
         if not wait_until(lambda: all(counts[name] for name in NODES), 120.0):
             silent = [name for name in NODES if not counts[name]]
             raise SystemExit(f'the loop does not run: nothing is heard of {", ".join(silent)}')
-        begun = time.monotonic()
+        started = time.monotonic()
         times: list[float] = []
         rows: list[list[Sample]] = []
         while times[-1] < seconds if times else True:
             processes.check()
-            times.append(time.monotonic() - begun)
+            times.append(time.monotonic() - started)
             rows.append([sample_of(loop.running[name].pid) for name in NODES])
             observer.seen.forget()
             time.sleep(every)

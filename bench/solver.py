@@ -93,9 +93,9 @@ def scipys(
 
 def measured(run: Callable[[], tuple[float, int]]) -> tuple[float, float, int, float]:
     """Return processor time [s], cost, simulations and peak memory [byte] of a fit."""
-    begun = time.process_time()
+    started = time.process_time()
     cost, used = run()
-    took = time.process_time() - begun
+    took = time.process_time() - started
     tracemalloc.start()
     run()
     peak = tracemalloc.get_traced_memory()[1]

@@ -73,10 +73,10 @@ def main() -> None:
 def measure(folder: Path, arguments: argparse.Namespace) -> None:
     """Train on one record, and score on two where that is asked for."""
     training, multisine, sweep = (folder / file for file in FILES)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     record = read_csv(training)
     best, agree, starts = train(record, arguments.starts, arguments.evaluations)
-    print(f'{agree} of {starts} starts agree, {time.perf_counter() - begun:.1f} s')
+    print(f'{agree} of {starts} starts agree, {time.perf_counter() - started:.1f} s')
     print(f'training: {best.rms:.3g} m over the mean period, noise {best.noise:.3g} m per sample')
     for name, true in TRUTH.items():
         value, std = best.values[name], best.std[name]

@@ -27,7 +27,7 @@ from piezo_hysteresis.discovery.choice.policy import CHOICE
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.errors import views_of
-from piezo_hysteresis.identification.opening import misfit
+from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import MEMORIES
 from piezo_hysteresis.records import Record, load
@@ -48,9 +48,9 @@ def left(
 
 def by_choice(records: Sequence[Record], judges: Sequence[Record]) -> None:
     """Print what the choice of a model that predicts comes to."""
-    begun = time.process_time()
+    started = time.process_time()
     choice = choose_model(records)
-    took = time.process_time() - begun
+    took = time.process_time() - started
     print(f'choice: {choice.model.name}, {took:.0f} s of processor time')
     for each in choice.held_out:
         print(f'  rest of {each.record}: {1e6 * each.free_run_rms:.3g} um, '
@@ -67,13 +67,13 @@ def by_discovery(
     """Print what discovery from a named chain comes to."""
     cuts = [max(round(CHOICE.trained * len(record)), 2) for record in records]
     parts = [record.section(0, cut) for record, cut in zip(records, cuts, strict=True)]
-    begun = time.process_time()
+    started = time.process_time()
     try:
         found = discover(parts, named(name), time_limit=limit)
     except PiezoError as error:
         print(f'discovery from {name}: {error}')
         return
-    took = time.process_time() - begun
+    took = time.process_time() - started
     effects = ', '.join(step.fit.effect for step in found.steps) or 'nothing named'
     print(f'discovery from {name}: {effects}, {took:.0f} s of processor time')
     final = found.final

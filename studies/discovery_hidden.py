@@ -268,13 +268,13 @@ def examined(
     control = float('nan')
     for kind in list(HIDDEN)[: how.effects]:
         size = float(np.exp(generator.uniform(np.log(0.25), 0.0)))
-        begun = time.perf_counter()
+        started = time.perf_counter()
         changed = hide(records, kind, size, case)
         found = discover(changed, known, workers=how.workers, time_limit=how.limit)
         verdict = found.verdict
         if kind == 'nothing':
             control = verdict.held_out.gap_before_rms_m
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - started
         rows.append(Row(case.name, word, kind, size, verdict, control, seconds))
         print(f'{case.name} {word} {kind} {size:.2f}: {rows[-1].told} ({seconds:.0f} s)')
         sys.stdout.flush()

@@ -124,14 +124,14 @@ def examined(
     conditions, plain = drawn_conditions(random), drawn_actuator(random)
     actuator = with_hidden(plain, conditions, hidden, random)
     records = recorded(actuator, conditions, random)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     verdict, refused = None, ''
     try:
         found = discover(records, named(BASELINE), seed=1, workers=workers, time_limit=limit)
         verdict = found.verdict
     except PiezoError as error:
         refused = str(error)
-    return Row(kind, hidden, conditions, verdict, refused, time.perf_counter() - begun)
+    return Row(kind, hidden, conditions, verdict, refused, time.perf_counter() - started)
 
 
 def calibration(rows: Sequence[Row]) -> list[str]:

@@ -11,11 +11,11 @@ class Goals:
     """Prints each figure as it comes and remembers the ones that miss their goal."""
 
     missed: list[str] = field(default_factory=list)
-    begun: float = field(default_factory=time.perf_counter)
+    started: float = field(default_factory=time.perf_counter)
 
     def heading(self, words: str) -> None:
         """Begin a section."""
-        print(f'\n{words}  [{time.perf_counter() - self.begun:.0f} s]', flush=True)
+        print(f'\n{words}  [{time.perf_counter() - self.started:.0f} s]', flush=True)
 
     def check(self, what: str, value: float, bound: float, unit: str) -> None:
         """Print a figure that should be at most `bound`."""

@@ -329,7 +329,7 @@ def with_hidden(
     return Actuator(**{**vars(plain), 'sizes': sizes, 'other': other})
 
 
-#: Less cannot be told from when a sample was taken [ticks].
+#: Less cannot be distinguished from when a sample was taken [ticks].
 _LEAST = {'delay': 1.5, 'lag': 1.5}
 #: Beyond this it is another actuator [ticks], [1].
 _MOST = {

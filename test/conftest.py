@@ -101,10 +101,10 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     _import_large_packages()
     from numba.core import event
 
-    begun = sum(os.times()[:4])
+    started = sum(os.times()[:4])
     with event.install_recorder('numba:compile') as compiled:
         yield
-    spent = sum(os.times()[:4]) - begun
+    spent = sum(os.times()[:4]) - started
     item.user_properties.append(('processor_s', f'{spent:.2f}'))
     # The first test that needs a kernel of no named model compiles it, whichever that is.
     long = spent > most and not compiled.buffer

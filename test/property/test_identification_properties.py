@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from piezo_hysteresis.identification.factor import triangle
-from piezo_hysteresis.identification.reading import shifted
+from piezo_hysteresis.identification.free_run import shifted
+from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.identification.targets import fold

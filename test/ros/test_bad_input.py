@@ -219,11 +219,11 @@ def test_without_input_the_voltage_ramps_to_safety_and_comes_back(
     chain: Chain, pause: int
 ) -> None:
     assert chain.set(chain.loop.feedback, {'safe_voltage': -0.3}) == ''
-    begun, at = len(chain.commands), chain.voltage
+    first, at = len(chain.commands), chain.voltage
     last = chain.tick - 1
     for _ in range(pause):
         chain.state()
-    ramp = chain.commands[begun:]
+    ramp = chain.commands[first:]
     samples = [k for k, _ in ramp]
     assert samples == list(range(last + TIMEOUT + 1, last + TIMEOUT + 1 + len(ramp)))
     steps = np.abs(np.diff([at, *(voltage for _, voltage in ramp)]))
@@ -288,9 +288,9 @@ def test_a_narrower_range_is_gone_to_at_the_slew(chain: Chain) -> None:
     before = chain.voltage
     for link in chain.links:
         assert chain.set(link, limits) == ''
-    begun = len(chain.commands)
+    first = len(chain.commands)
     chain.run(100)
-    path = [before, *(voltage for _, voltage in chain.commands[begun:])]
+    path = [before, *(voltage for _, voltage in chain.commands[first:])]
     assert np.abs(np.diff(path)).max() <= 10.0 * DT * (1 + 1e-9)
     assert np.abs(path[-20:]).max() <= 0.05
     assert min(chain.counts('slew_limited')) > 0

@@ -117,8 +117,8 @@ def test_every_node_is_killed_once_and_the_loop_is_back(deadly: Campaign) -> Non
         code, text = loop.end(str(name), number)
         assert code == (0 if number == signal.SIGTERM else -number)
         assert 'Traceback' not in text
-        begun = loop.start(str(name))
-        assert begun.returncode is None
+        node = loop.start(str(name))
+        assert node.returncode is None
     since = deadly.observer.seen.states[-1].arrived
     back, heard = watch.back(since, 'feedback', 90.0)
     assert back is not None

@@ -13,8 +13,8 @@ from investigating import LIMITS, PATIENCE, Bench, write_model
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.investigation.conduct import repeated
 from piezo_hysteresis.investigation.journal import Journal
+from piezo_hysteresis.investigation.runner import repeated
 from piezo_ros_common.processes import NodeProcess
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -78,8 +78,8 @@ def test_real_time(processes: NodeProcesses, listener: Listener) -> None:
     assert min(state.voltage for state in states) == -1.0
     assert max(steps) <= RAMP / RATE * (1 + 1e-9)
     assert min(steps) >= 0.0
-    begun = next(state.sample for state in held if state.voltage > -1.0)
-    assert begun - last >= TIMEOUT * RATE - 1
+    moves = next(state.sample for state in held if state.voltage > -1.0)
+    assert moves - last >= TIMEOUT * RATE - 1
 
     behind = states[-1].sample - 20
     assert behind > last

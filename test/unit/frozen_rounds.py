@@ -20,15 +20,15 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
-from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.search import search
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo
 

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
-from piezo_hysteresis.discovery.selection.afresh import better_of_both
 from piezo_hysteresis.discovery.selection.baseline import first_values
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
+from piezo_hysteresis.discovery.selection.restart import better_of_both
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import named
@@ -42,7 +42,7 @@ def astray(records: list[Record]) -> CandidateFit:
     return evaluator.refit(evaluator.judged(ModelSpec(model, model.defaults() | ASTRAY)))
 
 
-class Begun(FreeEvaluator):
+class Counted(FreeEvaluator):
     """Begins where it is told."""
 
     values: dict[str, float] | None = None
@@ -56,10 +56,10 @@ def offered(
 ) -> tuple[ScreeningScore, CandidateFit]:
     """Return what is tried, and its first fit from where the baseline went."""
     (found,) = [c for c in evaluator.candidates(astray) if c.effect.variant == variant]
-    begun = found.values(astray.values, found.starts[0])
-    fit = evaluator.fit_briefly(astray.with_candidate(found, begun), 40)
+    initial = found.values(astray.values, found.starts[0])
+    fit = evaluator.fit_briefly(astray.with_candidate(found, initial), 40)
     assert fit is not None
-    return ScreeningScore(found, (begun,), 0.5), fit
+    return ScreeningScore(found, (initial,), 0.5), fit
 
 
 def test_first_values_do_not_depend_on_where_the_baseline_went(
@@ -90,7 +90,7 @@ def test_the_right_effect_gets_on_from_there(records: list[Record], astray: Cand
 
 
 def test_the_better_of_both_counts(records: list[Record], astray: CandidateFit) -> None:
-    evaluator = Begun(split(records), 0, 1)
+    evaluator = Counted(split(records), 0, 1)
     right = evaluator.refit(replace(astray, values=astray.model.defaults()))
     score, fit = offered(evaluator, right, 'sensor_nonlinearity')
     assert fit.floors < 1.1
@@ -99,13 +99,13 @@ def test_the_better_of_both_counts(records: list[Record], astray: CandidateFit) 
 
 
 def test_a_held_baseline_begins_nowhere_else(records: list[Record], astray: CandidateFit) -> None:
-    evaluator = Begun(split(records), 0, 1)
+    evaluator = Counted(split(records), 0, 1)
     score, fit = offered(evaluator, astray, 'sensor_nonlinearity')
     assert better_of_both(evaluator, astray, [score], [fit]) == [fit]
 
 
 def test_only_the_first_effect_begins_there(records: list[Record], astray: CandidateFit) -> None:
-    evaluator = Begun(split(records), 0, 1)
+    evaluator = Counted(split(records), 0, 1)
     score, fit = offered(evaluator, astray, 'sensor_nonlinearity')
     evaluator.values = first_values(astray, evaluator.data, SAMPLES)
     assert better_of_both(evaluator, fit, [score], [fit]) == [fit]

@@ -12,7 +12,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
-from piezo_hysteresis.reporting.discovery_report import untold_limits
+from piezo_hysteresis.reporting.discovery_report import limits_of_records
 
 TIME = np.arange(3000) * 1e-3
 
@@ -50,8 +50,8 @@ def test_a_report_gives_no_advice_twice() -> None:
     hold = 'record a step and hold it for 30 s'
     found = Check(('r: short',), ((('creep', 'drift'), hold), (('lag', 'creep'), hold)))
     lines = ['To tell creep, drift apart: record a step and hold it for 30 s.']
-    assert untold_limits(found, lines) == ['r: short', 'lag, creep cannot be told apart']
-    assert untold_limits(found, []) == list(found.sentences())
+    assert limits_of_records(found, lines) == ['r: short', 'lag, creep cannot be distinguished']
+    assert limits_of_records(found, []) == list(found.sentences())
 
 
 def sine(name: Any, dt: Any = 1e-3, drive: Any = 1.0, **info: Any) -> Record:

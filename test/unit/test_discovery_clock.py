@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.screen import Screen
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.clock import JITTER, clock_about, clock_of
 from piezo_hysteresis.identification.comparison import compared
 from piezo_hysteresis.identification.discrepancy import residuals_of
-from piezo_hysteresis.identification.reading import simulated
+from piezo_hysteresis.identification.free_run import simulated
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import (
     Condition,
@@ -128,10 +128,10 @@ def test_a_clock_within_what_a_fit_can_tell_is_that_of_the_file() -> None:
 
 
 @pytest.mark.parametrize('late', [0.0, 0.3 * DT])
-@pytest.mark.parametrize('begun', [-0.5 * DT, 0.5 * DT])
-def test_a_fit_leaves_the_clock_to_noise_where_it_is(late: float, begun: float) -> None:
+@pytest.mark.parametrize('started', [-0.5 * DT, 0.5 * DT])
+def test_a_fit_leaves_the_clock_to_noise_where_it_is(late: float, started: float) -> None:
     judge, base = held_by(kept(late), measured(MODEL, VALUES, late, noise=MISSED))
-    found = judge.fit(replace(base, sampling_offset=late + begun))
+    found = judge.fit(replace(base, sampling_offset=late + started))
     assert found is not None
     assert found.sampling_offset == pytest.approx(late, abs=1.1 * STILL)
 

@@ -1,4 +1,4 @@
-"""A limit of time: nothing more is begun, and what was not tried is said."""
+"""A limit of time: nothing more is started, and what was not tried is said."""
 
 import math
 

@@ -10,11 +10,11 @@ import pytest
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, split
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step, judged_again
-from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.rivals import begun_as_told
+from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import round_of
-from piezo_hysteresis.identification.circumstances import Choices
-from piezo_hysteresis.identification.record_start import RecordStart
+from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -44,8 +44,8 @@ def records() -> list[Record]:
 
 def in_motion(data: Dataset) -> Dataset:
     """Return data whose records seem to begin on their way."""
-    begun = [replace(view, begins=RecordStart('estimate')) for view in data.training]
-    return beginning_like(data, begun)
+    moving = [replace(view, begins=RecordStart('estimate')) for view in data.training]
+    return beginning_like(data, moving)
 
 
 def given(
@@ -97,12 +97,12 @@ def test_a_rival_wins_that_tells_better_how_records_begin(
     evaluator, start, delay, _ = scene
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     first = round_of(evaluator, start, [lag, delay], 2, start)
-    judge, contest = begun_as_told(evaluator, replace(first, accepted=accepted), start)
+    judge, contest = led_by_best_start(evaluator, replace(first, accepted=accepted), start)
     assert contest.accepted
     assert contest.best.effect == 'transport_delay'
     assert contest.best.floors < 1.05
     assert {fit.effect for fit in contest.finalists} == {'transport_delay', 'amplifier_lag'}
     assert {view.begins.kind for view in judge.views} == {'step'}
     # knowing that, no rival tells anything else
-    same, again = begun_as_told(judge, contest, start)
+    same, again = led_by_best_start(judge, contest, start)
     assert (same, again) == (judge, contest)

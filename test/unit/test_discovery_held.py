@@ -14,6 +14,7 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     Added,
     CandidateFit,
@@ -22,14 +23,13 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     takes_no_time,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.expectation import Expectation, expectation
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD
+from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change
 from piezo_hysteresis.discovery.selection.reference import as_on
+from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
-from piezo_hysteresis.discovery.selection.uncertain import cost_of_change
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
 from piezo_hysteresis.models.trace import Trace

@@ -10,8 +10,8 @@ from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
 from piezo_hysteresis.discovery.selection.elimination import pruned
-from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_sim.sweep import simulate
 

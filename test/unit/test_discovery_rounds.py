@@ -14,7 +14,7 @@ from piezo_hysteresis.discovery.selection import rounds, search
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.elimination import Step
-from piezo_hysteresis.discovery.selection.free import FreeEvaluator
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import (

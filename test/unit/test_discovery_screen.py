@@ -10,7 +10,7 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import split, thinned
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
-from piezo_hysteresis.identification.reading import Begun, simulated
+from piezo_hysteresis.identification.free_run import StageCache, simulated
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
@@ -104,14 +104,14 @@ def test_stages_that_are_known_are_not_run_again(name: str, variant: str, known:
     own = base.defaults() | MODE
     u = np.sin(2 * np.pi * 5.0 * DT * np.arange(900))
     view = whole(Record('5', DT, u, answer(base, own, u), info=RecordInfo(frequency=5.0)))
-    begun = Begun(base, base.pack(own), [view])
+    cache = StageCache(base, base.pack(own), [view])
     effect = next(e for e in described(name) if e.variant == variant)
     candidate = add_effect(base, effect)
     packed = candidate.model.pack(candidate.values(own, candidate.starts[0]))
-    assert begun.of(candidate.model, packed, view)[0] == known
+    assert cache.of(candidate.model, packed, view)[0] == known
     alone = simulated(candidate.model, packed, view)
-    assert np.array_equal(simulated(candidate.model, packed, view, begun=begun), alone)
+    assert np.array_equal(simulated(candidate.model, packed, view, cache=cache), alone)
     # another value of the first stage, another view
     other = base.pack(own | {'beta': 2.0 * own['beta']})
-    assert begun.of(base, other, view)[0] == 0
-    assert begun.of(base, base.pack(own), whole(Record('6', DT, u, u)))[0] == 0
+    assert cache.of(base, other, view)[0] == 0
+    assert cache.of(base, base.pack(own), whole(Record('6', DT, u, u)))[0] == 0

@@ -81,8 +81,8 @@ def test_compiling_later_is_said_too(ear: Ear) -> None:
 
 
 def test_a_kernel_within_a_kernel_is_one_compilation() -> None:
-    begun: list[int] = []
-    leave = watch.listen(lambda: begun.append(1))
+    started: list[int] = []
+    leave = watch.listen(lambda: started.append(1))
     before = watch.compiled()
     watch.begin('outer')
     watch.begin('inner')
@@ -90,7 +90,7 @@ def test_a_kernel_within_a_kernel_is_one_compilation() -> None:
     watch.end()
     watch.end()
     leave()
-    assert (watch.compiling(), watch.compiled() - before, begun) == ('', 1, [1])
+    assert (watch.compiling(), watch.compiled() - before, started) == ('', 1, [1])
 
 
 def test_who_works_is_known_for_as_long_as_he_says_so() -> None:

@@ -7,13 +7,13 @@ import pytest
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.factor import triangle
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.linear import linear_parameters
 from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.periods import period_of
-from piezo_hysteresis.identification.reading import shifted
+from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.starts import representative
 from piezo_hysteresis.identification.targets import fold, targets_of, whole
@@ -261,7 +261,7 @@ def test_says_which_parameters_cannot_be_told_apart() -> None:
     y = y + np.random.default_rng(0).normal(0, 1e-10, u.size)
     result = fit(model, [Record('tiny', DT, u, y)], free=['A1', 'A', 'offset'])
     assert result.condition > 1e3
-    assert any('A1' in each and 'told apart' in each for each in result.warnings)
+    assert any('A1' in each and 'distinguished' in each for each in result.warnings)
 
 
 def test_a_parameter_without_influence_has_no_digits() -> None:
@@ -306,7 +306,7 @@ def test_confounded_parameters_are_named_once_together() -> None:
     result = Covariance(np.full(6, 1.5), alike, 1e4, ())
     remarks = warnings_of(result, names, np.ones(6))
     assert len(remarks) == 2
-    assert remarks[0].startswith('w0, w1, w2, w3, w4 and w5 can hardly be told apart')
+    assert remarks[0].startswith('w0, w1, w2, w3, w4 and w5 can hardly be distinguished')
     assert 'smaller than their uncertainties' in remarks[1]
 
 

@@ -8,7 +8,7 @@ import pytest
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification import fit, identify, output_error, targets_of
 from piezo_hysteresis.identification.errors import free_run
-from piezo_hysteresis.identification.history import preceded
+from piezo_hysteresis.identification.initial_conditions.conditioning import preceded
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import load
@@ -75,4 +75,4 @@ def test_benchmark_parameters_from_the_training_record() -> None:
 def test_a_single_record_is_said_to_leave_the_shape_open() -> None:
     (record,) = load([MEASURED])
     result = output_error(named('bouc_wen_mode'), [record], count=2, max_evaluations=60)
-    assert any('told apart' in each for each in result.warnings)
+    assert any('distinguished' in each for each in result.warnings)

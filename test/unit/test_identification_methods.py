@@ -13,9 +13,9 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify, online
 from piezo_hysteresis.identification.checks import check_records
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.errors import errors_of, one_step
-from piezo_hysteresis.identification.history import preceded
+from piezo_hysteresis.identification.initial_conditions.conditioning import preceded
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv

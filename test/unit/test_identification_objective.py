@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.record_start import RecordStart
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record

@@ -7,9 +7,9 @@ import pytest
 
 from piezo_hysteresis import models
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.errors import free_run_of
-from piezo_hysteresis.identification.record_start import RecordStart, cycle_of
+from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart, cycle_of
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import grid, simulate

@@ -9,35 +9,35 @@ from piezo_hysteresis.investigation.criterion import (
     LARGEST,
     SMALLEST,
     chance_of_news,
+    discrimination,
     entropy,
     hidden_share,
-    told_apart,
 )
 
 
 def test_rivals_that_predict_the_same_are_not_told_apart() -> None:
     chances = np.array([0.5, 0.5])
-    assert told_apart(chances, ['creep', 'drift'], np.zeros((2, 2))) == pytest.approx(0.0)
+    assert discrimination(chances, ['creep', 'drift'], np.zeros((2, 2))) == pytest.approx(0.0)
 
 
 def test_what_is_told_apart_for_sure_is_worth_the_whole_entropy_and_no_more() -> None:
     chances = np.array([0.7, 0.2, 0.1])
     for nats in (50.0, 5000.0):
-        gained = told_apart(chances, ['a', 'b', 'c'], nats * (1.0 - np.eye(3)))
+        gained = discrimination(chances, ['a', 'b', 'c'], nats * (1.0 - np.eye(3)))
         assert gained == pytest.approx(entropy(chances))
 
 
 def test_two_variants_of_one_effect_need_not_be_told_apart() -> None:
     chances = np.array([0.5, 0.5])
-    assert told_apart(chances, ['creep', 'creep'], 9.0 * (1.0 - np.eye(2))) == 0.0
+    assert discrimination(chances, ['creep', 'creep'], 9.0 * (1.0 - np.eye(2))) == 0.0
 
 
 def test_more_difference_is_worth_more_and_even_rivals_most() -> None:
     apart = 1.0 - np.eye(2)
     even, sure = np.array([0.5, 0.5]), np.array([0.95, 0.05])
-    worth = [told_apart(even, ['a', 'b'], nats * apart) for nats in (0.1, 1.0, 10.0)]
+    worth = [discrimination(even, ['a', 'b'], nats * apart) for nats in (0.1, 1.0, 10.0)]
     assert worth == sorted(worth)
-    assert told_apart(sure, ['a', 'b'], 10.0 * apart) < worth[-1]
+    assert discrimination(sure, ['a', 'b'], 10.0 * apart) < worth[-1]
 
 
 def test_sizes_are_hidden_by_their_logarithm() -> None:
@@ -56,4 +56,4 @@ def test_a_rival_that_is_out_of_the_question_asks_nothing() -> None:
     # a live course met this: the only likely rival is far from what an impossible one would show
     chances, far = np.array([1.0, 0.0, 0.0]), 2000.0 * (1.0 - np.eye(3))
     with np.errstate(all='raise', under='ignore'):
-        assert told_apart(chances, ['drift', 'creep', 'gain_decay'], far) == 0.0
+        assert discrimination(chances, ['drift', 'creep', 'gain_decay'], far) == 0.0

@@ -12,9 +12,9 @@ import pytest
 
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.conduct import InvestigationProgress, conduct, repeated
 from piezo_hysteresis.investigation.journal import Journal, Setup
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.investigation.runner import InvestigationProgress, conduct, repeated
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, write_bag
@@ -89,17 +89,17 @@ def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(
 def test_a_folder_of_something_else_is_refused(setup: Setup, tmp_path: Path) -> None:
     (tmp_path / 'mine').write_text('x')
     with pytest.raises(InvestigationError, match='not empty'):
-        Journal.begun(tmp_path, setup)
+        Journal.create_or_resume(tmp_path, setup)
     with pytest.raises(InvestigationError, match='give the folder that investigate wrote'):
         Journal.read(tmp_path)
-    Journal.begun(tmp_path / 'new', setup).cleared(1)
+    Journal.create_or_resume(tmp_path / 'new', setup).cleared(1)
     other = Setup(setup.model, ExperimentLimits(-0.5, 0.5), setup.rules, RATE)
     with pytest.raises(InvestigationError, match='other limits'):
-        Journal.begun(tmp_path / 'new', other)
+        Journal.create_or_resume(tmp_path / 'new', other)
 
 
 def test_a_damaged_journal_is_told(setup: Setup, tmp_path: Path) -> None:
-    Journal.begun(tmp_path / 'new', setup).cleared(1)
+    Journal.create_or_resume(tmp_path / 'new', setup).cleared(1)
     (tmp_path / 'new' / 'journal.jsonl').write_text('{')
     with pytest.raises(InvestigationError, match='damaged'):
         Journal.read(tmp_path / 'new')

@@ -55,7 +55,7 @@ def test_the_order_of_the_names_is_theirs() -> None:
 
 
 def test_rounding_leaves_no_negative_variance() -> None:
-    """Two values that can hardly be told apart, written with nine digits."""
+    """Two values that can hardly be distinguished, written with nine digits."""
     tight = np.array(
         [[1.0, 1.0 - 1e-12, 0.3], [1.0 - 1e-12, 1.0, 0.3 + 1e-7], [0.3, 0.3 + 1e-7, 1.0]]
     )

@@ -218,9 +218,9 @@ def test_a_clock_that_goes_otherwise_moves_the_marker_to_the_first_sample() -> N
     world.late = lambda tick: tick // 7  # the stamps of the driver drift
     kept = world.finish()
     assert kept_message(kept) == '2 records, recorded by /a'
-    begun = [k for k, event in enumerate(world.said) if event[1] == 'begins']
-    assert [world.said[k + 1][1] for k in begun] == ['moved', 'ends', 'moved', 'ends']
-    for k in begun[::2]:
+    starts = [k for k, event in enumerate(world.said) if event[1] == 'begins']
+    assert [world.said[k + 1][1] for k in starts] == ['moved', 'ends', 'moved', 'ends']
+    for k in starts[::2]:
         assert world.said[k][2] == world.said[k + 2][2]
 
 

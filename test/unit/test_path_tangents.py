@@ -10,10 +10,10 @@ import pytest
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.linear_runs import run_path, run_path_four, step_of
-from piezo_hysteresis.models.path_runs import PathRun
-from piezo_hysteresis.models.path_tangents import carried
-from piezo_hysteresis.models.stages import PathStage
+from piezo_hysteresis.models.simulation.plan import PathStage
+from piezo_hysteresis.models.simulation.state_space import run_path, run_path_four, step_of
+from piezo_hysteresis.models.simulation.substep_run import PathRun
+from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
 DT = 1e-3
 # About where each lies; they are drawn around it.
@@ -134,7 +134,7 @@ def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(
 def test_chunks_of_a_record_go_on_from_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     model, p = drawn(('bouc_wen_exact', 'nonlinear_mode', 'stiffness', 'resonance'), 4)
     whole = sensitivities(model, p, model.free_names, drive(), DT)
-    monkeypatch.setattr('piezo_hysteresis.models.path_tangents._VALUES', 700)
+    monkeypatch.setattr('piezo_hysteresis.models.simulation.substep_sensitivities._VALUES', 700)
     parts = sensitivities(model, p, model.free_names, drive(), DT)
     for one, other in zip(whole, parts, strict=True):
         np.testing.assert_array_equal(one, other)

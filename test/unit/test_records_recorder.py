@@ -91,8 +91,8 @@ def test_memory_does_not_grow_with_what_was_written(tmp_path: Path) -> None:
         topics = [recorder.add_topic(f'/t{k}', 'std_msgs/msg/Empty') for k in range(3)]
         tracemalloc.start()
         try:
-            begun = record(200)
-            grown = record(1000) - begun
+            started = record(200)
+            grown = record(1000) - started
         finally:
             tracemalloc.stop()
     assert grown < 20_000

@@ -72,9 +72,9 @@ def test_pip_takes_nothing_for_installed_that_is_not_all_there(
         return metadata
 
     whole, half = install('whole', whole=True), install('half', whole=False)
-    begun = site / 'begun-1.dist-info'
-    begun.mkdir()
-    assert install_wheels.incomplete(site) == [half, begun]
+    half_done = site / 'half_done-1.dist-info'
+    half_done.mkdir()
+    assert install_wheels.incomplete(site) == [half, half_done]
 
     def run(words: list[object], environment: object = None) -> bool:
         if install_wheels.UV in words or Path(str(words[0])).name == 'uv':
@@ -89,7 +89,7 @@ def test_pip_takes_nothing_for_installed_that_is_not_all_there(
     assert install_wheels.main(['-r', 'some.txt']) == 0
     assert install_wheels.incomplete(site) == []
     assert whole.exists()
-    assert not begun.exists()
+    assert not half_done.exists()
     assert install_wheels.main(['-r', 'some.txt']) == 0  # nothing is left to do
     (libraries / 'whole.so').unlink()
     assert install_wheels.main(['-r', 'some.txt']) == 1

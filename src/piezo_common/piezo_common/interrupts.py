@@ -31,6 +31,6 @@ def run_command_line(module: str, **known: object) -> int:
 
 
 def _on_interrupt(handler: signal._HANDLER) -> None:
-    # one that whoever started us has switched off (nohup, a job in the background) stays so
+    # one that the parent process has switched off (nohup, a job in the background) stays so
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, handler)

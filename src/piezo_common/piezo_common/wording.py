@@ -14,9 +14,9 @@ def near(name: str, known: Iterable[str]) -> str:
     """Return ``' (did you mean X?)'`` where `name` is nearly one of `known`, '' elsewhere."""
     lower = {each.lower(): each for each in known}
     found = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
-    begun = [each for each in lower if len(name) > 1 and each.startswith(name.lower())]
-    if not found and len(begun) == 1:
-        found = begun
+    matching = [each for each in lower if len(name) > 1 and each.startswith(name.lower())]
+    if not found and len(matching) == 1:
+        found = matching
     return f' (did you mean {lower[found[0]]}?)' if found else ''
 
 

@@ -68,7 +68,7 @@ def _nodes(context):
         enclave = ['--enclave', f'/{namespace}/{name}'] if secured else []
         return {'namespace': namespace, 'ros_arguments': enclave}
 
-    # In lock-step the first tick waits for whoever reads the states.
+    # In lock-step the first tick waits for the readers of the states.
     readers = 2 + sum(values[name] == 'true' for name in ('identification', 'gap_monitor'))
     return [
         Node(

@@ -25,4 +25,4 @@ class CompensationError(PiezoError):
 
 
 class DataNote(UserWarning):
-    """Something about the data that whoever uses them should know."""
+    """Something about the data that their user should know."""

@@ -26,8 +26,8 @@ def blocks() -> None:
     """Let every block answer a few samples, and two side by side."""
     from piezo_hysteresis.blocks import BLOCKS
     from piezo_hysteresis.blocks.parallel import side_by_side
-    from piezo_hysteresis.models.compiled import kernel_of
     from piezo_hysteresis.models.named import BESIDE
+    from piezo_hysteresis.models.simulation.compiled import kernel_of
 
     for block in BLOCKS.values():
         values = block.pack(block.defaults())
@@ -43,7 +43,7 @@ def between_ticks() -> None:
     from piezo_hysteresis.blocks.base import Between
     from piezo_hysteresis.models import Model
     from piezo_hysteresis.models.named import FOLLOWED
-    from piezo_hysteresis.models.stages import LinearStage
+    from piezo_hysteresis.models.simulation.plan import LinearStage
 
     for block in BLOCKS.values():
         if block.along is not None:
@@ -56,7 +56,7 @@ def between_ticks() -> None:
         late = {'delay': 0.3 * DT} if 'delay' in model.parameter_names else {}
         model.respond(np.linspace(0.0, 1.0, 4), model.pack(late), DT)
     moving = [BLOCKS[name] for name in FOLLOWED[0] if BLOCKS[name].between is Between.LINEAR]
-    model = Model('begun in motion', tuple(moving))
+    model = Model('started in motion', tuple(moving))
     (stage,) = model.stages
     assert isinstance(stage, LinearStage)
     stage.released(model.pack({})[stage.columns], DT, np.ones(3), 4)
@@ -232,7 +232,7 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.identification.factor import orthonormal, projected_out
+    from piezo_hysteresis.identification.qr import orthonormal, projected_out
     from piezo_hysteresis.numerics.harmonics import tone_amplitude
 
     tone_amplitude(np.arange(8.0), 100.0, DT)

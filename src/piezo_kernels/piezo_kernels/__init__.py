@@ -1,1 +1,1 @@
-"""How kernels are compiled, where their machine code is kept, and who is told."""
+"""How kernels are compiled, where their machine code is kept, and who is notified."""

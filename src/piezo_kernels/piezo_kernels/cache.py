@@ -74,7 +74,7 @@ class KernelCache(_BASE):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel where that can be done, for whoever comes next."""
+        """Keep a compiled kernel where that can be done, for the next process."""
         name = self._file(sig, data.codegen)
         try:
             if not data.library.has_dynamic_globals:

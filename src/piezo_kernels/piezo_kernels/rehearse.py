@@ -56,12 +56,12 @@ def rehearsals(packages: Sequence[str] = PACKAGES) -> list[tuple[str, str]]:
 def rehearse(which: tuple[str, str]) -> Done:
     """Run one rehearsal."""
     package, name = which
-    begun, before, failed = time.perf_counter(), watch.compiled(), ''
+    started, before, failed = time.perf_counter(), watch.compiled(), ''
     try:
         getattr(importlib.import_module(f'{package}.rehearsal'), name)()
     except Exception as error:  # its kernels are compiled later; nothing else is lost
         failed = f'{type(error).__name__}: {error}'
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     return Done(f'{package}: {name}', watch.compiled() - before, seconds, failed)
 
 
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Compile every kernel of the packages that are named, of all where none is."""
     packages = list(sys.argv[1:] if arguments is None else arguments) or list(PACKAGES)
     workers = max(1, min(4, len(os.sched_getaffinity(0))))
-    begun, compiled, total = time.perf_counter(), 0, len(rehearsals(packages))
+    started, compiled, total = time.perf_counter(), 0, len(rehearsals(packages))
     live = sys.stderr.isatty()
     for k, done in enumerate(rehearse_all(packages, workers), 1):
         compiled += done.compiled
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f'\r  kernels: {k} of {total}, {done.name}\x1b[K', end='', file=sys.stderr)
     if live:
         print('\r\x1b[K', end='', file=sys.stderr)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     print(f'{compiled} kernels compiled in {seconds:.0f} s' if compiled else 'all compiled before')
     return 0
 

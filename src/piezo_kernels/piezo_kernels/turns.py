@@ -16,7 +16,7 @@ LOOK = 0.05
 
 
 class Turns:
-    """Locks on single bytes of one file, one byte per kernel; whoever dies has given them back.
+    """Locks on single bytes of one file, one byte per kernel; a process that dies releases them.
 
     A kernel waits only for those that it calls, so that two processes never wait for each other.
     """
@@ -28,8 +28,8 @@ class Turns:
 
     def take(self, name: str) -> None:
         """Wait for the turn for `name`; where there are no locks nobody waits."""
-        file, place, begun = self._opened(), _place(name), time.monotonic()
-        while file is not None and time.monotonic() - begun < TIMEOUT:
+        file, place, started = self._opened(), _place(name), time.monotonic()
+        while file is not None and time.monotonic() - started < TIMEOUT:
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
             except BlockingIOError:

@@ -22,13 +22,13 @@ def compiled() -> int:
     return _count
 
 
-def listen(begun: Callable[[], None]) -> Callable[[], None]:
-    """Call `begun` where a compilation begins, in the thread that compiles; return the undoing."""
-    _LISTENERS.append(begun)
+def listen(callback: Callable[[], None]) -> Callable[[], None]:
+    """Call `callback` where a compilation starts, in its thread; return what undoes that."""
+    _LISTENERS.append(callback)
 
     def leave() -> None:
-        if begun in _LISTENERS:
-            _LISTENERS.remove(begun)
+        if callback in _LISTENERS:
+            _LISTENERS.remove(callback)
 
     return leave
 
@@ -41,11 +41,11 @@ def begin(name: str) -> None:
         outermost = len(_STACK) == 1
         _count += outermost
     if outermost:
-        for begun in tuple(_LISTENERS):
-            begun()
+        for callback in tuple(_LISTENERS):
+            callback()
 
 
 def end() -> None:
-    """Take note that the newest compilation that was begun has ended."""
+    """Take note that the newest compilation that was callback has ended."""
     with _LOCK:
         _STACK.pop()

@@ -32,7 +32,7 @@ STATE = 'state'
 
 
 class Diagnostics:
-    """Asks a node how it is and tells everybody; make it before whatever takes time.
+    """Asks a node how it is and publishes the answer; make it before whatever takes time.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ class Diagnostics:
         self._publish(state, Health(Level.OK, message))
 
     def _compiles(self) -> None:
-        self._node.get_logger().info('compiles its kernels, once; whoever waits for it goes on')
+        self._node.get_logger().info(
+            'compiles its kernels, once; nodes that wait for it go on waiting'
+        )
 
     def _publish(self, state: Readiness, health: Health) -> None:
         values = {STATE: state.value, **health.values}

@@ -1,7 +1,7 @@
 """Says that a process works while its executor does not run.
 
 A node that compiles its kernels cannot answer anybody: the compilation fills the thread that
-serves it. Another thread says meanwhile what it is at, so that whoever waits for the node knows.
+serves it. Another thread says meanwhile what it is at, so that nodes that wait for it know.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Herald:
         self._reported = self._closed = self._ready = False
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
-        self._begun = time.monotonic()
+        self._started = time.monotonic()
         self._leave = watch.listen(self._start)
         self._tell()
         self._start()
@@ -70,7 +70,7 @@ class Herald:
     def _start(self) -> None:
         thread = self._thread
         if not self._closed and (thread is None or not thread.is_alive()):
-            self._begun = time.monotonic() if self._ready else self._begun
+            self._started = time.monotonic() if self._ready else self._started
             self._wake.clear()
             self._thread = threading.Thread(target=self._run, name='herald', daemon=True)
             self._thread.start()
@@ -85,7 +85,7 @@ class Herald:
             self._wake.wait(PERIOD)
 
     def _tell(self) -> None:
-        kernel, seconds = watch.compiling(), time.monotonic() - self._begun
+        kernel, seconds = watch.compiling(), time.monotonic() - self._started
         if kernel and not self._reported:
             self._reported = True
             self._compiles()

@@ -23,8 +23,8 @@ from piezo_ros_common.starting import OWNER, held_signals
 
 TIMEOUT = 5.0
 
-# Set by whoever handles Ctrl-C: an exception that a signal raises may be swallowed where it lands,
-# in a callback or a destructor, and whoever waits for nodes must still hear of it.
+# Set by the handler of Ctrl-C: an exception that a signal raises may be swallowed where it lands,
+# in a callback or a destructor, and code that waits for nodes must still see it.
 INTERRUPTED = threading.Event()
 
 

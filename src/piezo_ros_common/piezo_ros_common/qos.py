@@ -11,7 +11,7 @@ LOOP = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 
-# The newest value of something that changes seldom, for whoever comes later.
+# The newest value of something that changes seldom, for late subscribers.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,

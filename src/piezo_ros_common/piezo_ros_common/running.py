@@ -29,7 +29,7 @@ LOOK = 0.1
 # wait costs 32 bytes that it never gives back, so they are long [s].
 LONGEST_WAIT = 60.0
 
-# Fast DDS 2.14 waits for ever where it is told of another's end while it ends itself: about one in
+# Fast DDS 2.14 waits for ever where it learns of another's end while it ends itself: about one in
 # a thousand, where many nodes end at once. By then all that a node has is written and said [s].
 LONGEST_END = 5.0
 

@@ -72,7 +72,7 @@ class Job:
                 path.unlink()
 
     def note(self, row: dict[str, Any]) -> None:
-        """Write down how the job ended; an empty row says that it has begun."""
+        """Write down how the job ended; an empty row says that it has started."""
         entry = {'fingerprint': self.fingerprint if row else None, 'row': row}
         write_folder(self.folder, {NOTE: json.dumps(entry, indent=2, allow_nan=False) + '\n'})
 

@@ -70,7 +70,7 @@ def run_batch(
         Without an executor: 1 works in this process, more in processes of their own; 0 is one
         per core.
     progress : callable
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
 
     Returns
     -------
@@ -110,26 +110,26 @@ def run_batch(
 
 def work(task: Task, job: Job) -> Row:
     """Do one job in this process; whatever happens is a row."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     if (known := job.finished()) is not None:  # a cluster lost the answer, not the work
         return known
     try:
         job.begin()
     except PiezoError as error:  # a folder that is not ours gets no note either
-        return _row(job, 'failed', str(error), begun)
+        return _row(job, 'failed', str(error), started)
     try:
         done = {'report': f'{job.name}/report.html', **task([job.data], job.folder)}
-        row = _row(job, 'done', '', begun) | done
+        row = _row(job, 'done', '', started) | done
     except PiezoError as error:
-        row = _row(job, 'refused', str(error), begun)
+        row = _row(job, 'refused', str(error), started)
     except Exception as error:  # one bad bag must not stop the rest
-        row = _row(job, 'failed', f'{type(error).__name__}: {error}', begun)
+        row = _row(job, 'failed', f'{type(error).__name__}: {error}', started)
     job.note(row)
     return row
 
 
-def _row(job: Job, state: str, error: str, begun: float) -> Row:
-    seconds = round(time.perf_counter() - begun, 3)
+def _row(job: Job, state: str, error: str, started: float) -> Row:
+    seconds = round(time.perf_counter() - started, 3)
     return {
         'name': job.name, 'state': state, 'error': error, 'data': job.data,
         'seconds': seconds, 'report': '',

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from piezo_hysteresis.discovery import Discovery
     from piezo_hysteresis.identification import Identification
 
-# What a task needs is imported when it works: whoever only sends tasks starts faster.
+# What a task needs is imported when it works: a process that only sends tasks starts faster.
 
 Progress = Callable[[float, str], None]
 Row = dict[str, Any]
@@ -117,8 +117,8 @@ class Identify:
             If data, settings or folder cannot be used.
         """
         from piezo_hysteresis.identification import identify
-        from piezo_hysteresis.identification.history import preceded
         from piezo_hysteresis.identification.identify import judged_on
+        from piezo_hysteresis.identification.initial_conditions.conditioning import preceded
         from piezo_hysteresis.identification.methods import base_of
         from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
         from piezo_hysteresis.models.choice import chain_of
@@ -172,7 +172,7 @@ class Discover:
     policy : mapping of str to float
         Numbers that decide, where they are not those of `discovery.selection.policy`.
     time_limit : float
-        After which nothing more is begun; 0 for none [s].
+        After which nothing more is started; 0 for none [s].
     """
 
     baseline: str
@@ -214,7 +214,7 @@ class Discover:
         from piezo_hysteresis.discovery import discover
         from piezo_hysteresis.discovery.selection.policy import POLICY
         from piezo_hysteresis.discovery.selection.reference import as_on
-        from piezo_hysteresis.identification.circumstances import Choices
+        from piezo_hysteresis.identification.initial_conditions.revision import Choices
         from piezo_hysteresis.identification.settings import require_settings, warmed
         from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load

@@ -64,25 +64,25 @@ def spring(position: float, cubic: float, stiffest: float) -> float:
 
 
 @jit
-def pull(x: float, begun: Triple, time: float, law: Law) -> float:
-    """Return the force that acts back at `x`, `time` after the mode was at `begun`.
+def pull(x: float, initial: Triple, time: float, law: Law) -> float:
+    """Return the force that acts back at `x`, `time` after the mode was at `initial`.
 
-    The bristles on the way are told by the move since then, exactly as long as it goes one way.
+    The bristles on the way are given by the move since then, exactly as long as it goes one way.
     """
     force = spring(x, law[2], law[7])
     if law[3] > 0.0:
-        bristle = begun[2]
+        bristle = initial[2]
         if time > 0.0:
-            bristle = friction_state(bristle, x - begun[0], time, law[4], law[5], law[6])
+            bristle = friction_state(bristle, x - initial[0], time, law[4], law[5], law[6])
         force += law[3] * bristle
     return force
 
 
 @jit
 def advance(
-    f: Triple, begun: Triple, law: Law, h: float, over: tuple[Transition, Transition]
+    f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
-    """Return where the mode is `h` [s] after `begun` with the input `f`.
+    """Return where the mode is `h` [s] after `initial` with the input `f`.
 
     The linear part is exact, by its transition over half and the whole of the step; what the
     input does within the step and the forces that act back are carried by a Runge-Kutta scheme of
@@ -90,18 +90,18 @@ def advance(
     """
     half, full = over
     square = (2.0 * pi * law[0]) ** 2
-    x, v = begun[0] - f[1], begun[1]
-    a1 = square * (f[0] - f[1] - pull(begun[0], begun, 0.0, law))
+    x, v = initial[0] - f[1], initial[1]
+    a1 = square * (f[0] - f[1] - pull(initial[0], initial, 0.0, law))
     xh = half[0] * x + half[1] * v
-    a2 = -square * pull(xh + 0.5 * h * half[1] * a1 + f[1], begun, 0.5 * h, law)
-    a3 = -square * pull(xh + f[1], begun, 0.5 * h, law)
+    a2 = -square * pull(xh + 0.5 * h * half[1] * a1 + f[1], initial, 0.5 * h, law)
+    a3 = -square * pull(xh + f[1], initial, 0.5 * h, law)
     xf, vf = full[0] * x + full[1] * v, full[2] * x + full[3] * v
-    a4 = square * (f[2] - f[1] - pull(xf + h * half[1] * a3 + f[1], begun, h, law))
+    a4 = square * (f[2] - f[1] - pull(xf + h * half[1] * a3 + f[1], initial, h, law))
     moved = xf + h / 6.0 * (full[1] * a1 + 2.0 * half[1] * (a2 + a3)) + f[1]
     speed = vf + h / 6.0 * (full[3] * a1 + 2.0 * half[3] * (a2 + a3) + a4)
-    bristle = begun[2]
+    bristle = initial[2]
     if law[3] > 0.0:
-        bristle = friction_state(bristle, moved - begun[0], h, law[4], law[5], law[6])
+        bristle = friction_state(bristle, moved - initial[0], h, law[4], law[5], law[6])
     return moved, speed, bristle
 
 
@@ -130,25 +130,25 @@ def within(f: Triple, begin: float, end: float) -> Triple:
 
 
 @jit
-def in_two(f: Triple, begun: Triple, law: Law, h: float, share: float) -> Triple:
+def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Triple:
     """Return where the mode is after a step in two parts, the first as long as `share` says."""
     first, second = share * h, (1.0 - share) * h
-    there = advance(within(f, 0.0, share), begun, law, first, transitions(law, first))
+    there = advance(within(f, 0.0, share), initial, law, first, transitions(law, first))
     return advance(within(f, share, 1.0), there, law, second, transitions(law, second))
 
 
 @jit
 def turning(
-    f: Triple, begun: Triple, law: Law, h: float, over: tuple[Transition, Transition]
+    f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
     """Return where the mode is as `advance` does; where it rubs and turns round, in two parts.
 
     The force of the bristles has a corner there. The turn is where the velocity, as far as the
     whole step tells, runs through zero.
     """
-    there = advance(f, begun, law, h, over)
-    share = turn(begun[1], there[1], law)
-    return there if share == 0.0 else in_two(f, begun, law, h, share)
+    there = advance(f, initial, law, h, over)
+    share = turn(initial[1], there[1], law)
+    return there if share == 0.0 else in_two(f, initial, law, h, share)
 
 
 @jit

@@ -18,11 +18,11 @@ def add_sine(
     order: int,
 ) -> None:
     """Add a harmonic of the drive; state is (time of the first sample [s], cycles since)."""
-    begun, cycles = state[0] * frequency, state[1]
+    cycles_before, cycles = state[0] * frequency, state[1]
     step = frequency * dt
     on = 1.0 if step > 0.0 else 0.0
     for k in range(x.size):
-        angle = 2.0 * pi * order * (begun + cycles)
+        angle = 2.0 * pi * order * (cycles_before + cycles)
         y[k] = x[k] + on * (sine * sin(angle) + cosine * cos(angle))
         cycles += step
         cycles -= int(cycles)
@@ -43,12 +43,12 @@ def add_recursion(
 
     State is (time of the first sample [s], cycles since, the last three yn [m]).
     """
-    begun, cycles = state[0] * frequency, state[1]
+    cycles_before, cycles = state[0] * frequency, state[1]
     y1, y2, y3 = state[2], state[3], state[4]
     step = frequency * dt
     on = 1.0 if step > 0.0 else 0.0
     for k in range(x.size):
-        angle = 2.0 * pi * order * (begun + cycles)
+        angle = 2.0 * pi * order * (cycles_before + cycles)
         new = y1 + p[0] * y2 + p[1] * y3 + on * (p[2] * sin(angle) + p[3] * cos(angle))
         y3 = y2
         y2 = y1

@@ -7,7 +7,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import Counterpart, SimulatorValues, switched
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System, Way
+from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -33,9 +33,9 @@ def system(p: FloatArray) -> System:
     return System(-rate[:, None], rate, np.ones(1), 0.0)
 
 
-def way(p: FloatArray) -> Way:
+def approach(p: FloatArray) -> Approach:
     """Return how a held input is approached."""
-    return Way(float(p[0]), inf)
+    return Approach(float(p[0]), inf)
 
 
 def _sensor_counterpart(values: Mapping[str, float]) -> SimulatorValues:
@@ -74,7 +74,7 @@ def _block(
         source='first-order low pass',
         between=Between.LINEAR,
         system=system,
-        way=way,
+        approach=approach,
     )
 
 
@@ -115,7 +115,7 @@ EFFECTS = tuple(
             'Drives above 100 Hz, where a lag takes amplitude and a delay only phase; or probe '
             'the high voltage beside the command.'
         ),
-        told_by=(Coverage.FAST,),
+        shown_by=(Coverage.FAST,),
         mistaken_for=('transport_delay', 'resonance', 'creep', 'rate_dependence'),
     )
     for block, physics in zip(BLOCKS, (_AMPLIFIER, _SENSOR), strict=True)

@@ -45,7 +45,7 @@ class Between(StrEnum):
     """
 
     INSTANT = 'instant'  # a function of the input at the same instant
-    PATH = 'path'  # a function of the path of the input, however fast it was gone
+    PATH = 'path'  # a function of the path of the input, at whatever rate
     LINEAR = 'linear'  # a linear system with a state of its own, see `Block.system`
     INNER = 'inner'  # moves by itself under a held input, see `Block.along`
     CLOCK = 'clock'  # adds or multiplies by a function of the time
@@ -90,7 +90,7 @@ class System(NamedTuple):
     d: float
 
 
-class Way(NamedTuple):
+class Approach(NamedTuple):
     """How a signal goes to where it is held: by a lag, or no faster than at a rate.
 
     Attributes
@@ -191,8 +191,8 @@ class Block:
         ``along(x, y, state, p, dt, frequency, points)``, compiled: the answer along a path of
         `points` values per tick, three to each step: at its start, in its middle, at its end.
         Every INNER block has one, and every PATH block that wants to know the tick or a jump.
-    way : callable or None
-        ``way(p)`` returns how it goes to an input that is held, where that is one way and without
+    approach : callable or None
+        ``approach(p)`` returns how it approaches a held input, where that is monotonic and without
         a jump.
     pace : callable or None
         ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
@@ -245,7 +245,7 @@ class Block:
     inertia: bool = False
     system: Callable[[FloatArray], System] | None = None
     along: Along | None = None
-    way: Callable[[FloatArray], Way] | None = None
+    approach: Callable[[FloatArray], Approach] | None = None
     pace: Callable[[FloatArray], float] | None = None
     least_steps: int = 8
     count: int | None = None

@@ -200,7 +200,7 @@ EFFECTS = tuple(
         experiment=(
             'An amplitude ladder at one frequency: the loop width over amplitude bends with n.'
         ),
-        told_by=(Coverage.LADDER, Coverage.REVERSALS),
+        shown_by=(Coverage.LADDER, Coverage.REVERSALS),
         mistaken_for=('nonlocal_memory', 'friction', 'stiffness'),
     )
     for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)

@@ -171,7 +171,7 @@ EFFECTS = tuple(
             'Triangles of the same travel at other rates: a lag shifts the loop along the '
             'voltage in proportion to the rate, rate dependence changes the width of its tips.'
         ),
-        told_by=(Coverage.WIDE, Coverage.STEP),
+        shown_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=('creep', 'amplifier_lag', 'transport_delay', 'resonance'),
     )
     for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)

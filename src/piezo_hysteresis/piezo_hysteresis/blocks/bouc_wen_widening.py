@@ -175,7 +175,7 @@ EFFECTS = (
             'as the voltage moves faster, its shape being the same.'
         ),
         experiment=_EXPERIMENT,
-        told_by=(Coverage.WIDE, Coverage.STEP),
+        shown_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -196,7 +196,7 @@ EFFECTS = (
             'voltage moves faster, its shape being the same.'
         ),
         experiment=_EXPERIMENT,
-        told_by=(Coverage.WIDE, Coverage.STEP),
+        shown_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=_MISTAKEN,
     ),
 )

@@ -239,7 +239,7 @@ EFFECTS = tuple(
             'after the voltage has stopped, fast at first and ever slower.'
         ),
         experiment='Step and hold for a minute: creep is a line over the logarithm of time.',
-        told_by=(Coverage.WIDE, Coverage.STEP),
+        shown_by=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=('drift', 'amplifier_lag', 'transport_delay', 'rate_dependence'),
     )
     for block, shares, alternatives in (

@@ -82,7 +82,7 @@ EFFECTS = tuple(
         alternatives=({parameter: -1e-6},),
         physics='Temperature moves the mount or the sensor electronics, whatever the drive does.',
         experiment='A record at 0 V: drift goes on without drive, creep and asymmetry do not.',
-        told_by=(Coverage.REST, Coverage.STEP),
+        shown_by=(Coverage.REST, Coverage.STEP),
         mistaken_for=('creep', 'asymmetry', 'offset', 'gain_decay'),
     )
     for block, parameter in zip(BLOCKS, ('drift_rate', 'warming_shift'), strict=True)

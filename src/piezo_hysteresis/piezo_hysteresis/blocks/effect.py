@@ -49,7 +49,7 @@ FEWEST_FREQUENCIES = 5
 
 
 class Coverage(Enum):
-    """What records must hold for some effects to be told apart, and how to record it."""
+    """What records must hold for some effects to be distinguished, and how to record it."""
 
     FAST = f'add a chirp above {HIGH_FREQUENCY:g} Hz: there a lag loses gain, a delay not'
     WIDE = f'sweep {FEWEST_FREQUENCIES} frequencies or more, from 1 Hz to the highest in use'
@@ -82,8 +82,8 @@ class Effect:
         What settles it.
     mistaken_for : tuple of str
         Names of the effects that leave a similar residual.
-    told_by : tuple of Coverage
-        What records must hold for it to be told from others that need the same.
+    shown_by : tuple of Coverage
+        What records must hold for it to be distinguished from others that need the same.
     where : str
         Of what it is, where variants are of different things: ``of the input``.
     replaces : tuple of str
@@ -133,7 +133,7 @@ class Effect:
     physics: str
     experiment: str
     mistaken_for: tuple[str, ...] = ()
-    told_by: tuple[Coverage, ...] = ()
+    shown_by: tuple[Coverage, ...] = ()
     where: str = ''
     replaces: tuple[str, ...] = ()
     absorbs: tuple[str, ...] = ()

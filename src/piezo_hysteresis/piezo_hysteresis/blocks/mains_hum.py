@@ -91,7 +91,7 @@ EFFECTS = (
             'nothing to do with the drive.'
         ),
         experiment='A record at 0 V, and drives of which the tone is no multiple.',
-        told_by=(Coverage.REST,),
+        shown_by=(Coverage.REST,),
         mistaken_for=('odd_harmonic', 'resonance'),
     ),
 )

@@ -96,7 +96,7 @@ EFFECTS = tuple(
         experiment=(
             'First-order reversal curves: triangles with decreasing amplitude and nested loops.'
         ),
-        told_by=(Coverage.REVERSALS,),
+        shown_by=(Coverage.REVERSALS,),
         mistaken_for=('hysteresis_exponent', 'friction', 'stiffness'),
     )
     for block in BLOCKS

@@ -43,7 +43,7 @@ EFFECTS = (
         neutral={'offset': 0.0},
         physics='The zero of the sensor is not the position at rest.',
         experiment='Record the displacement at rest before the first voltage is applied.',
-        told_by=(Coverage.REST,),
+        shown_by=(Coverage.REST,),
         mistaken_for=('asymmetry', 'electrostriction', 'drift'),
     ),
 )

@@ -224,7 +224,7 @@ EFFECTS = (
             'harmonics that hysteresis makes of it, comes near its frequency.'
         ),
         experiment=_EXPERIMENT,
-        told_by=(Coverage.FAST, Coverage.WIDE),
+        shown_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -242,7 +242,7 @@ EFFECTS = (
             'that it bends towards the mode and misses its sharpness and its delay.'
         ),
         experiment=_EXPERIMENT,
-        told_by=(Coverage.FAST, Coverage.WIDE),
+        shown_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -258,7 +258,7 @@ EFFECTS = (
             'carries a share of the displacement.'
         ),
         experiment=_EXPERIMENT,
-        told_by=(Coverage.FAST, Coverage.WIDE),
+        shown_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
 )

@@ -79,7 +79,7 @@ EFFECTS = (
             'Calibrate against a second sensor; or shift the sensor against the actuator: a curve '
             'of the sensor stays with the sensor.'
         ),
-        told_by=(Coverage.LADDER,),
+        shown_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

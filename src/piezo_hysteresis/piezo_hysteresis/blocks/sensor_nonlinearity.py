@@ -56,7 +56,7 @@ EFFECTS = (
             'Calibrate against a second sensor; or drive half the resonance frequency, where a '
             'square law before the mode would ring and one of the sensor does not.'
         ),
-        told_by=(Coverage.LADDER,),
+        shown_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

@@ -89,7 +89,7 @@ EFFECTS = (
             'Calibrate against a second sensor at ten points of the stroke: the error is the same '
             'curve at every frequency and on both branches of the loop.'
         ),
-        told_by=(Coverage.LADDER,),
+        shown_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

@@ -4,7 +4,7 @@ from math import inf
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import switched
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, Way
+from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -65,9 +65,9 @@ def along(
     state[0] = last
 
 
-def way(p: FloatArray) -> Way:
+def approach(p: FloatArray) -> Approach:
     """Return how a held input is approached."""
-    return Way(0.0, float(p[0]) if p[0] < NO_LIMIT else inf)
+    return Approach(0.0, float(p[0]) if p[0] < NO_LIMIT else inf)
 
 
 BLOCK = Block(
@@ -85,7 +85,7 @@ BLOCK = Block(
     source='amplifier with limited current',
     between=Between.INNER,
     along=along,
-    way=way,
+    approach=approach,
     least_steps=32,
 )
 

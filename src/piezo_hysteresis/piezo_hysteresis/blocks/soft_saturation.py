@@ -54,7 +54,7 @@ EFFECTS = (
             'of the ceramic approaches its limit: the drive is rounded off, the loop follows that.'
         ),
         experiment='An amplitude ladder: the gain falls steadily towards the tips.',
-        told_by=(Coverage.LADDER,),
+        shown_by=(Coverage.LADDER,),
         mistaken_for=('stiffness', 'electrostriction', 'odd_harmonic'),
     ),
 )

@@ -62,7 +62,7 @@ EFFECTS = (
             'alike in both directions.'
         ),
         experiment='An amplitude ladder: its third harmonic grows with the cube of the amplitude.',
-        told_by=(Coverage.LADDER,),
+        shown_by=(Coverage.LADDER,),
         mistaken_for=('hysteresis_exponent', 'saturation', 'sensor_nonlinearity', 'odd_harmonic'),
     ),
 )

@@ -78,7 +78,7 @@ EFFECTS = (
             'Phase over frequency up to some 100 Hz: linear for a delay, bending to 90 degrees '
             'with falling gain for a lag.'
         ),
-        told_by=(Coverage.FAST, Coverage.WIDE),
+        shown_by=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=('amplifier_lag', 'resonance', 'creep', 'hysteresis_exponent'),
     ),
 )

@@ -15,7 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.cli import compensate_links as links
-from piezo_hysteresis.cli.compensate_study import Run, Study, opened, parse_reference, run_study
+from piezo_hysteresis.cli.compensate_study import (
+    Run,
+    Study,
+    open_plant,
+    parse_reference,
+    run_study,
+)
 from piezo_hysteresis.cli.compensate_study import write_results as write
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.errors import CompensationError
@@ -63,20 +69,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     check_folder(arguments.out, 'compensate')
     model = ModelFile.load(arguments.model)
     rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
     _require_numbers(arguments, rate)
     parse_reference(arguments.reference)  # refused before a plant is started
     plant = _plant(arguments)
-    with opened(
+    with open_plant(
         plant, 1.0 / rate, arguments.seed, noise=arguments.noise, settings=arguments.plant_set
     ) as (driven, about):
         study = _study(arguments, model, plant, rate, about)
         runs = run_study(study, driven)
     out = Path(arguments.out)
-    write(out, study, runs, arguments.reference, time.perf_counter() - begun)
+    write(out, study, runs, arguments.reference, time.perf_counter() - started)
     for line in _table(runs):
         print(line)
     if about:

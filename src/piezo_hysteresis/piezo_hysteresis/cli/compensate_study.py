@@ -112,7 +112,7 @@ def run_study(study: Study, plant: ResettablePlant) -> list[Run]:
     study : Study
         What is run.
     plant : ResettablePlant
-        What is driven, from `opened`.
+        What is driven, from `open_plant`.
 
     Raises
     ------
@@ -138,7 +138,7 @@ class ResettablePlant(Protocol):
 
 
 @contextmanager
-def opened(
+def open_plant(
     plant: ModelFile | str, dt: float, seed: int, *, noise: float, settings: Sequence[str]
 ) -> Iterator[tuple[ResettablePlant, Mapping[str, Any]]]:
     """Open a plant; yield it and what it is known to be, which of a model is nothing.

@@ -58,7 +58,7 @@ def show(out: Path) -> None:
     from piezo_hysteresis.reporting.demo_report import write_demo_report
     from piezo_hysteresis.reporting.folder import replacing
 
-    begun = time.perf_counter()
+    started = time.perf_counter()
     with replacing(out, 'demo') as folder:
         with progress_bar('demo') as progress:
             demo = run_demo(Plan(), folder, progress)
@@ -67,9 +67,9 @@ def show(out: Path) -> None:
                 folder / 'report.html', demo.sweep, demo.found, demo.runs, demo.plan, out
             )
         write_model(demo.found.model_file(['bags/sweep'], demo.sweep[0].rate), folder)
-        write_summary(demo_summary(demo, time.perf_counter() - begun), folder)
+        write_summary(demo_summary(demo, time.perf_counter() - started), folder)
     _print_runs(demo)
-    print(f'{time.perf_counter() - begun:.0f} s')
+    print(f'{time.perf_counter() - started:.0f} s')
 
 
 def identify_own(data: Sequence[str], out: Path) -> None:
@@ -81,7 +81,7 @@ def identify_own(data: Sequence[str], out: Path) -> None:
     from piezo_hysteresis.reporting.demo_report import write_data_report
     from piezo_hysteresis.reporting.folder import check_folder, replacing
 
-    begun = time.perf_counter()
+    started = time.perf_counter()
     check_folder(out, 'demo')
     records = load(data)
     if len({record.rate for record in records}) > 1:
@@ -97,7 +97,7 @@ def identify_own(data: Sequence[str], out: Path) -> None:
         write_model(found.model_file(given, records[0].rate), folder)
         steps = [vars(step) for step in choice.steps]
         summary = {'choice': steps, 'held_out': [vars(each) for each in choice.held_out]}
-        seconds = round(time.perf_counter() - begun, 3)
+        seconds = round(time.perf_counter() - started, 3)
         write_summary({**found.summary(), **summary, 'seconds': seconds}, folder)
     _print_fit(found)
     for each in choice.held_out:

@@ -56,7 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar='S',
-        help='seconds after which nothing more is begun: the best so far, and what was not tried',
+        help='seconds after which nothing more is started: the best so far, and what is untried',
     )
     add('--actuator', help='which actuator, where a bag holds several')
     add('--salvage', action='store_true', help='use what is readable of damaged data')

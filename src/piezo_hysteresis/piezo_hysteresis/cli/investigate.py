@@ -19,7 +19,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.threads import number_of_workers
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.investigation.conduct import InvestigationProgress
+    from piezo_hysteresis.investigation.runner import InvestigationProgress
     from piezo_interfaces.action import Investigate
 
 HELP = 'find what a model misses by experiments on the running actuator'
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
         apply=not arguments.no_apply,
     )
-    # Whoever ends this verb wants the actuator at rest, by whatever signal.
+    # A user who ends this verb wants the actuator at rest, by whatever signal.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     teller = _Teller()
     with Asking(arguments.namespace) as running:
@@ -99,17 +99,20 @@ class _Teller:
         self._asked, self._answer = ('', 0), ''
         self._printed = ''
 
-    def feedback(self, told: Investigate.Feedback) -> None:
+    def feedback(self, progress: Investigate.Feedback) -> None:
         """Tell how it stands."""
-        self._answer = told.answer
-        if told.stage not in ('run', 'apply') or (told.stage, told.number) == self._asked:
+        self._answer = progress.answer
+        if (
+            progress.stage not in ('run', 'apply')
+            or (progress.stage, progress.number) == self._asked
+        ):
             return
         self.answer()
-        self._asked = told.stage, told.number
-        shown = zip(told.names, told.chances, strict=True)
+        self._asked = progress.stage, progress.number
+        shown = zip(progress.names, progress.chances, strict=True)
         chances = ', '.join(f'{name} {chance:.2g}' for name, chance in list(shown)[:3])
-        word = f'{told.number}.' if told.stage == 'run' else 'afterwards'
-        print(f'{word} {told.experiment}: {told.why} (so far: {chances})', flush=True)
+        word = f'{progress.number}.' if progress.stage == 'run' else 'afterwards'
+        print(f'{word} {progress.experiment}: {progress.why} (so far: {chances})', flush=True)
 
     def answer(self) -> None:
         """Tell what the last experiment answered, once."""
@@ -119,7 +122,7 @@ class _Teller:
 
 
 def _replay(folder: Path, workers: int) -> int:
-    from piezo_hysteresis.investigation.conduct import repeated
+    from piezo_hysteresis.investigation.runner import repeated
 
     def report(progress: InvestigationProgress) -> None:
         if progress.stage == 'judge':

@@ -69,6 +69,6 @@ def executable(node: str) -> Path:
 
 
 def ros_words(options: list[str]) -> list[str]:
-    """Return what the process is told: ROS wants its words behind ``--ros-args``."""
+    """Return the arguments of the process: ROS wants its words behind ``--ros-args``."""
     plain = {'-h', '--help', '--ros-args'}
     return options if not options or not plain.isdisjoint(options) else ['--ros-args', *options]

@@ -47,7 +47,7 @@ class ProgressLines:
         self, title: str, every: float, now: Callable[[], float] = time.monotonic
     ) -> None:
         self._title, self._every, self._now = title, every, now
-        self._begun = self._said = now()
+        self._started = self._said = now()
 
     def __call__(self, fraction: float, words: str) -> None:
         """Note how far it is, and say it where that is due."""
@@ -55,7 +55,7 @@ class ProgressLines:
         if now - self._said < self._every:
             return
         self._said = now
-        spent = now - self._begun
+        spent = now - self._started
         line = f'{self._title}: {100 * fraction:.0f} %, {words}, {clock(spent)}'
         print(f'{line}{left_words(fraction, spent)}', file=sys.stderr, flush=True)
 
@@ -74,12 +74,12 @@ def _bar(title: str) -> Iterator[Tell]:
 
     columns = (TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
                TextColumn('{task.fields[words]}'))  # fmt: skip
-    begun = time.monotonic()
+    started = time.monotonic()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0, words='')
 
         def tell(fraction: float, words: str) -> None:
-            left = left_words(fraction, time.monotonic() - begun)
+            left = left_words(fraction, time.monotonic() - started)
             bar.update(task, completed=fraction, words=f'{words}{left}')
 
         yield tell

@@ -1,7 +1,7 @@
-"""What verbs may be told of records: how they begin, and where their zeros lie."""
+"""Options of verbs about records: how they begin, and where their zeros lie."""
 
-from piezo_hysteresis.identification.circumstances import ZEROS
-from piezo_hysteresis.identification.record_start import STARTS
+from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
+from piezo_hysteresis.identification.initial_conditions.revision import ZEROS
 
 __all__ = ['STARTS', 'START_HELP', 'ZEROS', 'ZERO_HELP']
 

@@ -37,7 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
     from dataclasses import replace
 
-    from piezo_hysteresis.identification.circumstances import Choices
     from piezo_hysteresis.identification.clock import clock_of
     from piezo_hysteresis.identification.comparison import (
         compared,
@@ -47,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
     from piezo_hysteresis.identification.errors import free_run_of, judged, views_of
     from piezo_hysteresis.identification.identify import record_summary
+    from piezo_hysteresis.identification.initial_conditions.revision import Choices
     from piezo_hysteresis.identification.noise import floor_of
     from piezo_hysteresis.identification.settings import warmed
     from piezo_hysteresis.identification.units import require_plausible
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.reporting.identification_figures import figures
     from piezo_hysteresis.reporting.validation_report import validation_page
 
-    begun = time.perf_counter()
+    started = time.perf_counter()
     check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)
     records = load(arguments.data, actuator=arguments.actuator)
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         'sampling_offset_s': late,
         'discrepancy': comparison_summary(known, saved.discrepancy),
         'warnings': warnings,
-        'seconds': time.perf_counter() - begun,
+        'seconds': time.perf_counter() - started,
     }
     remarks = comparison_words(known, saved.discrepancy)
     write_folder(

@@ -31,7 +31,7 @@ class ProcessPlant:
     Raises
     ------
     CompensationError
-        If it ends instead of answering; what it says is told.
+        If it ends instead of answering; what it says is in the message.
     """
 
     def __init__(self, command: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ from piezo_hysteresis.numerics.smooth import STEEPEST, smooth_step
 
 # Places in the memory of a change: whether one is asked for, what the output would have jumped by,
 # ticks so far, how long it takes [s], the last output and whether there was one.
-PENDING, BUMP, _ELAPSED, _LENGTH, LAST, _BEGUN = range(6)
+PENDING, BUMP, _ELAPSED, _LENGTH, LAST, _STARTED = range(6)
 FADE_SIZE = 6
 # Places in the memory of a cross-fade: ticks so far (-1 for none), the share before it, the last
 # share and whether there was one.
@@ -23,7 +23,7 @@ CROSS_SIZE = 4
 @jit
 def fade(raw: float, memory: FloatArray, dt: float, duration: float, slew: float) -> float:
     """Return the output of this tick [V]; `raw` is what the law in charge wants."""
-    if memory[PENDING] > 0.0 and memory[_BEGUN] > 0.0:
+    if memory[PENDING] > 0.0 and memory[_STARTED] > 0.0:
         memory[PENDING] = 0.0
         memory[BUMP] = memory[LAST] - raw
         memory[_ELAPSED] = 0.0
@@ -36,20 +36,20 @@ def fade(raw: float, memory: FloatArray, dt: float, duration: float, slew: float
         else:
             output += memory[BUMP] * (1.0 - smooth_step(done)[0])
             memory[_ELAPSED] += 1.0
-    memory[LAST], memory[_BEGUN] = output, 1.0
+    memory[LAST], memory[_STARTED] = output, 1.0
     return output
 
 
 @jit
 def begin_fade(memory: FloatArray) -> None:
     """Make the next output begin where the last one was."""
-    memory[PENDING] = memory[_BEGUN]
+    memory[PENDING] = memory[_STARTED]
 
 
 @jit
 def forget_fade(memory: FloatArray) -> None:
     """Forget the last output and any change under way."""
-    memory[PENDING] = memory[BUMP] = memory[_BEGUN] = 0.0
+    memory[PENDING] = memory[BUMP] = memory[_STARTED] = 0.0
 
 
 @jit

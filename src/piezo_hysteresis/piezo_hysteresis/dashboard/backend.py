@@ -1,4 +1,4 @@
-"""What the page asks of whoever speaks to the nodes; ROS stands behind it, or a test."""
+"""What the page asks of its backend; ROS stands behind it, or a test."""
 
 from __future__ import annotations
 

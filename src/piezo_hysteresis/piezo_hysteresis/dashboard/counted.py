@@ -22,6 +22,6 @@ COUNTED = {
     'restarts': 'times that a law, or the counting of ticks, began again',
     'bounded': 'corrections that were held at their bound',
     'frozen': 'readings of the sensor that repeat the one before',
-    'law_reset': 'times that a law answered no number and was begun again',
+    'law_reset': 'times that a law returned NaN and was reset',
     'overruns': 'ticks of the simulator that began late',
 }

@@ -146,7 +146,7 @@ class BackgroundJob:
     records : tuple of (str, str)
         Of a sweep: its records, and who recorded each.
     since : float
-        When it was begun [s, monotonic], NaN where that is not known.
+        When it was started [s, monotonic], NaN where that is not known.
     """
 
     phase: str = 'none'

@@ -8,7 +8,7 @@ from html import escape
 
 from piezo_hysteresis.dashboard.live import SILENCE, Gap, Live, NodeState
 
-GONE_SHOWN = 600.0  # a node that left is told of for so long [s]
+GONE_SHOWN = 600.0  # a node that left is shown for so long [s]
 UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is not followed
 CORRECTED = 0.1  # tracking error, in parts of the gap, below which a correction takes it off
 MUTE = 5.0  # a node that has not said how it is for so long does not count as fine [s]

@@ -133,7 +133,7 @@ def _counted(counters: Counters | None) -> str:
 
 
 def _counter(name: str, count: int) -> str:
-    """Return a counter, with what it counts for whoever rests the mouse on it."""
+    """Return a counter, with what it counts as a tooltip."""
     text = f'{escape(name)} {count}'
     meaning = COUNTED.get(name)
     return text if meaning is None else f'<abbr title="{escape(meaning)}">{text}</abbr>'

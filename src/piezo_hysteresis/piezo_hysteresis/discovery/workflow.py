@@ -17,10 +17,10 @@ from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find
+from piezo_hysteresis.discovery.verdict.build_verdict import tell
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
-from piezo_hysteresis.discovery.verdict.tell import tell
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
-from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import chosen
 from piezo_hysteresis.records import Record, listed
@@ -107,10 +107,10 @@ def discover(
     policy : mapping of str to float, optional
         Numbers that decide, where they are not to be those of `SelectionPolicy`.
     time_limit : float
-        Seconds after which nothing more is begun: the best so far is the verdict, and says what
+        Seconds after which nothing more is started: the best so far is the verdict, and says what
         was not tried. It then depends on how fast the machine is.
     progress : callable
-        Told ``(fraction, message)``.
+        Called with ``(fraction, message)``.
 
     Raises
     ------

@@ -12,12 +12,12 @@ from piezo_hysteresis.compensation.energy import slow_enough
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE
 from piezo_hysteresis.compensation.sensor import POINT_SIZE, READ_SIZE
 from piezo_hysteresis.export.component import Component
-from piezo_hysteresis.export.fields import IMPOSSIBLE, OK, UNBEGUN, Field, checking
+from piezo_hysteresis.export.fields import IMPOSSIBLE, OK, UNINITIALISED, Field, checking
 from piezo_hysteresis.export.sections import Section
 from piezo_hysteresis.jit import leaf, scratch
 
-# Places in the memory: the mark of one that was begun, ticks so far, the last voltage, the last
-# displacement that was asked for; then the sections.
+# Places in the memory: the mark of one that is initialised, ticks so far, the last voltage, the
+# last displacement that was asked for; then the sections.
 _MARK, _TICK, _VOLTAGE, _ASKED = range(4)
 HEAD = 4
 # Places in the input: reference and its derivatives, frequency, phase, measurement, its age
@@ -25,7 +25,7 @@ HEAD = 4
 D, V, A, F, PHI, MEASURED, AGE = range(7)
 INPUT_SIZE = 7
 
-# What a step tells, as bits.
+# What a step reports, as bits.
 REFERENCE_REFUSED, NOT_USED, OUT_OF_RANGE, SLEW_LIMITED, NOT_FINITE = 1, 2, 4, 8, 16
 ENERGY_LIMITED = 32
 
@@ -53,7 +53,7 @@ def compensator_of(
     dt : float
         Sampling interval [s].
     mark : float
-        By which the library knows a state that it has begun.
+        By which the library knows a state that it has initialised.
     """
     fields = (*limits, *(field for section in sections for field in section.fields))
     step: Any = _pass
@@ -134,7 +134,7 @@ def _taking(
 
 
 def _judging(fields: Sequence[Field], dt: float) -> Callable[[FloatArray], int]:
-    """Return what tells whether values can be taken at all: 0, or why not."""
+    """Return whether values are accepted: 0, or why not."""
     check = checking(fields)
 
     @leaf
@@ -158,7 +158,7 @@ def _stepping(
     def step(s: FloatArray, x: FloatArray, voltage: FloatArray) -> int:
         if s[_MARK] != mark:
             voltage[0] = safe
-            return UNBEGUN
+            return UNINITIALISED
         point, read, code = scratch(POINT_SIZE), scratch(READ_SIZE), 0
         tick = s[_TICK]
         point[0] = tick
@@ -231,7 +231,7 @@ def _changing(judge: Any, take: Any, mark: float) -> Callable[[FloatArray, Float
     @leaf
     def change(s: FloatArray, values: FloatArray) -> int:
         if s[_MARK] != mark:
-            return UNBEGUN
+            return UNINITIALISED
         code = judge(values)
         if code != OK:
             return int(code)
@@ -244,7 +244,7 @@ def _resetting(reset: Any, mark: float) -> Callable[[FloatArray], int]:
     @leaf
     def forget(s: FloatArray) -> int:
         if s[_MARK] != mark:
-            return UNBEGUN
+            return UNINITIALISED
         reset(s)
         s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
         return OK

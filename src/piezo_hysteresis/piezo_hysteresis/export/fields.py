@@ -14,8 +14,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import leaf
 from piezo_hysteresis.models.chain import Model
 
-# Answers of `set` and `init`; a number that is refused is told as REFUSED - its place.
-OK, UNBEGUN, IMPOSSIBLE, REFUSED = 0, -2, -3, -100
+# Answers of `set` and `init`; a number that is refused is returned as REFUSED - its place.
+OK, UNINITIALISED, IMPOSSIBLE, REFUSED = 0, -2, -3, -100
 
 
 @dataclass(frozen=True)

@@ -9,19 +9,19 @@ from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
 from piezo_hysteresis.export.pieces import Alone, Run, late, of_block
 from piezo_hysteresis.jit import leaf, scratch
-from piezo_hysteresis.models.linear_runs import LinearStep, run_path
-from piezo_hysteresis.models.parts import Layout
-from piezo_hysteresis.models.path_runs import PathPiece, PathRun
-from piezo_hysteresis.models.paths import joined, read, with_turns, without_turns
-from piezo_hysteresis.models.way_runs import WayRun
-from piezo_hysteresis.models.ways import take_up, ways
+from piezo_hysteresis.models.simulation.intersample import joined, read, with_turns, without_turns
+from piezo_hysteresis.models.simulation.quadrature import approaches, integrate
+from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun
+from piezo_hysteresis.models.simulation.state_layout import Layout
+from piezo_hysteresis.models.simulation.state_space import LinearStep, run_path
+from piezo_hysteresis.models.simulation.substep_run import PathPiece, PathRun
 
 
 def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
     """Return a path run for its parameters `own`."""
     steps, layout = run.steps(own, dt), run.layout(dt)
-    if steps == 0 and run.by_way is not None:
-        return _way_run(run.by_way, own, dt, layout)
+    if steps == 0 and run.by_quadrature is not None:
+        return _quadrature_run(run.by_quadrature, own, dt, layout)
     order, points = run.order(own), 3 * steps
     timing = run.timing(own, dt, order > 0.0)
     whole: Run | None = None
@@ -31,7 +31,7 @@ def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
         whole = one if whole is None else _then(whole, one)
     assert whole is not None
     part = timing.part
-    begun, ended = layout.past.start, layout.past.stop
+    past, past_end = layout.past.start, layout.past.stop
 
     @leaf
     def follow(
@@ -40,7 +40,7 @@ def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
         path, answer = scratch(points), scratch(points)
         for k in range(x.size):
             if order > 0.0:
-                joined(x[k : k + 1], path, state[begun:ended], order)
+                joined(x[k : k + 1], path, state[past:past_end], order)
             else:
                 for i in range(points):
                     path[i] = x[k]
@@ -163,9 +163,9 @@ def _on_the_clock(block: Block, dt: float, steps: int, ahead: float) -> Alone:
     return follow
 
 
-def _way_run(run: WayRun, own: FloatArray, dt: float, layout: Layout) -> Run:
-    """Return a run that goes one way within a tick."""
-    way, places, weights = run.way(own, dt)
+def _quadrature_run(run: QuadratureRun, own: FloatArray, dt: float, layout: Layout) -> Run:
+    """Return a run that is integrated by quadrature within a tick."""
+    approach, places, weights = run.approach(own, dt)
     response = run.response(own, dt)
     whole, part = in_ticks(float(own[: run.delays].sum()), dt)
     pieces, count = (2 if part > 0.0 else 1), places.size + 1
@@ -178,7 +178,7 @@ def _way_run(run: WayRun, own: FloatArray, dt: float, layout: Layout) -> Run:
     first, first_end = layout.memories[0].start, layout.memories[0].stop
     behind = layout.memories[1 + len(run.middle)].start
     states = layout.size - behind
-    going = (float(way.time), float(way.most))
+    going = (float(approach.time), float(approach.most))
     phi, impulse, integral, row, direct = response
 
     @leaf
@@ -194,12 +194,12 @@ def _way_run(run: WayRun, own: FloatArray, dt: float, layout: Layout) -> Run:
                 shift(x[k : k + 1], new, state[ring:ring_end], whole)
                 old[0] = state[1]
                 state[1] = new[0]
-            ways(old, new, part, state[first:first_end], going, dt, places, values, lasts)
+            approaches(old, new, part, state[first:first_end], going, dt, places, values, lasts)
             for i in range(pieces):
                 middle(values[0, i], seen[0, 0, i], state, p, frequency)
             for i in range(states):
                 memory[0, i] = state[behind + i]
-            take_up(
+            integrate(
                 seen, lasts, part, places, weights, answer, memory, state[:1], phi, impulse,
                 integral, row, direct, ahead,
             )  # fmt: skip

@@ -16,9 +16,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.jit import leaf, scratch
-from piezo_hysteresis.models.compiled import kernel_of
-from piezo_hysteresis.models.linear_runs import run_held
-from piezo_hysteresis.models.stages import LinearStage, Stage, TickStage
+from piezo_hysteresis.models.simulation.compiled import kernel_of
+from piezo_hysteresis.models.simulation.plan import LinearStage, Stage, TickStage
+from piezo_hysteresis.models.simulation.state_space import run_held
 
 Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float], None]
 #: The same for one block on its own parameters: ``run(x, y, state, p, frequency)``.

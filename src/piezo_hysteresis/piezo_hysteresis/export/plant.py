@@ -10,12 +10,12 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.export.compensator import NOT_FINITE
 from piezo_hysteresis.export.component import Component
-from piezo_hysteresis.export.fields import OK, UNBEGUN, Field, checking, of_model
+from piezo_hysteresis.export.fields import OK, UNINITIALISED, Field, checking, of_model
 from piezo_hysteresis.export.pieces import in_series, piece_of
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model
 
-# Places in the memory: the mark of one that was begun, the last voltage; parameters and state
+# Places in the memory: the mark of one that is initialised, the last voltage; parameters and state
 # follow.
 _MARK, _VOLTAGE = range(2)
 HEAD = 2
@@ -52,7 +52,7 @@ def _stepping(
     def step(s: FloatArray, voltage: float, displacement: FloatArray) -> int:
         if s[_MARK] != mark:
             displacement[0] = 0.0
-            return UNBEGUN
+            return UNINITIALISED
         code = OK
         if not np.isfinite(voltage):
             voltage, code = s[_VOLTAGE], NOT_FINITE
@@ -76,7 +76,7 @@ def _changing(
     @leaf
     def change(s: FloatArray, values: FloatArray) -> int:
         if s[_MARK] != mark:
-            return UNBEGUN
+            return UNINITIALISED
         code = check(values)
         if code == OK:
             for k in range(count):
@@ -86,7 +86,7 @@ def _changing(
     @leaf
     def reset(s: FloatArray) -> int:
         if s[_MARK] != mark:
-            return UNBEGUN
+            return UNINITIALISED
         s[_VOLTAGE] = 0.0
         for k in range(states):
             s[first + k] = rest[k]

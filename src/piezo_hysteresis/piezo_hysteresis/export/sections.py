@@ -97,7 +97,7 @@ class Section:
 
 
 def limits_fields(limits: Limits, energy: EnergyLimits) -> tuple[Field, ...]:
-    """Return the fields of the limits, which every section is told."""
+    """Return the fields of the limits, which every section gets."""
     rows = (
         ('limits.low', limits.low), ('limits.high', limits.high), ('limits.slew', limits.slew),
         ('energy_limit', energy.power), ('capacitance', energy.capacitance),

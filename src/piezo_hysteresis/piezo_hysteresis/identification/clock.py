@@ -30,7 +30,7 @@ def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[fl
 
     Half a sample at most, as sample numbers count whole ones. As much as that where a chain that
     answers at once has an offset that was fitted: it stands for what takes less than a sample, and
-    more of it cannot be told from a clock.
+    more of it cannot be distinguished from a clock.
 
     Parameters
     ----------

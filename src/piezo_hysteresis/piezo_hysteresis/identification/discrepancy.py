@@ -18,15 +18,15 @@ from piezo_hysteresis.identification.drive_lines import (
     drive_lines,
     phase_at,
 )
-from piezo_hysteresis.identification.factor import projected_out
+from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
 from piezo_hysteresis.identification.noise import density
-from piezo_hysteresis.identification.opening import misfit
+from piezo_hysteresis.identification.qr import projected_out
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Condition, Discrepancy, Model
 from piezo_hysteresis.numerics.harmonics import harmonics, line_amplitudes, phase_of
 from piezo_hysteresis.records import Record
 
-#: Lines and bands with less than this of the power of a residual are not told.
+#: Lines and bands with less than this of the power of a residual are not reported.
 LEAST_POWER = 1e-3
 # Parts of a record whose harmonics are compared, as long as what is held out, and the mean
 # amplitude of the drive, over the largest, from which a part says something.

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.identification.factor import orthonormal
+from piezo_hysteresis.identification.qr import orthonormal
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, lines_and_rest, phase_of
 
-#: Length of a record [periods] from which harmonics are told apart: lines are three bins apart.
+#: Length of a record [periods] from which harmonics are distinguished: lines are three bins apart.
 PERIODS = 3.0
 #: Scatter of the amplitude, over its mean, from which harmonics follow it: below it a parabola has
 #: nothing to hold on to.

@@ -9,10 +9,13 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.circumstances import Choices, revised
-from piezo_hysteresis.identification.opening import answered, misfit
-from piezo_hysteresis.identification.reading import simulated
-from piezo_hysteresis.identification.record_start import RecordStart, first_guess
+from piezo_hysteresis.identification.free_run import simulated
+from piezo_hysteresis.identification.initial_conditions.nuisances import answered, misfit
+from piezo_hysteresis.identification.initial_conditions.record_start import (
+    RecordStart,
+    first_guess,
+)
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.targets import Target, targets_of, whole
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
@@ -37,7 +40,7 @@ class RecordErrors:
     own_zero : bool
         Whether its displacement is counted from a zero of its own.
     noise_rms : float
-        Noise of one sample [m]; NaN where it cannot be told.
+        Noise of one sample [m]; NaN where it cannot be estimated.
     lost : int
         Samples that do not count: spikes and drop-outs.
     """
@@ -110,7 +113,7 @@ def views_of(
     *,
     checked: bool = True,
 ) -> tuple[Target, ...]:
-    """Return whole records with starts and zeros as the model tells them.
+    """Return whole records with starts and zeros as the model estimates them.
 
     Parameters
     ----------

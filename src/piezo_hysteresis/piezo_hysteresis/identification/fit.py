@@ -76,7 +76,7 @@ def fit(
     targets : sequence of Target, optional
         Prepared by `targets_of`, to spare the folding where many models see the same records.
     progress : callable, optional
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
 
     Returns
     -------

@@ -16,17 +16,17 @@ from piezo_common.wording import counted
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
 from piezo_hysteresis.identification.errors import RecordErrors, judged, views_of
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.methods import base_of, settled_by
-from piezo_hysteresis.identification.nested import output_error_in_stages
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
+from piezo_hysteresis.identification.staged_fit import output_error_in_stages
 from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.unseen import without_unseen
@@ -238,7 +238,7 @@ def identify(
     seed : int
         Of the searches.
     progress : callable, optional
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
     workers : int
         Threads; the result does not depend on it.
     **options
@@ -261,7 +261,7 @@ def identify(
     base = base_of(method)
     model, known = chain_of(model)
     options = {**settled_by(method), **options}
-    begun = time.perf_counter()
+    started = time.perf_counter()
     require_settings(
         seed=seed,
         workers=workers,
@@ -277,7 +277,7 @@ def identify(
     held_at(model, {}, given)
     remarks = require_usable(records)
     if base in ONLINE_METHODS:
-        return _online(records, model, method, remarks, begun, progress, options)
+        return _online(records, model, method, remarks, started, progress, options)
     if base == 'output_error':
         fit = output_error_in_stages(model, records, workers=workers, progress=progress, **options)
         fit, left_out = without_unseen(fit, records, {**options, 'workers': workers})
@@ -287,7 +287,7 @@ def identify(
         )
         left_out = ()
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
-    found = from_fit(fit, method, records, [*remarks, *left_out], begun, choices)
+    found = from_fit(fit, method, records, [*remarks, *left_out], started, choices)
     return replace(found, left_out=left_out)
 
 
@@ -296,7 +296,7 @@ def from_fit(
     method: str,
     records: Sequence[Record],
     warnings: Sequence[str] = (),
-    begun: float | None = None,
+    started: float | None = None,
     choices: Choices | None = None,
 ) -> Identification:
     """Return a fit with its errors over whole records.
@@ -311,12 +311,12 @@ def from_fit(
         Judged one by one.
     warnings : sequence of str
         Said before those of the fit.
-    begun : float, optional
+    started : float, optional
         ``time.perf_counter()`` at the start.
     choices : Choices, optional
         What the user says of starts and zeros.
     """
-    begun = time.perf_counter() if begun is None else begun
+    started = time.perf_counter() if started is None else started
     views = views_of(fit.model, fit.values, records, fit.sampling_offset, choices)
     rows = judged(fit.model, fit.values, views, fit.sampling_offset)
     floor = floor_of(records).rms
@@ -335,7 +335,7 @@ def from_fit(
         noise_floor=floor,
         sampling_offset=fit.sampling_offset,
         history=fit.history,
-        seconds=time.perf_counter() - begun,
+        seconds=time.perf_counter() - started,
         fit=fit,
         discrepancy=_discrepancy(fit.model, fit.values, records, views, fit.sampling_offset),
         views=views,
@@ -405,7 +405,7 @@ def _online(
     model: Model,
     method: str,
     remarks: Sequence[str],
-    begun: float,
+    started: float,
     progress: Progress | None,
     options: Mapping[str, Any],
 ) -> Identification:
@@ -438,7 +438,7 @@ def _online(
         noise_floor=floor_of(records).rms,
         sampling_offset=late,
         history=run.history,
-        seconds=time.perf_counter() - begun,
+        seconds=time.perf_counter() - started,
         discrepancy=_discrepancy(chain, values, records, views, late),
         views=views,
         seen=fingerprints(records),

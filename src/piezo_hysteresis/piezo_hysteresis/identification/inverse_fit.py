@@ -12,6 +12,7 @@ from piezo_hysteresis.blocks import Block
 from piezo_hysteresis.blocks.base import Part
 from piezo_hysteresis.blocks.inverse_bouc_wen import SELECTOR, SINGLE
 from piezo_hysteresis.identification.fit import target_weights
+from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.inverse_rows import (
     Solver,
     by_least_squares,
@@ -19,7 +20,6 @@ from piezo_hysteresis.identification.inverse_rows import (
 )
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
 from piezo_hysteresis.identification.output_error import leaves_noise, output_error, suited
-from piezo_hysteresis.identification.reading import simulated
 from piezo_hysteresis.identification.result import FitResult, pooled_noise, result_at
 from piezo_hysteresis.identification.targets import targets_of
 from piezo_hysteresis.models import Model

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.factor import triangle
+from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model

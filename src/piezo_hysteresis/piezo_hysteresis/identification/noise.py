@@ -61,14 +61,14 @@ class Noise:
     Attributes
     ----------
     rms : float
-        Of the noise [m]; NaN where it cannot be told.
+        Of the noise [m]; NaN where it cannot be estimated.
     lines : int
         Independent lines of the spectrum that it was taken from, half of those of a windowed one
         where noise is white, less where few lines hold most of it: it is known to about
         ``0.72 / sqrt(lines)``.
     colour : float
         Correlation of one sample with the next: 0 for white noise, towards 1 for slow noise; NaN
-        where it cannot be told.
+        where it cannot be estimated.
     order : int
         Of the differences from which `rms` was taken as if it were white; 0 for a spectrum.
     rounding : float

@@ -10,13 +10,18 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.identification.beginnings import Motion
-from piezo_hysteresis.identification.crew import of_each
-from piezo_hysteresis.identification.factor import triangle
-from piezo_hysteresis.identification.opening import Opening, misfit, opened, square
-from piezo_hysteresis.identification.reading import differentiated, simulated
+from piezo_hysteresis.identification.free_run import differentiated, simulated
+from piezo_hysteresis.identification.initial_conditions.initial_state import InitialStateRun
+from piezo_hysteresis.identification.initial_conditions.nuisances import (
+    Nuisances,
+    misfit,
+    nuisances_of,
+    square,
+)
+from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import moves_by_ticks
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
 
 #: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
@@ -162,7 +167,7 @@ class Objective:
         packed: FloatArray,
         late: float,
         rows: FloatArray,
-        motion: Motion | None = None,
+        motion: InitialStateRun | None = None,
     ) -> FloatArray:
         """Return simulated samples, shape (m,), and fill in derivatives, shape (p, m)."""
         y, own, slope = differentiated(self.model, packed, self._own, target, late, motion)
@@ -171,13 +176,15 @@ class Objective:
             rows[self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
         return target.pick(y)
 
-    def _seen(self, target: Target, packed: FloatArray, late: float, begun: Opening) -> FloatArray:
+    def _seen(
+        self, target: Target, packed: FloatArray, late: float, nuisances: Nuisances
+    ) -> FloatArray:
         """Return what `_without` takes: one array, because it is much and filled often."""
-        q, p, m = len(begun.rows), len(self.free), target.measured.size
+        q, p, m = len(nuisances.rows), len(self.free), target.measured.size
         seen = np.empty((q + p + 1, m + q))
         part = seen[:, :m]
-        part[:q] = begun.rows
-        y = self._differentiated(target, packed, late, part[q:-1], begun.motion)
+        part[:q] = nuisances.rows
+        y = self._differentiated(target, packed, late, part[q:-1], nuisances.motion)
         np.subtract(y, target.measured, out=part[-1])
         if target.factors is not None:
             part *= target.factors
@@ -196,9 +203,9 @@ class Objective:
         def compress(pair: tuple[Target, float]) -> FloatArray:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
-                begun = opened(self.model, packed, target, late, target.factors)
-                seen = self._seen(target, packed, late, begun)
-            free = _without(begun, seen)
+                nuisances = nuisances_of(self.model, packed, target, late, target.factors)
+                seen = self._seen(target, packed, late, nuisances)
+            free = _without(nuisances, seen)
             return free * (weight * target.weight)
 
         pairs = list(zip(self.targets, self.weights, strict=True))
@@ -218,22 +225,22 @@ class Objective:
         return full[:p, :p], full[:p, p], cost
 
 
-def _without(begun: Opening, seen: FloatArray) -> FloatArray:
+def _without(nuisances: Nuisances, seen: FloatArray) -> FloatArray:
     """Return the triangle of `seen` with what a record knows of itself taken out of it.
 
     Parameters
     ----------
-    begun : Opening
+    nuisances : Nuisances
         How it began, with a prior of its own numbers.
     seen : ndarray, shape (q + p + 1, m + q)
         Rows of those, derivatives and residual, and room for the prior; destroyed. The prior
         counts from where the run is already, by `pull`.
     """
-    q = len(begun.rows)
+    q = len(nuisances.rows)
     if q:
-        seen[:q, -q:] = np.diag(begun.prior)
+        seen[:q, -q:] = np.diag(nuisances.prior)
         seen[q:-1, -q:] = 0.0
-        seen[-1, -q:] = begun.prior * begun.pull
+        seen[-1, -q:] = nuisances.prior * nuisances.pull
     full = triangle(seen)
     if not q or not np.all(np.isfinite(full)):
         return full[q:, q:]

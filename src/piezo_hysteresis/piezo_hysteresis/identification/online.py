@@ -12,8 +12,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.fit import FARTHEST
+from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.output_error import output_error
-from piezo_hysteresis.identification.reading import shifted
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.solver import Progress
@@ -165,7 +165,7 @@ def run_online(
     sampling_offset : bool
         Whether to find when the displacement was sampled; False trusts our convention.
     progress : callable, optional
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
     **options
         Of the method: start, forgetting, variant, offset, unit, p0.
 

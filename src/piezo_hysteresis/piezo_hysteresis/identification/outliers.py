@@ -13,7 +13,7 @@ _MAD = 1.4826  # of a normal distribution: standard deviation over the median ab
 # A short excursion stands out when it is so many times larger than any other nearby.
 _STANDS_OUT = 5.0
 _NEARBY = 15
-_WIDEST = 3  # samples of an excursion that is told without a second period
+_WIDEST = 3  # samples of an excursion that is reported without a second period
 _FROZEN = 4  # samples for which a sensor may say the same by chance
 _SETTLING = 3.0  # typical differences of a period, over those of most, from which it settles
 _SMALLEST = 1e-5  # share of the stroke below which nothing is an outlier

@@ -11,12 +11,16 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.circumstances import Choices, revised, zeros_lie_apart
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.initial_conditions.revision import (
+    Choices,
+    revised,
+    zeros_lie_apart,
+)
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import search_by
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.start_search import search_by
 from piezo_hysteresis.identification.starts import Start, representative, starts
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
@@ -26,7 +30,7 @@ from piezo_hysteresis.records import Record
 _FOLLOWED_SAMPLES = 150_000
 #: Records on which starts are followed; the best is polished on all.
 _FOLLOWED_RECORDS = 5
-#: How often what a fit tells of the records may change what it is fitted to, and what change of a
+#: How often what a fit says of the records may change what it is fitted to, and what change of a
 #: weight is one.
 _REVISIONS = 6
 #: A clock as our convention has it is kept where it leaves hardly more: by this share of the
@@ -159,7 +163,7 @@ def output_error(
     if apart is None:
         return result
     best = follow(*apart)
-    # told by this model first, or a fit to all of it would make a loop of the zeros again
+    # by this model first, or a fit to all of it would make a loop of the zeros again
     seen = revised(chain, best.values, best.sampling_offset, targets, records, choices)
     other = end(seen, best)
     return other if zeros_lie_apart(_left(other), _left(result)) else result

@@ -344,7 +344,7 @@ class OnlineRls:
             'RLS sees only A1 - A, so A1 + A keeps its start for ever; use output_error instead.'
         ]
         if self._settings.offset and self._settings.variant != 'basic':
-            notes.append('A0 and the offset cannot be told apart in steady state.')
+            notes.append('A0 and the offset cannot be distinguished in steady state.')
         if self._settings.harmonic:
             notes.append(
                 'One sine excites two of the four harmonic columns: their split is that of least '

@@ -101,7 +101,7 @@ def update_many(
     The memory lives in local variables while the loop runs, which makes it four times faster.
     """
     k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww = m
-    variant, offset, harmonic, omega, forgetting, begun = c
+    variant, offset, harmonic, omega, forgetting, phase = c
     n = theta.size
     last = n - 4
     # Tatebatake 2017 has +S(du), +S|du| and -A0|du| where Fujii 2018 has the opposite
@@ -122,7 +122,7 @@ def update_many(
             x[7] = 1.0
         if harmonic > 0.0:
             x[last], x[last + 1] = z2, z3
-            x[last + 2], x[last + 3] = sin(begun + omega * k0), cos(begun + omega * k0)
+            x[last + 2], x[last + 3] = sin(phase + omega * k0), cos(phase + omega * k0)
         for i in range(n):
             error -= theta[i] * x[i]
         _gain(x, theta, p, g, error, forgetting)

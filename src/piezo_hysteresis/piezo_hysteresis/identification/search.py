@@ -133,7 +133,7 @@ def search(
     swarm : Swarm, optional
         Constants of ``pso`` and ``pso_modified``, in the place of population and tolerance.
     progress : callable, optional
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
 
     Raises
     ------

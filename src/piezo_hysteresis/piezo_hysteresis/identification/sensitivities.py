@@ -12,10 +12,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.directions import At, through
-from piezo_hysteresis.models.parts import PlacedBlock
-from piezo_hysteresis.models.path_tangents import carried
-from piezo_hysteresis.models.stages import LinearStage, PathStage, Stage, TickStage
+from piezo_hysteresis.models.simulation.block_sensitivities import At, through
+from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, Stage, TickStage
+from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
+from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
 _MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
 _STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
@@ -68,7 +68,9 @@ def sensitivities(
             signal, tangent = _alone(stage, own, p, free, signal, tangent, clock)
         else:
             numbers = [j for j, parameter in enumerate(own) if parameter.name in free]
-            carry = _by_ways if _is_way(stage, p, signal, tangent, clock) else _by_path
+            carry = (
+                _by_quadrature if _is_quadrature(stage, p, signal, tangent, clock) else _by_path
+            )
             signal, tangent = carry(stage, own, p, numbers, signal, tangent, clock)
         columns += [each.name for each in own if each.name in free]
     order = [columns.index(name) for name in free]
@@ -103,17 +105,17 @@ def _alone(
     return _joined(answers, tangent.shape[0])
 
 
-def _is_way(
+def _is_quadrature(
     stage: Stage, p: FloatArray, signal: FloatArray, tangent: FloatArray, clock: _Clock
 ) -> bool:
     """Return whether the memory of a run is differentiated on its own, and not the whole run."""
-    if not isinstance(stage, PathStage) or tangent.shape[0] or stage.run.by_way is None:
+    if not isinstance(stage, PathStage) or tangent.shape[0] or stage.run.by_quadrature is None:
         return False
-    own = sum(len(part.block.parameters) for part in stage.run.by_way.middle)
+    own = sum(len(part.block.parameters) for part in stage.run.by_quadrature.middle)
     return stage.run.steps(p, clock.dt) == 0 and own * signal.size < _MOST_VALUES
 
 
-def _by_ways(
+def _by_quadrature(
     stage: Stage,
     own: Sequence[Parameter],
     p: FloatArray,
@@ -122,18 +124,18 @@ def _by_ways(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through what goes one way within a tick.
+    """Carry tangents through a run by quadrature.
 
-    A memory is differentiated along the way by its own kernel, and the linear blocks behind it
-    take the derivatives up as they take up the signal. Way, delay and linear blocks themselves
-    are differenced.
+    A memory is differentiated at the nodes by its own kernel, and the linear blocks behind it
+    integrate the derivatives as they integrate the signal. Approach, delay and linear blocks
+    themselves are differenced.
     """
     assert isinstance(stage, PathStage)
-    run, dt = stage.run.by_way, clock.dt
+    run, dt = stage.run.by_quadrature, clock.dt
     assert run is not None
     state = stage.initial_state(dt, clock.start)
-    gone = run.gone(signal, p, dt, state=state, layout=stage.run.layout(dt))
-    flat, rows = gone.values.ravel(), np.empty((0, gone.values.size))
+    nodes = run.node_values(signal, p, dt, state=state, layout=stage.run.layout(dt))
+    flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
     places: list[int] = []
     free = [own[j].name for j in columns]
     for part in run.middle:
@@ -141,13 +143,13 @@ def _by_ways(
         mine = [(j, own[j]) for j in range(part.span.start, part.span.stop)]
         flat, rows = _alone(inside, [q for _, q in mine], p[part.span], free, flat, rows, clock)
         places += [j for j, q in mine if q.name in free]
-    answers = run.taken_up(np.vstack([flat, rows]), gone, p, dt)
+    answers = run.integrated(np.vstack([flat, rows]), nodes, p, dt)
     known = dict(zip(places, answers[1:], strict=True))
     behind = {j for part in run.behind for j in range(part.span.start, part.span.stop)}
     for j in behind & set(columns):
         moved = p.copy()
         moved[j] += parameter_step(stage, own[j], p[j], dt)
-        answer = run.taken_up(flat[None], gone, moved, dt)[0]
+        answer = run.integrated(flat[None], nodes, moved, dt)[0]
         known[j] = (answer - answers[0]) / (moved[j] - p[j])
     rest = [j for j in columns if j not in known]
     _, others = _differenced(stage, own, p, rest, signal, tangent, clock)

@@ -154,7 +154,7 @@ def solve(
     stopped : callable
         Asked before each step whether there is no time for it.
     progress : callable, optional
-        Told ``(fraction of the evaluations used, cost in words)``.
+        Called with ``(fraction of the evaluations used, cost in words)``.
 
     Returns
     -------

@@ -10,8 +10,8 @@ import numpy as np
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.circumstances import Choices, revised
 from piezo_hysteresis.identification.fit import FARTHEST, target_weights
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.inverse_fit import fit_direct, law_of
 from piezo_hysteresis.identification.inverse_rows import by_swarm
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective

@@ -9,6 +9,15 @@ from math import ceil, hypot, nan, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.initial_conditions.record_start import (
+    NEAR_ZERO,
+    SETTLED,
+    SETTLING,
+    STEP,
+    RecordStart,
+    first_guess,
+    lead_in,
+)
 from piezo_hysteresis.identification.noise import (
     SURE,
     Noise,
@@ -18,15 +27,6 @@ from piezo_hysteresis.identification.noise import (
 )
 from piezo_hysteresis.identification.outliers import mended, outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from
-from piezo_hysteresis.identification.record_start import (
-    NEAR_ZERO,
-    SETTLED,
-    SETTLING,
-    STEP,
-    RecordStart,
-    first_guess,
-    lead_in,
-)
 from piezo_hysteresis.records import Record
 
 #: Behind the name of a record: its way into the steady state.
@@ -220,7 +220,7 @@ def _drive(record: Record, period: int, first: int, settling: float) -> tuple[Fl
 
 
 def with_noise(target: Target, noise: Noise) -> Target:
-    """Return a target whose noise is told by more than its own record."""
+    """Return a target whose noise is estimated from more than its own record."""
     colour = noise.memory**target.stride
     return replace(target, noise=noise.rms, noise_colour=colour, rounding=noise.rounding)
 

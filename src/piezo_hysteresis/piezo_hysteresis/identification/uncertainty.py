@@ -14,7 +14,7 @@ from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 CONDITION_LIMIT = 1e6
 # Share of the largest singular value that differences of a free run cannot tell from none.
 _ROUNDING = 1e-9
-#: Correlation beyond which two parameters count as not told apart.
+#: Correlation beyond which two parameters count as not distinguished.
 CORRELATION_LIMIT = 0.995
 
 
@@ -171,10 +171,10 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             )
         else:
             remarks.append(
-                f'{_listed(group)} cannot be told apart from these records: {help_for(group)}.'
+                f'{_listed(group)} cannot be distinguished from these records: {help_for(group)}.'
             )
     remarks += [
-        f'{_listed(group)} can hardly be told apart from these records (correlation beyond '
+        f'{_listed(group)} can hardly be distinguished from these records (correlation beyond '
         f'{CORRELATION_LIMIT}): {help_for(group)}.'
         for group in _confounded(result, names, values)
         if not set(group) <= lost

@@ -13,7 +13,7 @@ from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
-from piezo_hysteresis.investigation.hidden import Hidden
+from piezo_hysteresis.investigation.undetected import Hidden
 
 # Scores of a few records know less than they say: rivals count by their shares to this power.
 TEMPER = 0.25
@@ -62,7 +62,7 @@ class Belief:
     surest : (str, float)
         The likeliest name of the effect that is least sure, and its probability.
     rivals : tuple of Rival
-        What could be told apart.
+        What could be distinguished.
     left : bool
         Whether something is left that no name explains.
     floors : float

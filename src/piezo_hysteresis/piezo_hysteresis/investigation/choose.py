@@ -11,10 +11,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.investigation.belief import Belief, Rival
-from piezo_hysteresis.investigation.criterion import binary_entropy, told_apart
+from piezo_hysteresis.investigation.criterion import binary_entropy, discrimination
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
-from piezo_hysteresis.investigation.hidden import Hidden
 from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
+from piezo_hysteresis.investigation.undetected import Hidden
 
 # How often one experiment may be run.
 MOST_RUNS = 2
@@ -28,7 +28,7 @@ class ExperimentChoice:
     ----------
     experiment : PlannedExperiment
         Which.
-    told_apart : float
+    discrimination : float
         By how much it is expected to lower the entropy of the rivals' names [nats].
     news : float
         Probability that it shows something that no record so far has shown.
@@ -37,14 +37,14 @@ class ExperimentChoice:
     """
 
     experiment: PlannedExperiment
-    told_apart: float
+    discrimination: float
     news: float
     why: str
 
     @property
     def worth(self) -> float:
         """What it is expected to tell [nats]."""
-        return self.told_apart + binary_entropy(self.news)
+        return self.discrimination + binary_entropy(self.news)
 
     @property
     def rate(self) -> float:
@@ -111,7 +111,7 @@ def _judged(
     if len(set(names)) > 1:
         nats = nats_between(belief.rivals, seen)
         chances = np.array([rival.chance for rival in belief.rivals])
-        apart = told_apart(chances, names, nats)
+        apart = discrimination(chances, names, nats)
         pair = _best_pair(chances, names, nats)
     news = hidden.news(done, seen.experiment.name, belief.names)
     return ExperimentChoice(seen.experiment, apart, news, _why(apart, pair, news))

@@ -1,9 +1,9 @@
 """What an experiment is expected to tell, as functions of plain numbers.
 
 Between rivals the expected loss of entropy decides, as in the criteria of Hunter and Reiner 1965
-and of Box and Hill 1967, of which it is the form that saturates: rivals that are told apart for
-sure cannot be told apart better. What no rival explains yet may still be hidden in a size that the
-records so far would not have shown; an experiment that would show more sizes is worth more.
+and of Box and Hill 1967, of which it is the form that saturates: rivals that are distinguished for
+sure cannot be distinguished better. What no rival explains yet may still be hidden in a size that
+the records so far would not have shown; an experiment that would show more sizes is worth more.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def grouped(chances: FloatArray, names: Sequence[str]) -> FloatArray:
     return np.asarray(np.bincount(places, chances, len(order)), dtype=np.float64)
 
 
-def told_apart(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> float:
+def discrimination(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> float:
     """Return by how much an experiment lowers the entropy of the names, as expected [nats].
 
     Parameters
@@ -39,7 +39,7 @@ def told_apart(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> f
     chances : ndarray, shape (n,)
         Probability of each rival before it; they add up to 1.
     names : sequence of str
-        What each rival is called; those of one name need not be told apart.
+        What each rival is called; those of one name need not be distinguished.
     nats : ndarray, shape (n, n)
         By how much rival j loses log likelihood where rival i is right.
     """

@@ -78,7 +78,7 @@ class Journal:
         self.folder, self.setup, self.lines = folder, setup, list(lines)
 
     @classmethod
-    def begun(cls, folder: Path, setup: Setup) -> Journal:
+    def create_or_resume(cls, folder: Path, setup: Setup) -> Journal:
         """Begin a journal, or go on with one of the same conditions; the budget may be another.
 
         Nothing is written before something is run, so that what is refused leaves nothing.
@@ -188,7 +188,7 @@ def line_of(
         'experiment': choice.experiment.name,
         'seconds': choice.experiment.seconds,
         'why': choice.why,
-        'told_apart_nats': choice.told_apart,
+        'discrimination_nats': choice.discrimination,
         'news': choice.news,
         'bag': f'{BAGS}/{number:02}',
         'follows': follows,

@@ -10,12 +10,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
-from piezo_hysteresis.discovery.selection.expectation import Expectation, expectation
 from piezo_hysteresis.discovery.selection.policy import HELD
+from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.clock import clock_about
-from piezo_hysteresis.identification.reading import simulated
-from piezo_hysteresis.identification.record_start import STEP
+from piezo_hysteresis.identification.free_run import simulated
+from piezo_hysteresis.identification.initial_conditions.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import Discrepancy, ModelFile

@@ -1,7 +1,7 @@
 """An investigation: choose, look at what came, believe something else, until it is settled.
 
-It runs nothing itself. Whoever has an actuator asks it for the next experiment, runs that and
-hands in the record; the same records in the same order lead to the same choices and verdict.
+It runs nothing itself. The caller, who has an actuator, asks it for the next experiment, runs that
+and hands in the record; the same records in the same order lead to the same choices and verdict.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from piezo_hysteresis.investigation.belief import Belief, belief_of, nothing_kno
 from piezo_hysteresis.investigation.catalogue import catalogue
 from piezo_hysteresis.investigation.choose import ExperimentChoice, choices, unseen
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
-from piezo_hysteresis.investigation.hidden import hidden_effects
 from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.predict import in_use, outlook, within
+from piezo_hysteresis.investigation.undetected import hidden_effects
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 
@@ -242,7 +242,7 @@ class Investigation:
 
     def _tells(self, choice: ExperimentChoice) -> bool:
         """Return whether an experiment is expected to tell enough to be worth running."""
-        return choice.news >= self.rules.quiet or choice.told_apart >= self.rules.least
+        return choice.news >= self.rules.quiet or choice.discrimination >= self.rules.least
 
     def _sure(self) -> Stop:
         names = ' and '.join(self.belief.names)
@@ -312,7 +312,7 @@ Chooser = Callable[[Investigation], ExperimentChoice | Stop]
 def investigate(
     investigation: Investigation,
     run: Callable[[PlannedExperiment], Record],
-    told: Callable[[ExperimentChoice, ExperimentAnswer], None] = lambda choice, answer: None,
+    on_answer: Callable[[ExperimentChoice, ExperimentAnswer], None] = lambda choice, answer: None,
     chooser: Chooser = Investigation.next,
 ) -> Stop:
     """Run an investigation to its end.
@@ -323,8 +323,8 @@ def investigate(
         Which; may be under way.
     run : callable
         Runs an experiment and returns its record.
-    told : callable
-        Told each choice and what it led to.
+    on_answer : callable
+        Called with each choice and its answer.
     chooser : callable
         Chooses the next experiment; by default what tells most per second.
     """
@@ -333,4 +333,4 @@ def investigate(
         if isinstance(choice, Stop):
             return choice
         answer = investigation.take(choice.experiment, run(choice.experiment))
-        told(choice, answer)
+        on_answer(choice, answer)

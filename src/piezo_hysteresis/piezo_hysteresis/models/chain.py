@@ -13,7 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.models.stages import Stage, stages_of
+from piezo_hysteresis.models.simulation.plan import Stage, stages_of
 
 State = list[FloatArray]
 

@@ -1,7 +1,7 @@
 """What a model left of records at hand, sample by sample.
 
 Where a drive comes again, what the model misses comes again with it, not only in its harmonics.
-Then nothing of it has to be told beforehand: it is taken off, and what remains is what is new.
+Then nothing of it has to be known beforehand: it is taken off, and what remains is what is new.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Trace:
     dt : float
         Sampling interval [s].
     begins : str
-        The way in which the record was told to begin, '' where it is not known.
+        The way in which the record was taken to start, '' where it is not known.
     """
 
     voltage: FloatArray

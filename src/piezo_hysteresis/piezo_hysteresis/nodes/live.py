@@ -231,7 +231,7 @@ def record_sweep(
     simulator : mapping, optional
         Further parameters of the simulator.
     progress : callable
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
 
     Raises
     ------

@@ -109,7 +109,7 @@ def tone_amplitude(signal: FloatArray, frequency: float, dt: float, first: int =
     Returns
     -------
     complex
-        E such that the signal is ``mean + Re(E exp(j phi))``; 0 where that cannot be told.
+        E such that the signal is ``mean + Re(E exp(j phi))``; 0 where that cannot be determined.
     """
     step = 2.0 * pi * frequency * dt
     return complex(*_tone(np.ascontiguousarray(signal), step, step * first))

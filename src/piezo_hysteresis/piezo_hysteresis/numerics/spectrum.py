@@ -19,7 +19,7 @@ from piezo_hysteresis.numerics.linalg import straight_line
 BINS = 3.0
 # The mean and what its window spreads.
 _SLOW = 3
-# A line on a harmonic above the highest that is told stands alone where it is so many times as
+# A line on a harmonic above the highest that is reported stands alone where it is so many times as
 # large as any of the four harmonics beside what it covers: ten harmonics that fall as a square law
 # differ by half from one to the next.
 _ALONE = 5.0

@@ -21,7 +21,7 @@ from piezo_hysteresis.records.sampling import Track, records_of, restarts
 STATE_NAME = 'actuator/state'
 REFERENCE_NAME = 'reference'
 MARKER_NAME = 'record/marker'
-EXACT = 1 << 53  # nanoseconds that float64 still tells apart (104 days)
+EXACT = 1 << 53  # nanoseconds that float64 still resolves (104 days)
 
 
 def read_bag(
@@ -243,7 +243,7 @@ def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> l
 def _judges(markers: list[Marker]) -> dict[int, int]:
     """Return which marker says that a record does not count, by that which begins the record.
 
-    A marker that judges means the newest of its name that was begun before it and still counts.
+    A marker that judges means the newest of its name that was started before it and still counts.
     """
     judges: dict[int, int] = {}
     for k, judge in enumerate(markers):

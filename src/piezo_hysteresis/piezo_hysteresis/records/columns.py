@@ -115,7 +115,8 @@ def assigned(names: Sequence[str], where: object) -> tuple[dict[int, tuple[str, 
     Raises
     ------
     RecordError
-        If time, voltage (or force) and displacement cannot be told, or two columns are the same.
+        If time, voltage (or force) and displacement cannot be identified, or two columns are the
+        same.
     """
     meanings = [meaning(name) for name in names]
     chosen: dict[int, tuple[str, str]] = {}

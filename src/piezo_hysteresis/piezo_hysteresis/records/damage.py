@@ -51,7 +51,7 @@ class DamageLog:
     salvage : bool
         Keep what is readable and list the findings; otherwise the first one raises.
     interpolate : bool
-        An uneven rate is no damage: whoever reads asks for another rate anyway.
+        An uneven rate is no damage: the reader asks for another rate anyway.
     findings : list of Damage
         What was wrong, in the order it was met.
     notes : list of Damage
@@ -98,7 +98,7 @@ class DamageLog:
         self.notes.append(Damage(str(where), what, count))
 
     def leave_out(self, where: object, what: str, *, count: int = 1) -> None:
-        """Note a record that is left out because whoever made it says that it does not count."""
+        """Note a record that is left out because its author says that it does not count."""
         self.note(where, what, count=count)
         self.left_out.append(self.notes[-1])
 

@@ -1,7 +1,7 @@
 """Records serialised messages of any topics into a bag that is readable at every instant.
 
-Messages are queued by whoever receives them and written by a thread of its own, a chunk every
-quarter of a second.  Whatever was flushed survives the process and a full disk: see
+Messages are queued by the thread that receives them and written by a thread of its own, a chunk
+every quarter of a second.  Whatever was flushed survives the process and a full disk: see
 `mcap_writer`.  Nothing here knows ROS; the node hands over the bytes it received.
 """
 
@@ -75,7 +75,7 @@ class Recorder:
     flush_interval : float
         Time between chunks, which is what a killed process loses [s].
     split : int
-        A new file of the bag is begun when one reaches this size [byte].
+        A new file of the bag is started when one reaches this size [byte].
     queue : int
         Messages waiting for a slow disk may take this room, then they are dropped [byte].
 

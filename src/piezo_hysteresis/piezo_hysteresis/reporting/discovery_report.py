@@ -223,7 +223,7 @@ def _what(verdict: Verdict) -> PageSection | None:
 
 
 def effect_values(effect: NamedEffect) -> list[Value]:
-    """Return the parameters of an effect as they are told."""
+    """Return the parameters of an effect as they are reported."""
     return [
         Value(name, number.value, number.std, number.unit)
         for name, number in effect.parameters.items()
@@ -254,21 +254,21 @@ def _how_sure(verdict: Verdict) -> PageSection | None:
 
 def _next(verdict: Verdict, check: Check) -> PageSection:
     lines = [f'- {each}' for each in verdict.next_experiments]
-    untold = untold_limits(check, verdict.next_experiments)
-    if untold:
-        lines += ['', 'What these records cannot tell:', '', *(f'- {each}' for each in untold)]
+    limits = limits_of_records(check, verdict.next_experiments)
+    if limits:
+        lines += ['', 'What these records cannot tell:', '', *(f'- {each}' for each in limits)]
     return PageSection('What to measure next', '\n'.join(lines))
 
 
-def untold_limits(check: Check, experiments: Sequence[str]) -> list[str]:
+def limits_of_records(check: Check, experiments: Sequence[str]) -> list[str]:
     """Return what records cannot tell, without what the experiments above have said already."""
-    untold = list(check.findings)
+    limits = list(check.findings)
     for names, advice in check.confounded:
         listed = ', '.join(names)
         if not any(listed in each and advice in each for each in experiments):
             known = any(advice in each for each in experiments)
-            untold.append(f'{listed} cannot be told apart{"" if known else f": {advice}"}')
-    return untold
+            limits.append(f'{listed} cannot be distinguished{"" if known else f": {advice}"}')
+    return limits
 
 
 def _model(found: Discovery) -> PageSection:

@@ -14,14 +14,14 @@ from piezo_hysteresis.reporting.units import shown, with_deviation
 
 # Fewer elements are listed one by one.
 FEWEST = 6
-# So many values that are zero within their deviations are told together.
+# So many values that are zero within their deviations are reported together.
 _FEWEST_ZEROS = 2
 _NUMBERED = re.compile(r'^(.*?)(\d+)$')
 
 
 @dataclass(frozen=True)
 class Value:
-    """One parameter as it is told.
+    """One parameter as it is reported.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def _weights(group: Sequence[Value]) -> Plot:
 def values_of(
     numbers: Mapping[str, float], std: Mapping[str, float], units: Mapping[str, str]
 ) -> list[Value]:
-    """Return parameters as they are told, in their order."""
+    """Return parameters as they are reported, in their order."""
     return [Value(name, value, std.get(name), units[name]) for name, value in numbers.items()]
 
 

@@ -22,7 +22,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.reporting.signals import thinned
 from piezo_hysteresis.reporting.units import MICRO
 
-#: Okabe and Ito: told apart with any colour vision, and by lightness in print.
+#: Okabe and Ito: distinct with any colour vision, and by lightness in print.
 PALETTE = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 GREY = '#8c959f'
 #: What a line is has one colour wherever it stands, in reports and pictures.

@@ -2,7 +2,7 @@
 
 A node that takes them in tells on its latched ``~/status`` by these names what it has taken. A
 recorder tells besides what it holds: from which sample to which it missed none, and the stamp of
-its newest marker. So whoever drives an experiment knows of every record who has all of it.
+its newest marker. So the node that drives an experiment knows which recorder holds each record.
 """
 
 from __future__ import annotations

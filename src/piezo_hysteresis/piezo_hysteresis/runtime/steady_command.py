@@ -78,7 +78,7 @@ class SteadyCommand:
         self._forget_what_came(sample)
 
     def _forget_what_came(self, sample: int) -> None:
-        """Drop commands that had come before tick `sample`, as the last states have told them.
+        """Drop commands that had come before tick `sample`, as the last states have reported them.
 
         What was sent long ago is over only where that tick was long after it, too: states may
         have waited to be heard.

@@ -45,7 +45,7 @@ class Audience(Protocol):
         """
 
     def keepers(self) -> Mapping[str, Progress]:
-        """Return what the recorders have told, by name."""
+        """Return what the recorders have reported, by name."""
 
     @property
     def edge_at(self) -> Callable[[int], int]:
@@ -140,13 +140,13 @@ class SweepRun:
     def stop(self, sample: int, why: str = CANCELLED) -> None:
         """Return to rest from tick `sample` on; the record that runs does not count."""
         self.sweep.cancel(sample)
-        closed, begun = self._closed, self._open or self._asked
+        closed, current = self._closed, self._open or self._asked
         self._closed = self._open = self._asked = None
         self._await(())
         if closed is not None:
             self._count(closed, [name for name, has in self._reported(closed).items() if has])
-        if begun is not None:
-            self._audience.end(begun.record.name, why, sample)
+        if current is not None:
+            self._audience.end(current.record.name, why, sample)
 
     def take_back(self, since: int, sample: int, why: str) -> None:
         """Do not count the records that had ticks from `since` on, after all."""
@@ -163,7 +163,7 @@ class SweepRun:
         record = sweep.starting(sample)
         if record is None:
             return Pause.OVER if judged else Pause.HOLD
-        if judged and self._begun(record, sample):
+        if judged and self._begin(record, sample):
             return None
         if not self.paced:
             return Pause.HOLD
@@ -198,7 +198,7 @@ class SweepRun:
             for name, each in known.items()
         }
 
-    def _begun(self, record: SweepRecord, sample: int) -> bool:
+    def _begin(self, record: SweepRecord, sample: int) -> bool:
         """Return whether every recorder knows that the record begins; ask those who do not."""
         asked = self._asked
         if asked is None or asked.record is not record or asked.first != sample:

@@ -54,8 +54,8 @@ class Watchdog:
     def voltage(self, tick: int) -> float | None:
         """Return what to command for `tick` [V], None where nothing is to be said.
 
-        The link falls silent once it has said the safe voltage: whoever takes the commands then
-        knows that the chain is broken, and keeps to its own safe voltage.
+        The link falls silent once it has said the safe voltage: the node that takes the commands
+        then knows that the chain is broken, and keeps to its own safe voltage.
         """
         if not self.overdue(tick) or self._arrived:
             return None

@@ -54,7 +54,7 @@ class Simulator(Node):
         self._waiting_since: float | None = None
         self._warned = self._refuses = False
         self._newest_command = -1
-        self._told_slew = math.inf
+        self._commanded_slew = math.inf
         self._table = simulator_table()
         self._params = NodeParameters(self, self._table)
         self._params.serve(self._apply, self._refuse)
@@ -125,8 +125,8 @@ class Simulator(Node):
             self._step_with(head, sample, voltage)
 
     def _on_slew(self, message: Float64) -> None:
-        """Keep to the slew of whoever commands [V/s], also where commands come late; 0 is any."""
-        self._told_slew = message.data if message.data > 0.0 else math.inf
+        """Keep to the slew of the commanding node [V/s], also for late commands; 0 is any."""
+        self._commanded_slew = message.data if message.data > 0.0 else math.inf
         self._set_book()
 
     def _check_stamp(self, head: bytes, sample: int) -> None:
@@ -160,7 +160,7 @@ class Simulator(Node):
         refused = not self._book.accept(voltage)
         self._book.follow(1.0 / self._rate)
         if refused and not self._refuses:
-            self._publish_status()  # whoever commanded it need not wait to hear so
+            self._publish_status()  # the commanding node need not wait for it
         self._refuses = refused
         self._advance()
 
@@ -245,7 +245,7 @@ class Simulator(Node):
     def _set_book(self) -> None:
         self._book.safe_voltage = self._params.number('safe_voltage')
         self._book.ramp = self._params.number('ramp')
-        self._book.slew = min(self._params.number('command_slew'), self._told_slew)
+        self._book.slew = min(self._params.number('command_slew'), self._commanded_slew)
         self._book.timeout = self._params.number('command_timeout') * self._rate
 
     def _become_preset(self) -> None:

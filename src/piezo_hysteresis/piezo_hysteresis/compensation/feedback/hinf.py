@@ -246,7 +246,7 @@ class HInfinity(FeedbackLink):
     limits : Limits, optional
         As in `FeedbackLink`; while the voltage is cut off the state follows the limit.
     words : str
-        What is told of it when it comes into force.
+        What is logged of it when it comes into force.
     """
 
     kernel = staticmethod(stepping(LAW))

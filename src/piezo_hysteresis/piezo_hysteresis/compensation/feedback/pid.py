@@ -16,7 +16,7 @@ __all__ = ['Pid', 'PidGains']
 
 # Places in the memory of the law: integral [V], filtered slope of the error [m/s], the last error
 # [m] and whether there was one.
-_INTEGRAL, SLOPE, _LAST, _BEGUN = range(4)
+_INTEGRAL, SLOPE, _LAST, _STARTED = range(4)
 PID_SIZE = 4
 # Places in the parameters, in the order of `PidGains`.
 PROPORTIONAL, INTEGRAL, _DERIVATIVE, _FILTER, _TRACKING = range(5)
@@ -33,11 +33,11 @@ def pid(
     dt: float,
 ) -> float:
     """Return the share of the voltage [V] by gains that may differ from those in `p`."""
-    last = memory[_LAST] if memory[_BEGUN] > 0.0 else error
+    last = memory[_LAST] if memory[_STARTED] > 0.0 else error
     memory[_INTEGRAL] += 0.5 * dt * integral * (error + last)
     twice = 2.0 * p[_FILTER]
     memory[SLOPE] = ((twice - dt) * memory[SLOPE] + 2.0 * (error - last)) / (twice + dt)
-    memory[_LAST], memory[_BEGUN] = error, 1.0
+    memory[_LAST], memory[_STARTED] = error, 1.0
     return float(proportional * error + memory[_INTEGRAL] + p[_DERIVATIVE] * memory[SLOPE])
 
 
@@ -62,7 +62,7 @@ def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
 @jit
 def take_gains(memory: FloatArray, before: float, proportional: float) -> None:
     """Let the integral take up a change of the proportional gain, so that nothing jumps."""
-    if memory[_BEGUN] > 0.0:
+    if memory[_STARTED] > 0.0:
         memory[_INTEGRAL] += (before - proportional) * memory[_LAST]
 
 

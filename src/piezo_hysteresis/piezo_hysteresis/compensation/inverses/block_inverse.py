@@ -10,8 +10,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.jit import jit, scratch
-from piezo_hysteresis.models.compiled import kernel_of
-from piezo_hysteresis.models.linear_runs import run_path, step_of
+from piezo_hysteresis.models.simulation.compiled import kernel_of
+from piezo_hysteresis.models.simulation.state_space import run_path, step_of
 
 # The share of the first slope below which a slope counts as none.
 _LEAST_SLOPE = 0.1

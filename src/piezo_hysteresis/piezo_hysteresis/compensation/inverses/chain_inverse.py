@@ -95,7 +95,7 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
                     f'{slope:g}), so the model has no inverse; identify with bounds '
                     'that keep it rising'
                 )
-            if inertia and block.way is not None and block.system is not None:
+            if inertia and block.approach is not None and block.system is not None:
                 stages.lead += _end_before_mean(block.system(own), dt)
             (stages.back if behind else stages.front).append(_Solver(block, joined, numbers))
             stages.rest = from_rest(block, numbers, stages.rest, dt, joined)

@@ -16,7 +16,7 @@ from piezo_hysteresis.discovery.choice.ladder import Ladder, Rung
 from piezo_hysteresis.discovery.choice.rules import plays_are_bearable
 from piezo_hysteresis.discovery.choice.score import HeldOutScore
 from piezo_hysteresis.identification.checks import require_usable
-from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.named import LADDER, MEMORIES
 from piezo_hysteresis.records import Record
@@ -82,9 +82,9 @@ def choose_model(
     Two chains are built: one on an off-centre Bouc-Wen hysteresis, Fujii 2018 (1), one on a bank
     of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record together
     with all others. It stays where it lowers the free-run error there, or on the rest of the
-    records, by 2 %, does not raise the latter, and its parameters are told by the records. The
-    plays are chosen unless the other chain is clearly better on the rest: their inner loops close,
-    as those of ceramics do.
+    records, by 2 %, does not raise the latter, and its parameters are determined by the records.
+    The plays are chosen unless the other chain is clearly better on the rest: their inner loops
+    close, as those of ceramics do.
 
     Records of one amplitude show no inner loop, and one static curve only, not whether it lies
     before or behind the hysteresis. There the plays are chosen whatever the errors say, and a
@@ -95,7 +95,7 @@ def choose_model(
     records : sequence of Record
         What was measured.
     progress : callable
-        Told ``(fraction, words)``.
+        Called with ``(fraction, words)``.
     choices : Choices, optional
         What is known of starts and zeros.
 

@@ -22,11 +22,11 @@ from piezo_hysteresis.discovery.choice.rules import (
     predicts_better,
 )
 from piezo_hysteresis.discovery.choice.score import HeldOutScore
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
-from piezo_hysteresis.identification.opening import misfit
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target, targets_of

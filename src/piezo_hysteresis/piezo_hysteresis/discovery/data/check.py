@@ -40,7 +40,9 @@ class Check:
 
     def sentences(self) -> list[str]:
         """Return everything in sentences."""
-        rivals = [f'{", ".join(names)} cannot be told apart: {a}' for names, a in self.confounded]
+        rivals = [
+            f'{", ".join(names)} cannot be distinguished: {a}' for names, a in self.confounded
+        ]
         return [*self.findings, *rivals]
 
 
@@ -114,7 +116,7 @@ def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:
     lacking = [need for need in Coverage if not _covers(need, records)]
     found = []
     for need in lacking:
-        names = dict.fromkeys(effect.name for effect in EFFECTS if need in effect.told_by)
+        names = dict.fromkeys(effect.name for effect in EFFECTS if need in effect.shown_by)
         found.append((tuple(names), need.value))
     return found
 

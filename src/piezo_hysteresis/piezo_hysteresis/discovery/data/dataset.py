@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of
 from piezo_hysteresis.identification.periods import period_of
-from piezo_hysteresis.identification.record_start import first_guess
 from piezo_hysteresis.identification.targets import Target, led_in, whole, with_noise
 from piezo_hysteresis.records import Record
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.errors import free_run, views_of
-from piezo_hysteresis.identification.opening import state_at_start
-from piezo_hysteresis.identification.reading import samples_late, shifted
-from piezo_hysteresis.identification.record_start import STEP, first_guess
+from piezo_hysteresis.identification.free_run import samples_late, shifted
+from piezo_hysteresis.identification.initial_conditions.nuisances import state_at_start
+from piezo_hysteresis.identification.initial_conditions.record_start import STEP, first_guess
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
@@ -86,7 +86,7 @@ class GapReport:
     def advice(self) -> str:
         """What it comes from and what to do."""
         first = ''
-        if self.family == OF_THE_MEAN:  # the comparison may have begun in motion
+        if self.family == OF_THE_MEAN:  # the comparison may start in motion
             first = 'call ~/reset with the actuator at rest; where the gap comes back, '
         return f'such a gap comes of {self.family}: {first}record a sweep and run discover'
 

@@ -17,7 +17,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     judged_on,
 )
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.circumstances import Choices, revised
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.starts import representative, starts
 from piezo_hysteresis.identification.targets import Target
@@ -62,7 +62,7 @@ def fitted_baselines(
     baselines : Baselines
         The versions of the model.
     data : Dataset
-        With starts, zeros and weights of the records as the joint fit tells them.
+        With starts, zeros and weights of the records as the joint fit estimates them.
 
     Raises
     ------
@@ -75,8 +75,8 @@ def fitted_baselines(
     if isinstance(given, ModelFile):
         nominal = ModelSpec(model, dict(given.values))
         specs = [nominal, *specs]
-    begun = [_begun(spec, data, choices, workers) for spec in specs]
-    found = [each for each in begun if each is not None]
+    fits = [_first_fit(spec, data, choices, workers) for spec in specs]
+    found = [each for each in fits if each is not None]
     if not found:
         raise IdentificationError(
             f'the baseline {model.name} cannot be fitted to these records: choose another one'
@@ -87,11 +87,11 @@ def fitted_baselines(
     return Baselines(joint, _slow(joint, views, workers), as_given), seen
 
 
-def _begun(
+def _first_fit(
     spec: ModelSpec, data: Dataset, choices: Choices, workers: int
 ) -> tuple[CandidateFit, Dataset] | None:
-    """Return a fit to some of the samples, of the records as `spec` tells that they began."""
-    seen = told_by(spec, data, choices, workers)
+    """Return a fit to some of the samples, with initial conditions by `spec`."""
+    seen = with_revised_starts(spec, data, choices, workers)
     fit = _fitted(spec, thinned(seen.training, START_SAMPLES, data.periods), workers)
     return None if fit is None else (fit, seen)
 
@@ -99,10 +99,10 @@ def _begun(
 def _rested(
     fit: CandidateFit, seen: Dataset, data: Dataset, choices: Choices, workers: int
 ) -> tuple[CandidateFit, Dataset]:
-    """Return the fit to all samples, and the records as it tells that they began."""
+    """Return the fit to all samples, and the records with initial conditions by it."""
     fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
     for _ in range(_REVISIONS):
-        renewed = told_by(fit, data, choices, workers)
+        renewed = with_revised_starts(fit, data, choices, workers)
         if begin_alike(seen, renewed):
             break
         seen = renewed
@@ -118,7 +118,7 @@ def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, flo
     joint : ModelSpec
         The baseline; what its model holds stays.
     data : Dataset
-        With starts of the records as the baseline tells them.
+        With starts of the records as the baseline estimates them.
     samples : int
         As many of the training views.
     """
@@ -142,10 +142,10 @@ def _slow(joint: CandidateFit, views: Sequence[Target], workers: int) -> Candida
     return None if fit is None else judged_on(ModelSpec(joint.model, fit.values), views)
 
 
-def told_by(
+def with_revised_starts(
     spec: ModelSpec, data: Dataset, choices: Choices, workers: int, *, alone: bool = False
 ) -> Dataset:
-    """Return the data with starts, zeros and weights as a model tells them, see `revised`."""
+    """Return the data with starts, zeros and weights as a model estimates them, see `revised`."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
     renewed = revised(
@@ -196,3 +196,15 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
 
 def _fitted(spec: ModelSpec, views: Sequence[Target], workers: int) -> CandidateFit | None:
     return fitted_to(spec, views, evaluations=EVALUATIONS, tolerance=TOLERANCE, workers=workers)
+
+
+def with_renewed_starts(
+    fit: CandidateFit, data: Dataset, choices: Choices, workers: int
+) -> Dataset:
+    """Return the data with starts and zeros of the records as a model estimates them.
+
+    Weights stay, so that sums of squares can be compared.
+    """
+    weights = {view.name: view.precision for view in (*data.training, *data.held_out)}
+    renewed = with_revised_starts(fit, data, choices, workers)
+    return renewed.with_each(lambda view: replace(view, precision=weights[view.name]))

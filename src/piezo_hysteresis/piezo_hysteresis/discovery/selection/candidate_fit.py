@@ -11,9 +11,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.free_run import StageCache
+from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
-from piezo_hysteresis.identification.opening import misfit
-from piezo_hysteresis.identification.reading import Begun
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model
@@ -148,7 +148,7 @@ class CandidateFit(ModelSpec):
 
 
 def errors_of(
-    spec: ModelSpec, views: Sequence[Target], known: Begun | None = None
+    spec: ModelSpec, views: Sequence[Target], known: StageCache | None = None
 ) -> tuple[FloatArray, ...]:
     """Return measured minus simulated of every view [m]; infinite where a model diverges.
 

@@ -13,10 +13,10 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
     """Return a sentence on a gap that one set of values for all records closes.
 
     Where the held-out records reach beyond those of training (a chirp into a mode), values that
-    training tells badly leave a gap there, although nothing is missing in the model. Then a fit to
-    all records leaves nothing anywhere; an effect that the model lacks stays in that fit, too.
-    The values of `training` are not touched: what was fitted to all records has nothing left to
-    prove itself on.
+    training determines badly leave a gap there, although nothing is missing in the model. Then a
+    fit to all records leaves nothing anywhere; an effect that the model lacks stays in that fit,
+    too. The values of `training` are not touched: what was fitted to all records has nothing left
+    to prove itself on.
 
     Parameters
     ----------

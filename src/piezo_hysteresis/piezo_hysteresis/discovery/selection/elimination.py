@@ -42,9 +42,9 @@ def judged_again(
 ) -> tuple[Evaluator, list[Step], CandidateFit]:
     """Judge every effect again until nothing changes.
 
-    How records began was told while effects were missing, and by what stood in for them: a delay
-    before a step looks like a motion from before the record, and then a lag fits better than the
-    delay. So a simpler model is also judged on records that begin as it tells itself.
+    Initial conditions were estimated while effects were missing, and by what stood in for them: a
+    delay before a step looks like a motion from before the record, and then a lag fits better than
+    the delay. So a simpler model is also judged with initial conditions that it estimates itself.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def judged_again(
             continue
         judge, bare = evaluator, without
         if not evaluator.is_as_good(without, final):
-            judge, bare = evaluator.begun_anew(without)
+            judge, bare = evaluator.with_own_starts(without)
         if judge.is_as_good(bare, final):
             evaluator, kept, final, done = judge, _less(kept, name), bare, set()
             continue

@@ -67,7 +67,7 @@ class Evaluator(ABC):
     policy : SelectionPolicy
         What decides.
     deadline : Deadline, optional
-        When nothing more is begun.
+        When nothing more is started.
     """
 
     def __init__(
@@ -171,8 +171,8 @@ class Evaluator(ABC):
         """Return the values of a baseline before any fit of it, None where it is held."""
         return None
 
-    def begun_anew(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
-        """Return a model with the records begun as it tells, and who judges it."""
+    def with_own_starts(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
+        """Return the model with initial conditions that it estimates, and its evaluator."""
         return self, fit
 
     def first_judged(self, fit: CandidateFit) -> CandidateFit:

@@ -268,7 +268,7 @@ class SelectionPolicy:
     shape: float = number(
         0.01,
         '1',
-        'Share of the known mean square that any line or octave may hold without its being told.',
+        'Share of the known mean square that any line or octave may hold without being reported.',
         'chosen: model files tell parts from 1e-3 on, and shapes change with the drive',
     )
     octave: int = number(
@@ -290,7 +290,7 @@ class SelectionPolicy:
     periods: float = number(
         3.0,
         'periods',
-        'Length of a record from which harmonics of its drive are told apart.',
+        'Length of a record from which harmonics of its drive are distinguished.',
         'chosen: lines are then three bins apart',
     )
     steady: float = number(

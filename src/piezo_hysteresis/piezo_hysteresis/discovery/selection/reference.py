@@ -13,10 +13,10 @@ import numpy as np
 
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.identify import identify
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.afresh import better_of_both
+from piezo_hysteresis.discovery.selection.candidate_filter import competing
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
-from piezo_hysteresis.discovery.selection.competing import competing
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
+from piezo_hysteresis.discovery.selection.restart import better_of_both
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.models import described
@@ -76,7 +76,7 @@ def select(
     before, start : CandidateFit
         The model so far, and the baseline.
     progress : callable
-        Told ``(fraction, message)``.
+        Called with ``(fraction, message)``.
     """
     every = competing(evaluator, before)
     free = evaluator.free_of(before)

@@ -16,10 +16,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, errors_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.crew import of_each
-from piezo_hysteresis.identification.factor import inner, orthonormal, projected_out
-from piezo_hysteresis.identification.reading import Begun, differentiated, simulated
+from piezo_hysteresis.identification.free_run import StageCache, differentiated, simulated
+from piezo_hysteresis.identification.qr import inner, orthonormal, projected_out
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Candidate, Model
 
 # Share of a sensitivity that others leave of it, below which it is theirs.
@@ -86,7 +86,7 @@ class Screen:
         self._free = fit.model.free_names if free is None else tuple(free)
         self._views = views
         packed, late = fit.model.pack(fit.values), fit.sampling_offset
-        self._known = Begun(fit.model, packed, views)
+        self._known = StageCache(fit.model, packed, views)
         self._simulated = [simulated(fit.model, packed, v, late, self._known) for v in views]
         self._errors = errors_of(fit, views, self._known)
         self._residual = np.concatenate(self._errors)

@@ -1,4 +1,4 @@
-"""Effects added one by one, judged again, and begun again with another first one if that fails."""
+"""Effects are added one by one and judged again; the search restarts if that fails."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.elimination import Step, judged_again, pruned
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
-from piezo_hysteresis.discovery.selection.rivals import begun_as_told
+from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, select
 
 
@@ -124,7 +124,7 @@ def _forward(
 
         last = select(evaluator, current, start, report)
         if last is not None:
-            evaluator, last = begun_as_told(evaluator, last, start)
+            evaluator, last = led_by_best_start(evaluator, last, start)
         if last is None or not last.accepted:
             return Found(evaluator, start, current, tuple(steps), last)
         current = _finished(evaluator, last.best)

@@ -5,10 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.selection.anchored_evaluator import (
+    HeldEvaluator,
+    known_to_miss,
+    without_repeated,
+)
 from piezo_hysteresis.discovery.selection.baseline import (
     Baselines,
     fitted_baselines,
-    told_by,
+    with_revised_starts,
 )
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
@@ -17,19 +22,18 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     judged_on,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.free import FreeEvaluator
-from piezo_hysteresis.discovery.selection.held import (
-    HeldEvaluator,
-    known_to_miss,
-    without_repeated,
+from piezo_hysteresis.discovery.selection.final_evaluation import (
+    Outcome,
+    outcome_of,
+    with_headlines_only,
 )
-from piezo_hysteresis.discovery.selection.outcome import Outcome, outcome_of, with_headlines_only
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import Found, search
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.clock import clock_about
-from piezo_hysteresis.identification.record_start import STEP
+from piezo_hysteresis.identification.initial_conditions.record_start import STEP
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, ModelFile
 
 
@@ -48,7 +52,7 @@ class Searching:
     changed : dict of str to float
         Numbers of the policy that are not the usual ones.
     deadline : Deadline
-        When nothing more is begun.
+        When nothing more is started.
     """
 
     choices: Choices
@@ -127,7 +131,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
     """Find what the model of a file lacks.
 
     What happened before a record can explain much: three levels of a strongly creeping model pass
-    for a drift. So where a record that begins at rest at 0 V is said to have begun otherwise, both
+    for a drift. So where a record that begins at rest at 0 V is said to start otherwise, both
     are followed to their end, and the levels cost what parameters cost.
     """
     policy, found = how.policy(HELD), list[tuple[float, Found]]()
@@ -158,7 +162,9 @@ def held_data(
     """
     late, policy, choices = given.sampling_offset, how.policy(HELD), how.choices
     nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
-    known = told_by(nominal, data, choices, how.workers, alone=True) if searched else data
+    known = (
+        with_revised_starts(nominal, data, choices, how.workers, alone=True) if searched else data
+    )
     own = choices.zero != 'common'
     zeroed = known.with_each(
         lambda view: replace(view, own_zero=own, precision=1.0, influence=None)

@@ -39,7 +39,8 @@ def describe(
     floor : float
         Noise rms [m].
     held_out : tuple of float
-        What is left on held-out records [m], and the same in noise rms: the one size that is told.
+        What is left on held-out records [m], and the same in noise rms: the one size that is
+        reported.
     """
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
     size, floors = held_out

@@ -85,9 +85,9 @@ int main(int count, char **words) {
     const long long first = now();
     for (tick = 0; tick < steps; tick++) {
         reference(tick);
-        const long long begun = now();
+        const long long started = now();
         NAME_step(&state, &input, &voltage);
-        times[tick] = (float)(now() - begun);
+        times[tick] = (float)(now() - started);
         total += times[tick];
         NAME_plant_step(&plant, voltage, &displacement);
     }

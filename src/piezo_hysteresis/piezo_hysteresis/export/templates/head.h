@@ -19,7 +19,7 @@ extern "C" {
 #define $UPPER$_RATE $RATE$ /* steps per second [Hz] */
 
 /* Answers of init, set and reset: 0, or
- *   -2        the state was never begun
+ *   -2        the state was never initialised
  *   -3        these numbers are impossible together (low above high, a model without an inverse)
  *   -100 - k  number k of the struct is no number, out of range, or only a new export changes it
  * After any of them everything is as it was. */

@@ -6,5 +6,5 @@
  *   8   the voltage would have moved too fast
  *   16  what was computed is no number: the last voltage is held
  *   32  the voltage is slowed down to keep the mean power
- * or -2 where the state was never begun; the voltage is then the one within the limits nearest to 0. */
+ * or -2 where the state was never initialised; the voltage is then the one within the limits nearest to 0. */
 int $NAME$_step($NAME$_state *state, const $NAME$_input *input, double *voltage);

@@ -63,7 +63,7 @@ static void abuse(void) {
     NAME_defaults(&p);
     memset(&state, 0, sizeof state);
     memset(&input, 0, sizeof input);
-    expect(NAME_step(&state, &input, &voltage) == -2, "a state that was never begun is refused");
+    expect(NAME_step(&state, &input, &voltage) == -2, "a state that was never initialised is refused");
     expect(voltage >= p.limits_low && voltage <= p.limits_high, "and answered with a safe voltage");
     wrong = p;
     wrong.limits_slew = -1.0;

@@ -66,7 +66,7 @@ class ActuatorSession:
 
 
 def silent_node(node: Node, name: str, namespace: str = '') -> Node:
-    """Return a node in no executor: its subscriptions are emptied by whoever made it."""
+    """Return a node in no executor: its subscriptions are served by the caller."""
     return Node(
         name,
         namespace=namespace,
@@ -120,7 +120,7 @@ class Dashboard(Node):
             raise SystemExit(2) from None
         if not server.local and not self._params.text('token'):
             self.get_logger().warning(
-                f'whoever reaches port {server.port} of this machine can move the actuator: '
+                f'anyone who reaches port {server.port} of this machine can move the actuator: '
                 'set token, or leave address at 127.0.0.1'
             )
         server.start()
@@ -296,7 +296,7 @@ class Dashboard(Node):
 
 
 def ros_arguments(arguments: Sequence[str]) -> list[str]:
-    """Return what ROS is told for the words of the verb, and what stands behind ``--ros-args``."""
+    """Return the arguments for ROS: options of the verb, and those behind ``--ros-args``."""
     options = list(arguments)
     cut = options.index('--ros-args') if '--ros-args' in options else len(options)
     parser = argparse.ArgumentParser(prog='dashboard')

@@ -66,7 +66,7 @@ class NodeRegistry:
         self._answers: list[tuple[float, str, Answer]] = []
 
     def look(self, present: set[str]) -> None:
-        """Note who is there; ask whoever is new."""
+        """Note which nodes are there; ask new ones."""
         now = self._live.clock()
         nodes = self._live.nodes
         for name in present:

@@ -76,7 +76,7 @@ class Excitation(Node):
         self._received = time.monotonic()
         self._params = NodeParameters(self, EXCITATION)
         self._rate = self._params.number('rate')
-        # A single state that says 0 moves nothing: a restart is told by the status, or confirmed.
+        # A single state that says 0 moves nothing: a restart shows in the status, or confirmed.
         self._intake = SequenceFilter(anew=False)
         self._times = ActuatorClock(self._rate)
         self._steady = SteadyCommand(self._rate)
@@ -86,7 +86,7 @@ class Excitation(Node):
         )
         beside = topics.slew_of(self._voltage_publisher.topic_name)
         self._slew_publisher = self.create_publisher(Float64, beside, LATCHED)
-        self._told_slew = -1.0
+        self._published_slew = -1.0
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._neighbours = Neighbours(self)
@@ -217,8 +217,8 @@ class Excitation(Node):
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
         slew = self._params.number('slew')
-        if self._last is None or slew != self._told_slew:  # a link may have commanded before
-            self._told_slew = slew
+        if self._last is None or slew != self._published_slew:  # a link may have commanded before
+            self._published_slew = slew
             self._slew_publisher.publish(Float64(data=slew))
         command = self._steady.next(sample, voltage, slew)
         payload = voltage_bytes(self._head(sample), sample, command)

@@ -42,9 +42,9 @@ class SweepAudience:
     neighbours : Neighbours
         Who of them starts or compiles.
     edge_at : callable
-        Returns the time at which a tick begins for whoever reads the states of the actuator [ns].
+        Returns the time at which a tick begins for readers of the actuator states [ns].
     received : callable
-        Called when one of them has told how far it is.
+        Called when one of them has reported how far it is.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class SweepAudience:
         self._reports.look()
 
     def keepers(self) -> Mapping[str, Progress]:
-        """Return what the recorders have told, by name."""
+        """Return what the recorders have reported, by name."""
         return self._reports.keepers()
 
     def missing(self, asked: float) -> str:

@@ -43,7 +43,7 @@ class SweepServer:
     resume : callable
         Called when a tick that waited may go on.
     edge_at : callable
-        Returns the time at which a tick begins for whoever reads the states of the actuator [ns].
+        Returns the time at which a tick begins for readers of the actuator states [ns].
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class SweepServer:
         return f'sweep: {record.name}, {left:.0f} s left'
 
     def counters(self) -> dict[str, int]:
-        """Return how many sweeps were begun, refused, and did not come to their end."""
+        """Return how many sweeps were started, refused, and did not come to their end."""
         return dict(self._counts)
 
     @property
@@ -148,7 +148,7 @@ class SweepServer:
         return self._busy
 
     def begins(self, sample: int) -> bool:
-        """Return whether the sweep has begun or may begin with tick `sample`."""
+        """Return whether the sweep has started or may start with tick `sample`."""
         if self._first >= 0:
             return True
         assert self._run is not None
@@ -158,7 +158,7 @@ class SweepServer:
             self._reason, self._refuses = reason, True
             self._finish()
             return False
-        if self._goal.is_cancel_requested:  # whoever is waited for may never come
+        if self._goal.is_cancel_requested:  # the node that is waited for may never come
             self._finish()
             return False
         if self._missing():
@@ -183,7 +183,7 @@ class SweepServer:
         return voltage
 
     def over(self, sample: int) -> bool:
-        """Return whether a sweep has begun and tick `sample` lies behind its end."""
+        """Return whether a sweep has started and tick `sample` lies behind its end."""
         return self._run is not None and self._first >= 0 and self._run.sweep.over(sample)
 
     def note_state(self, voltage: float, unasked: bool) -> None:

@@ -62,7 +62,7 @@ class Asking:
         rclpy.shutdown(context=self._context)
 
     def investigate(
-        self, goal: Investigate.Goal, told: Callable[[Investigate.Feedback], None]
+        self, goal: Investigate.Goal, on_feedback: Callable[[Investigate.Feedback], None]
     ) -> Investigate.Result:
         """Return the result of a goal; it goes on where the discovery node is started anew.
 
@@ -80,15 +80,17 @@ class Asking:
                     'no discovery node is running: start it, and say the same words again'
                 )
             try:
-                return self._once(goal, told)
+                return self._once(goal, on_feedback)
             except _Gone:
                 patience = BACK_WITHIN
 
     def _once(
-        self, goal: Investigate.Goal, told: Callable[[Investigate.Feedback], None]
+        self, goal: Investigate.Goal, on_feedback: Callable[[Investigate.Feedback], None]
     ) -> Investigate.Result:
         self._watch.begin()
-        sent = self._client.send_goal_async(goal, feedback_callback=lambda m: told(m.feedback))
+        sent = self._client.send_goal_async(
+            goal, feedback_callback=lambda m: on_feedback(m.feedback)
+        )
         self._follow(sent, ANSWERS_WITHIN)
         handle: Any = sent.result()
         if not handle.accepted:

@@ -27,7 +27,7 @@ class _Work(Generic[T]):
     def __call__(self) -> None:
         try:
             self._result.append(self._work())
-        except Exception as error:  # handed to whoever waits
+        except Exception as error:  # handed to the waiting thread
             self._error = error
         finally:
             self._done.set()

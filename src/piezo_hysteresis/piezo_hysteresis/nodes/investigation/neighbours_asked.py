@@ -27,7 +27,7 @@ USERS = ('feedforward', 'attenuation', 'feedback', 'gap_monitor')
 
 
 class Cancelled(PiezoError):
-    """Whoever asked for the work has given it up."""
+    """The client has given up the work."""
 
 
 class Unanswered(PiezoError):
@@ -55,7 +55,7 @@ def waited(
 
 
 class Neighbourhood:
-    """The excitation and whoever uses a model.
+    """The excitation and the nodes that use a model.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ from piezo_ros_common.parameters import NodeParameters
 from piezo_ros_common.qos import LATCHED
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.investigation.conduct import InvestigationProgress, Result
     from piezo_hysteresis.investigation.experiments import PlannedExperiment
     from piezo_hysteresis.investigation.journal import Setup
+    from piezo_hysteresis.investigation.runner import InvestigationProgress, Result
 
 
 class InvestigationServer:
@@ -46,9 +46,9 @@ class InvestigationServer:
     begin : callable
         Returns why nothing can begin now, empty where the node is free, which is busy then.
     tell : callable
-        Told what is being done.
+        Called with what is being done.
     end : callable
-        Told what came out, and whether it failed.
+        Called with the result, and whether it failed.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class InvestigationServer:
 
     def _investigate(self, goal: Any, result: Investigate.Result) -> None:
         # Heavy imports stay out of the start of the node.
-        from piezo_hysteresis.investigation.conduct import conduct
+        from piezo_hysteresis.investigation.runner import conduct
 
         def stopped() -> bool:
             return self._closing or bool(goal.is_cancel_requested)
@@ -177,7 +177,7 @@ class InvestigationServer:
     def _go_back_to(self, mode: str, slew: float) -> None:
         try:
             self._neighbours.set_excitation(slew=slew, mode=mode)
-        except Unanswered as error:  # what came out, or went wrong, is told all the same
+        except Unanswered as error:  # the result, or the failure, is reported all the same
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
@@ -239,7 +239,7 @@ def _feedback(progress: InvestigationProgress) -> Investigate.Feedback:
 
 
 def _fill(result: Investigate.Result, found: Result, folder: Path) -> None:
-    from piezo_hysteresis.investigation.conduct import FOUND
+    from piezo_hysteresis.investigation.runner import FOUND
 
     result.success = True
     result.verdict = found.verdict

@@ -21,8 +21,8 @@ from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled, Una
 from piezo_interfaces.action import RunSweep
 
 ACTION = 'run_sweep'
-_BEGUN = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
-_RUNNING = (*_BEGUN, GoalStatus.STATUS_CANCELING)
+_STARTED = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+_RUNNING = (*_STARTED, GoalStatus.STATUS_CANCELING)
 # For the actuator to come to rest, on a slow machine [s].
 RESTS_WITHIN = 60.0
 # To be asked once more [s].
@@ -91,7 +91,7 @@ class SweepGoals:
         self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float
     ) -> RunSweep.Result:
         sent = in_thread_of(self._node, lambda: self._send(goal))
-        # whoever stops it now has to wait for the answer: an accepted sweep must be ended
+        # a client that stops it now has to wait for the answer: an accepted sweep must be ended
         if not waited(lambda: sent.done() or self._watch.lost, _never) or not sent.done():
             raise self._lost('the excitation does not answer')
         handle: Any = sent.result()
@@ -148,7 +148,7 @@ class SweepGoals:
         goals = {bytes(each.goal_info.goal_id.uuid): each.status for each in message.status_list}
         self._running = frozenset(goal for goal, state in goals.items() if state in _RUNNING)
         for goal in self._left():
-            if goals[goal] in _BEGUN:
+            if goals[goal] in _STARTED:
                 self._node.get_logger().warning('a sweep that nobody waits for is ended')
                 self._end(goal)
 

@@ -24,7 +24,7 @@ from piezo_interfaces.action import RunSweep
 LAST_WORDS = 0.4
 # How long an excitation or an actuator may be away, between two looks whether it is there [s].
 AWAY, LOOK = 60.0, 1.0
-# How often an experiment is begun at least before it is given up.
+# How often an experiment is started at least before it is given up.
 TRIES = 3
 # Longer than a record the sweep may take: recorders are waited for, and slow machines [s].
 LATE = 120.0
@@ -35,8 +35,8 @@ BACK, BELOW = 0.5, 0.9
 PACED = 0.5
 # Voltages below this share of the amplitude of an experiment are rest.
 AT_REST = 1e-3
-# A sweep that takes so much longer than its record was begun again in its middle [s].
-BEGUN_AGAIN = 1.5
+# A sweep that takes so much longer than its record was restarted in its middle [s].
+RESTARTED = 1.5
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Sweeper:
             in_thread_of(self._node, self._bag.close)
         if self._node.get_fully_qualified_name() not in ', '.join(result.recorded_by).split(', '):
             raise Unanswered('the recorder missed some of the record')
-        return bool(result.samples <= (experiment.seconds + BEGUN_AGAIN) * under.rate)
+        return bool(result.samples <= (experiment.seconds + RESTARTED) * under.rate)
 
     def _sweep(self, experiment: PlannedExperiment, under: Circumstances) -> RunSweep.Result:
         goal = RunSweep.Goal(

@@ -107,7 +107,7 @@ class LinkNode(LifecycleNode):
             self.trigger_activate()
 
     def give_up(self, reason: str) -> NoReturn:
-        """End the process at start because it cannot work as it was told."""
+        """End the process at start because it cannot work with its settings."""
         self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
         raise SystemExit(2)
 
@@ -258,7 +258,7 @@ class LinkNode(LifecycleNode):
         message += f'{watchdog.safe_voltage:g} V'
         if self.has_publisher():
             self.get_logger().info(
-                f'{message}; whoever publishes {self._source} pauses', throttle_duration_sec=5.0
+                f'{message}; the publisher of {self._source} pauses', throttle_duration_sec=5.0
             )
         else:
             self.get_logger().warning(
@@ -267,7 +267,7 @@ class LinkNode(LifecycleNode):
             )
 
     def has_publisher(self) -> bool:
-        """Return whether whoever publishes the input is still there."""
+        """Return whether the publisher of the input is still there."""
         return bool(self.count_publishers(self.resolve_topic_name(self._source)))
 
     # --- counting ------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ class TrackingNode(LinkNode):
         except PiezoError as error:
             self.give_up(str(error))
         self._book: SampleSynchronizer[bytes] = SampleSynchronizer()
-        self._begun = False
+        self._started = False
         self._law_resets = self._refused_references = self._dropped = 0
         self._references, self._states = SequenceFilter(), SequenceFilter()
         self._held = ReferencePoint(0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -187,19 +187,19 @@ class TrackingNode(LinkNode):
         self.take_voltage(head, sample, voltage)
 
     def _begin_book(self, sample: int) -> None:
-        """Begin anew, unless another message of the new run has told so already."""
+        """Begin anew, unless another message of the new run has done so already."""
         if sample <= self._book.done:
             self._dropped += self._book.dropped
             self._book = SampleSynchronizer()
-            self._begun = False
+            self._started = False
             self.begin_anew(sample)
             if self.law is not None:
                 self.law.reset()
 
     def _advance(self) -> None:
         while (tick := self._book.take()) is not None:
-            if not self._begun:
-                self._begun = True
+            if not self._started:
+                self._started = True
                 self._join(tick)
             self.pass_on(tick.tag, tick.point.sample, tick.received, self._asked(tick))
             if self._report is not None:

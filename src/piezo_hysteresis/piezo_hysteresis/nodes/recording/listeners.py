@@ -74,9 +74,9 @@ class Listeners:
         PiezoError
             If nobody does, or somebody who could does not.
         """
-        begun = time.monotonic()
-        while not self._complete(begun):
-            if self._impatient(begun):
+        started = time.monotonic()
+        while not self._complete(started):
+            if self._impatient(started):
                 raise PiezoError(self._missing())
             time.sleep(0.02)
 
@@ -85,12 +85,12 @@ class Listeners:
         """Whether there is anybody to wait for."""
         return bool(self._known())
 
-    def _complete(self, begun: float) -> bool:
+    def _complete(self, started: float) -> bool:
         self._reports.look()
         self._neighbours.look()
         if self._neighbours.unheard() or self._reports.silent():
             return False
-        quiet = time.monotonic() - max(begun, self._reports.quiet_since()) >= QUIET
+        quiet = time.monotonic() - max(started, self._reports.quiet_since()) >= QUIET
         return quiet and (self._recorders or bool(self._known()))
 
     def _missing(self) -> str:
@@ -111,9 +111,9 @@ class Listeners:
         PiezoError
             If somebody is not.
         """
-        begun = time.monotonic()
+        started = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
-            if self._impatient(begun):
+            if self._impatient(started):
                 raise PiezoError('the listeners could not be connected; start them and play again')
             time.sleep(0.02)
 
@@ -129,7 +129,7 @@ class Listeners:
         return self._wait(lambda name, known: known.marked >= counts.get(name, 0), 'a marker')
 
     def begin(self) -> None:
-        """Count samples from here on; whoever comes later is waited for no more."""
+        """Count samples from here on; listeners that come later are not waited for."""
         with self._condition:
             for known in self._known().values():
                 known.first = known.taken
@@ -153,10 +153,10 @@ class Listeners:
 
         if not behind():
             return 0.0
-        begun = time.monotonic()
+        started = time.monotonic()
         # In short steps, so that a node that is to end meanwhile ends too.
-        while (late := behind()) and not self._impatient(begun):
-            self.awaited, self.since = ', '.join(late), begun
+        while (late := behind()) and not self._impatient(started):
+            self.awaited, self.since = ', '.join(late), started
             with self._condition:
                 self._condition.wait_for(lambda: not behind(), 0.1)
             if behind():
@@ -167,12 +167,12 @@ class Listeners:
                 f'{", ".join(late)} did not take {what} within {self._timeout():g} s: it died or '
                 'is overloaded; restart it and play again'
             )
-        return time.monotonic() - begun
+        return time.monotonic() - started
 
-    def _impatient(self, begun: float) -> bool:
+    def _impatient(self, started: float) -> bool:
         if self._ended():
             raise Ended
-        return time.monotonic() - begun > self._timeout()
+        return time.monotonic() - started > self._timeout()
 
     def _notify(self) -> None:
         with self._condition:

@@ -135,15 +135,15 @@ class PlayerNode(Node):
                 self.stop.set_result(True)
 
     def _prepare(self) -> None:
-        """Wait for whoever listens, until all of them are at the start."""
+        """Wait for the listeners, until all of them are at the start."""
         states = [name for name in self._topics if name.endswith(topics.STATE)]
         if self._lock_step:
             if not states:
                 raise PiezoError(f'lock-step needs {topics.STATE}, which is not played')
             self._find_listeners(states[0])
             return
-        begun = time.monotonic()
-        while time.monotonic() - begun < self._timeout() and not any(
+        started = time.monotonic()
+        while time.monotonic() - started < self._timeout() and not any(
             publisher.get_subscription_count() for publisher in self._topics.values()
         ):
             if self._ends():

@@ -43,7 +43,7 @@ KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: 
 
 
 class RecorderNode(Node):
-    """Subscribes to what it is told as soon as it appears, and writes what comes."""
+    """Subscribes to the topics it is given as soon as it appears, and writes what comes."""
 
     def __init__(self) -> None:
         super().__init__('recorder')
@@ -64,7 +64,7 @@ class RecorderNode(Node):
         self._watch = CounterWatch(SENTENCES)
         self._confirmed = self._topics_confirmed()
         whole = len(self._confirmed) == 2
-        # Told before it subscribes: whoever sees the subscription can ask how far it is.
+        # Announced before it subscribes: a node that sees the subscription can ask how far it is.
         self._report.begin(self._recorder, confirms=whole)
         self._subscribe_ahead()
         self._look()
@@ -177,7 +177,7 @@ class RecorderNode(Node):
 
 def create() -> RecorderNode:
     """Return the node, ready to record from its first appearance on."""
-    # Whoever sees the node in the graph may begin at once: what takes time is done before.
+    # A client that sees the node in the graph may start at once: what takes time is done before.
     for kind in KNOWN_TYPES.values():
         definition_of(kind)
         message_type(kind)

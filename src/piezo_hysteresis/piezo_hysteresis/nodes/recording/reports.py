@@ -38,7 +38,7 @@ class Reports:
     Attributes
     ----------
     progress : dict of str to Progress
-        What each of those that report has told, by its whole name.
+        What each of those that report has reported, by its whole name.
     subscribed : int
         Subscriptions of the topic that a volatile publisher serves.
     """

@@ -1,7 +1,7 @@
 """How a record begins: what the actuator had gone through before the first sample.
 
 A model runs from the virgin state at 0 V. A record begins in whatever state the actuator was in,
-so the model is led in: through the voltages that the record is taken to have begun from. What was
+so the model is led in: through the voltages that the record is taken to start from. What was
 before is a nuisance of the record, never an effect.
 """
 
@@ -119,7 +119,7 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
 
 
 def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iterator[RecordStart]:
-    """Yield other ways in which a record may have begun, the plainer ones first.
+    """Yield other start hypotheses, the plainer ones first.
 
     Those after `levels` differ for a memory of extremes only.
     """

@@ -1,7 +1,7 @@
-"""What linear blocks at the end of a chain do by themselves: they ring, creep or settle.
+"""Free response of the linear blocks at the end of a chain.
 
-What a state does that is moved there depends neither on the drive nor on what it is added to, and
-is one free response of a linear system, however finely the chain before it must be followed.
+The response to an initial state depends neither on the drive nor on what it is added to: it is one
+free response of a linear system, however finely the chain before it must be integrated.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.parts import PlacedBlock
-from piezo_hysteresis.models.stages import LinearStage, PathStage, TickStage
+from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, TickStage
+from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
 
 
 @dataclass(frozen=True)
-class Moved:
+class StateOffset:
     """What begins otherwise than it was led in.
 
     Attributes
@@ -38,7 +38,7 @@ class Moved:
     amount: float
 
 
-class Tails:
+class FreeResponse:
     """Which states of a chain stand in a linear tail, and what they do.
 
     Parameters
@@ -60,7 +60,7 @@ class Tails:
         """Return whether the blocks of a stage from `first` on pass changes on as they are."""
         return all(_passes(block) for block in self._stages[stage].blocks[first:])
 
-    def holds(self, moved: Moved) -> bool:
+    def holds(self, moved: StateOffset) -> bool:
         """Return whether a state stands in a linear tail."""
         tail = self._tail[moved.stage]
         return tail is not None and moved.place >= tail[1]
@@ -92,7 +92,7 @@ class Tails:
             found |= {(k, first + i): float(value) for i, value in enumerate(most)}
         return found
 
-    def rows(self, packed: FloatArray, moved: Sequence[Moved]) -> list[FloatArray]:
+    def rows(self, packed: FloatArray, moved: Sequence[StateOffset]) -> list[FloatArray]:
         """Return what each of some moved states in tails does to the displacement [m]."""
         answers: list[FloatArray] = []
         for each in moved:
@@ -122,14 +122,14 @@ class Tails:
         self._known = key, rows
         return rows
 
-    def response(self, packed: FloatArray, moved: Sequence[Moved]) -> FloatArray:
+    def response(self, packed: FloatArray, moved: Sequence[StateOffset]) -> FloatArray:
         """Return what moved states in tails do to the displacement, shape (n,) [m].
 
         Parameters
         ----------
         packed : ndarray, shape (p,)
             Parameters of the chain.
-        moved : sequence of Moved
+        moved : sequence of StateOffset
             Those elsewhere do not count.
         """
         change = np.zeros(self._target.voltage.size)
@@ -212,7 +212,7 @@ def _passes(block: Block) -> bool:
 def _free_runs(block: Block, packed: bytes, dt: float, count: int) -> FloatArray:
     """Return what each state of a block does by itself from 1, shape (states, count).
 
-    Ways in which a record may have begun are tried by the hundred with the same parameters.
+    Start hypotheses are tried by the hundred with the same parameters.
     """
     p, nothing = np.frombuffer(packed).copy(), np.zeros(count)
     states = np.eye(block.initial_state(dt).size)

@@ -1,7 +1,7 @@
-"""How records began, told apart by a model.
+"""Start hypotheses of records, compared by a model.
 
-Ways in which a record may have begun are tried one after another. One that needs numbers of its
-own must be worth them.
+Start hypotheses are tried one after another. One that needs parameters of its own must be worth
+them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from math import isfinite, log
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.opening import misfit, opened
-from piezo_hysteresis.identification.record_start import (
+from piezo_hysteresis.identification.initial_conditions.nuisances import misfit, nuisances_of
+from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     STEP,
     RecordStart,
@@ -25,9 +24,10 @@ from piezo_hysteresis.identification.record_start import (
     refined,
     rivals,
 )
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target, led_in
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.stages import free_states
+from piezo_hysteresis.models.simulation.plan import free_states
 from piezo_hysteresis.records import Record
 
 Judged = tuple[float, RecordStart]
@@ -62,7 +62,7 @@ _STILL = 1e-4
 
 
 class StartSearch:
-    """Tells how records began, by a model with known values.
+    """Compares start hypotheses of records by a model with known values.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class StartSearch:
         total = inner(error, error)
         return total if isfinite(total) else float('inf')
 
-    def begun(self, target: Target, zero: str) -> Target:
+    def best_start(self, target: Target, zero: str) -> Target:
         """Return the target with the start that leaves least, the guess where none does better.
 
         Parameters
@@ -133,7 +133,7 @@ class StartSearch:
         enough = _LEFT * noise**2 * target.measured.size
         best = self._with_levels(free, record, best, enough)
         if self._lasting and others and not best[1].levels and best[1].kind == 'estimate':
-            best = self._told_by_levels(free, record, best, others, enough)
+            best = self._levels_instead(free, record, best, others, enough)
         gain = kept[0] - best[0]
         share = _SHARE if kept[1].kind == 'estimate' else _SHOWN
         if gain > share * kept[0] and gain > _SURE * noise**2:
@@ -157,7 +157,7 @@ class StartSearch:
         found, most = target, _AS_WELL * self.square(target)
         largest = float(np.max(np.abs(record.voltage)))
         for _ in range(_SETTLING_TURNS if target.begins.levels else 0):
-            levels = opened(self._model, self._packed, found, self._late, found.valid).levels
+            levels = nuisances_of(self._model, self._packed, found, self._late, found.valid).levels
             if not all(abs(level) <= _FARTHEST * largest for level in levels):
                 return target
             moved = max(abs(a - b) for a, b in zip(levels, found.begins.levels, strict=True))
@@ -231,7 +231,7 @@ class StartSearch:
             best = other
         return best
 
-    def _told_by_levels(
+    def _levels_instead(
         self, target: Target, record: Record, best: Judged, others: Sequence[Judged], enough: float
     ) -> Judged:
         """Return levels in the place of states where they do as well."""
@@ -252,7 +252,7 @@ class StartSearch:
         """Return a start whose levels are where they leave least, as far as a slope tells."""
         for _ in range(_TURNS):
             led = led_in(target, record, best[1])
-            levels = opened(self._model, self._packed, led, self._late, led.valid).levels
+            levels = nuisances_of(self._model, self._packed, led, self._late, led.valid).levels
             reach = _FARTHEST * float(np.max(np.abs(record.voltage)))
             if not levels or not all(abs(level) <= reach for level in levels):
                 break

@@ -10,8 +10,11 @@ import numpy as np
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.anew import told_again
-from piezo_hysteresis.discovery.selection.baseline import begin_alike, first_values
+from piezo_hysteresis.discovery.selection.baseline import (
+    begin_alike,
+    first_values,
+    with_renewed_starts,
+)
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.deadline import Deadline
@@ -22,7 +25,7 @@ from piezo_hysteresis.discovery.selection.significance import (
     improvement,
     win_shares,
 )
-from piezo_hysteresis.identification.circumstances import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Candidate
 
 _AUTO = Choices()
@@ -36,7 +39,7 @@ class FreeEvaluator(Evaluator):
     data, seed, workers, policy, deadline
         As in `Evaluator`.
     choices : Choices
-        What is known of how records begin, where that is told again knowing an effect.
+        What is known of how records begin, where that is estimated again with an effect.
     """
 
     def __init__(
@@ -69,9 +72,9 @@ class FreeEvaluator(Evaluator):
         """Return the values of a baseline as a scan for start values finds them."""
         return first_values(before, self.data, self.policy.screening_samples)
 
-    def begun_anew(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
-        """Return a model fitted to records that begin as it tells, if that is better."""
-        seen = told_again(fit, self.data, self.choices, self.workers)
+    def with_own_starts(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
+        """Return a model fitted with initial conditions that it estimates, if that is better."""
+        seen = with_renewed_starts(fit, self.data, self.choices, self.workers)
         if begin_alike(self.data, seen):
             return self, fit
         renewed = self.with_data(seen)

@@ -22,8 +22,8 @@ from piezo_hysteresis.identification.drive_lines import (
     drive_lines,
     phase_at,
 )
-from piezo_hysteresis.identification.factor import projected_out
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
+from piezo_hysteresis.identification.qr import projected_out
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.trace import stretches_of

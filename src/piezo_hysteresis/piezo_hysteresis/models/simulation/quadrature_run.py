@@ -1,4 +1,4 @@
-"""A run of blocks of which the first goes one way within a tick, see `ways`."""
+"""A run of blocks integrated by Gauss quadrature within each tick, see `quadrature`."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Way
+from piezo_hysteresis.blocks.base import Approach, Between
 from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
-from piezo_hysteresis.models.linear_runs import fastest
-from piezo_hysteresis.models.parts import Layout, PlacedBlock, systems_of
-from piezo_hysteresis.models.ways import (
+from piezo_hysteresis.models.simulation.quadrature import (
     SLOW,
-    Gone,
+    NodeValues,
     Response,
+    approaches,
     gauss_of,
+    integrate,
     response_of,
-    take_up,
-    ways,
 )
+from piezo_hysteresis.models.simulation.state_layout import Layout, PlacedBlock, systems_of
+from piezo_hysteresis.models.simulation.state_space import fastest
 
 _AT_ONCE = 1 << 11  # ticks that are followed at a time
 
 
 @dataclass(frozen=True)
-class WayRun:
-    """A way, what follows it at every instant or by a memory, and linear blocks behind that.
+class QuadratureRun:
+    """An approach, what follows it at every instant or by a memory, and linear blocks behind that.
 
     Attributes
     ----------
     first : PlacedBlock
-        What goes one way to a held input.
+        What approaches a held input monotonically.
     middle, behind : tuple of Part
-        What follows it, and what takes that up.
+        What follows it, and the linear blocks behind that.
     delays : int
         How many parameters before theirs are delays.
     ahead : bool
@@ -47,12 +47,12 @@ class WayRun:
     ahead: bool
 
     @classmethod
-    def of(cls, moving: tuple[PlacedBlock, ...], delays: int, ahead: bool) -> WayRun | None:
+    def of(cls, moving: tuple[PlacedBlock, ...], delays: int, ahead: bool) -> QuadratureRun | None:
         """Return the run of `moving`, None where it is no such run."""
         last = len(moving)
         while last and moving[last - 1].block.system is not None:
             last -= 1
-        if last in (0, len(moving)) or moving[0].block.way is None:
+        if last in (0, len(moving)) or moving[0].block.approach is None:
             return None
         kinds = [part.block.between for part in moving[1:last]]
         memories = [part.block for part in moving[1:last] if part.block.between is Between.PATH]
@@ -63,7 +63,7 @@ class WayRun:
         return cls(moving[0], moving[1:last], moving[last:], delays, ahead)
 
     def fits(self, p: FloatArray, dt: float) -> bool:
-        """Return whether what takes the way up is slow enough for it."""
+        """Return whether the linear blocks are slow enough for it."""
         return dt * fastest(systems_of(self.behind, p)) <= SLOW
 
     def respond(
@@ -75,19 +75,19 @@ class WayRun:
         output = np.empty_like(signal)
         for begin in range(0, signal.size, _AT_ONCE):
             chunk = slice(begin, begin + _AT_ONCE)
-            gone = self.gone(signal[chunk], p, dt, state=state, layout=layout)
-            flat = gone.values.ravel()
+            nodes = self.node_values(signal[chunk], p, dt, state=state, layout=layout)
+            flat = nodes.values.ravel()
             for part, place in zip(self.middle, memories, strict=True):
                 flat = part.block.respond(flat, p[part.span], dt, state=state[place])
             own = (state[None, behind], state[:1])
-            output[chunk] = self.taken_up(flat[None], gone, p, dt, memory=own)[0]
+            output[chunk] = self.integrated(flat[None], nodes, p, dt, memory=own)[0]
         return output
 
-    def gone(
+    def node_values(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, layout: Layout
-    ) -> Gone:
-        """Return how a held signal goes within its ticks, updating `state` in place."""
-        way, places, weights = self.way(p, dt)
+    ) -> NodeValues:
+        """Return the approach to a held signal at the nodes of each tick; `state` in place."""
+        approach, places, weights = self.approach(p, dt)
         whole, part = in_ticks(float(p[: self.delays].sum()), dt)
         old = new = signal
         if self.delays:
@@ -98,26 +98,26 @@ class WayRun:
         pieces = 2 if part > 0.0 else 1
         values = np.empty((signal.size, pieces, places.size + 1))
         lasts = np.empty((signal.size, pieces))
-        ways(old, new, part, state[layout.memories[0]], way, dt, places, values, lasts)
-        return Gone(values, lasts, part, places, weights)
+        approaches(old, new, part, state[layout.memories[0]], approach, dt, places, values, lasts)
+        return NodeValues(values, lasts, part, places, weights)
 
-    def taken_up(
+    def integrated(
         self,
         rows: FloatArray,
-        gone: Gone,
+        nodes: NodeValues,
         p: FloatArray,
         dt: float,
         *,
         memory: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
-        """Return what the linear blocks make of signals that go as `gone`, shape (signals, n).
+        """Return the output of the linear blocks for signals at `nodes`, shape (signals, n).
 
         Parameters
         ----------
-        rows : ndarray, shape (signals, values of `gone`)
-            Each at the points of `gone`.
-        gone : Gone
-            Their way.
+        rows : ndarray, shape (signals, values of `nodes`)
+            Each at the nodes.
+        nodes : NodeValues
+            The nodes.
         p, dt : ndarray, float
             Parameters of the run, sampling interval [s].
         memory : pair of ndarray, optional
@@ -127,29 +127,29 @@ class WayRun:
         response = self.response(p, dt)
         if memory is None:
             memory = np.zeros((len(rows), response.row.size)), np.zeros(len(rows))
-        output = np.empty((len(rows), gone.lasts.shape[0]))
-        values = rows.reshape(len(rows), *gone.values.shape)
-        take_up(
-            values, gone.lasts, gone.part, gone.places, gone.weights, output, memory[0], memory[1],
-            response.phi, response.impulse, response.integral, response.row, response.direct,
-            self.ahead,
+        output = np.empty((len(rows), nodes.lasts.shape[0]))
+        values = rows.reshape(len(rows), *nodes.values.shape)
+        integrate(
+            values, nodes.lasts, nodes.part, nodes.places, nodes.weights, output, memory[0],
+            memory[1], response.phi, response.impulse, response.integral, response.row,
+            response.direct, self.ahead,
         )  # fmt: skip
         return output
 
-    def way(self, p: FloatArray, dt: float) -> tuple[Way, FloatArray, FloatArray]:
-        """Return the way and its Gauss points, made anew where the parameters are new."""
+    def approach(self, p: FloatArray, dt: float) -> tuple[Approach, FloatArray, FloatArray]:
+        """Return the approach and its Gauss points, made anew where the parameters are new."""
         key = (p.tobytes(), dt)
-        known: tuple[object, tuple[Way, FloatArray, FloatArray]] | None
-        known = self.__dict__.get('_last_way')
+        known: tuple[object, tuple[Approach, FloatArray, FloatArray]] | None
+        known = self.__dict__.get('_last_approach')
         if known is None or known[0] != key:
-            assert self.first.block.way is not None
-            way = self.first.block.way(p[self.first.span])
-            known = key, (way, *gauss_of(way, systems_of(self.behind, p), dt))
-            self.__dict__['_last_way'] = known
+            assert self.first.block.approach is not None
+            approach = self.first.block.approach(p[self.first.span])
+            known = key, (approach, *gauss_of(approach, systems_of(self.behind, p), dt))
+            self.__dict__['_last_approach'] = known
         return known[1]
 
     def response(self, p: FloatArray, dt: float) -> Response:
-        """Return what takes the way up, made anew where the parameters are new."""
+        """Return the response of the linear blocks, made anew where the parameters are new."""
         key = (p.tobytes(), dt)
         known: tuple[object, Response] | None = self.__dict__.get('_last_response')
         if known is None or known[0] != key:

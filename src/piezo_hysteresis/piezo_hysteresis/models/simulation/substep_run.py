@@ -13,9 +13,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import shift
-from piezo_hysteresis.models.linear_runs import LinearStep, fastest, in_series, run_path, step_of
-from piezo_hysteresis.models.parts import Layout, PlacedBlock, delay_of, layout_of, systems_of
-from piezo_hysteresis.models.paths import (
+from piezo_hysteresis.models.simulation.intersample import (
     JOINED_STEPS,
     PAST,
     follow,
@@ -23,7 +21,21 @@ from piezo_hysteresis.models.paths import (
     on_the_clock,
     read,
 )
-from piezo_hysteresis.models.way_runs import WayRun
+from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun
+from piezo_hysteresis.models.simulation.state_layout import (
+    Layout,
+    PlacedBlock,
+    delay_of,
+    layout_of,
+    systems_of,
+)
+from piezo_hysteresis.models.simulation.state_space import (
+    LinearStep,
+    fastest,
+    in_series,
+    run_path,
+    step_of,
+)
 
 # Most steps per tick; always a power of two, so that few changes of a parameter change the grid.
 _MOST = 64
@@ -85,14 +97,14 @@ class PathRun:
                 groups[-1] = ((*groups[-1][0], part), True, False)
             else:
                 groups.append(((part,), linear, turns))
-            goes_on = part.block.way is not None and i == 0
+            goes_on = part.block.approach is not None and i == 0
             turns |= not goes_on and part.block.between is not Between.INSTANT
         return tuple(groups)
 
     @cached_property
-    def by_way(self) -> WayRun | None:
-        """The same as a run that goes one way within a tick, where it is one."""
-        return WayRun.of(self._moving, self.delays, self.ahead)
+    def by_quadrature(self) -> QuadratureRun | None:
+        """The same run by quadrature, where its input approaches monotonically."""
+        return QuadratureRun.of(self._moving, self.delays, self.ahead)
 
     def layout(self, dt: float) -> Layout:
         """Return where what the run remembers stands in its state."""
@@ -141,7 +153,7 @@ class PathRun:
     def _count(self, p: FloatArray, dt: float) -> int:
         if self.order(p) > 0.0:
             return JOINED_STEPS
-        if self.by_way is not None and self.by_way.fits(p, dt):
+        if self.by_quadrature is not None and self.by_quadrature.fits(p, dt):
             return 0
         pace = max(_pace(parts, p) for parts, _, _ in self._groups)
         if not np.isfinite(pace):
@@ -188,8 +200,8 @@ class PathRun:
         """
         steps = self.steps(p, dt) if steps is None else steps
         layout = self.layout(dt)
-        if steps == 0 and self.by_way is not None:
-            return self.by_way.respond(signal, p, dt, state=state, layout=layout)
+        if steps == 0 and self.by_quadrature is not None:
+            return self.by_quadrature.respond(signal, p, dt, state=state, layout=layout)
         order, points = self.order(p), 3 * steps
         timing = self.timing(p, dt, order > 0.0)
         if self.delays:
@@ -216,8 +228,8 @@ class PathRun:
         """Return when the path is read; one that is joined ends at its tick."""
         ticks, part = delay_of(p[: self.delays], dt, self.ahead or is_joined)
         late = 1.0 - part if self.delays else 0.0
-        begun = is_joined or (not self.ahead and self.delays > 0)
-        return Timing(ticks, part, late - 1.0 if begun else late)
+        later = is_joined or (not self.ahead and self.delays > 0)
+        return Timing(ticks, part, late - 1.0 if later else late)
 
     def made(self, p: FloatArray, dt: float, steps: int) -> tuple[LinearStep | None, ...]:
         """Return the steps of the linear pieces, made anew where the parameters are new."""

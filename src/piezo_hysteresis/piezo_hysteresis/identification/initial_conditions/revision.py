@@ -1,7 +1,7 @@
-"""What is true of one record only: how it began, where its zero lies, how well it is known.
+"""Nuisances of records, estimated again by a model: initial condition, zero, weight.
 
-A first fit takes a guess. With its model the ways in which a record may have begun can be told
-apart, and so can zeros of their own and the weight of each record.
+A first fit takes a guess. With its model start hypotheses can be compared, and zeros of records
+and their weights be estimated.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.crew import of_each
-from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.record_start import STARTS
-from piezo_hysteresis.identification.start_search import search_by
+from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import search_by
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target
+from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
@@ -79,7 +79,7 @@ def revised(
     alone: bool = False,
     workers: int = 1,
 ) -> list[Target]:
-    """Return the targets with starts, zeros and weights as the model tells them.
+    """Return the targets with starts, zeros and weights as the model estimates them.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def revised(
         Threads over the records.
     """
     search = search_by(model, values, sampling_offset, records, choices.start, lasting=alone)
-    seen = of_each(lambda each: search.begun(each, choices.zero), targets, workers)
+    seen = of_each(lambda each: search.best_start(each, choices.zero), targets, workers)
     seen = (
         [search.settled(_zeroed([each], choices, search.left)[0]) for each in seen]
         if alone

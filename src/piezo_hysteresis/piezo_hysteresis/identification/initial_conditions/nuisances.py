@@ -1,7 +1,8 @@
-"""With what a record begins: everything that is known from it alone, at its best for one model.
+"""Elimination of the nuisance parameters of one record (variable projection).
 
-States at the start, levels of the voltage before it, a zero of its own and what was held before
-its first sample are found anew for every value of the parameters, so that a fit sees none of them.
+Initial state, voltage levels before the record, a zero of its own and the input held before its
+first sample are at their best fit for every value of the model parameters, so that a fit sees none
+of them.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ from math import ceil, isfinite
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.beginnings import (
+from piezo_hysteresis.identification.free_run import StageCache, samples_late, shifted, simulated
+from piezo_hysteresis.identification.initial_conditions.free_response import StateOffset
+from piezo_hysteresis.identification.initial_conditions.initial_state import (
     BestFit,
-    Motion,
+    InitialStateRun,
     level_rows,
     start_rows,
 )
-from piezo_hysteresis.identification.factor import inner
-from piezo_hysteresis.identification.reading import Begun, samples_late, shifted, simulated
-from piezo_hysteresis.identification.tails import Moved
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.chain import State
@@ -34,7 +35,7 @@ _SMALL = 1e-6
 
 
 @dataclass(frozen=True)
-class Opening:
+class Nuisances:
     """With what a record begins, at its best for one model.
 
     Attributes
@@ -44,7 +45,7 @@ class Opening:
         own zero, what was held before its first samples, and states again.
     prior : ndarray, shape (q,)
         How firmly each is held to 0: a start lies within the stroke, a zero anywhere.
-    motion : Motion or None
+    motion : InitialStateRun or None
         The run from those states; None where a record begins in no unknown state.
     pull : ndarray, shape (q,)
         How much of each is in the run already.
@@ -56,20 +57,20 @@ class Opening:
 
     rows: FloatArray
     prior: FloatArray
-    motion: Motion | None = None
+    motion: InitialStateRun | None = None
     pull: FloatArray = field(default_factory=lambda: np.empty(0))
     levels: tuple[float, ...] = ()
     explained: BestFit | None = None
 
 
-def opened(
+def nuisances_of(
     model: Model,
     packed: FloatArray,
     target: Target,
     sampling_offset: float = 0.0,
     factors: FloatArray | None = None,
-) -> Opening:
-    """Return with what a record begins for a model, see `Opening`.
+) -> Nuisances:
+    """Return with what a record begins for a model, see `Nuisances`.
 
     Parameters
     ----------
@@ -80,16 +81,16 @@ def opened(
     """
     if target.begins.kind != 'estimate':
         own = np.ones((int(target.own_zero), target.measured.size))
-        return Opening(own, np.zeros(len(own)), pull=np.zeros(len(own)))
+        return Nuisances(own, np.zeros(len(own)), pull=np.zeros(len(own)))
     late = samples_late(model, target.dt, sampling_offset)
-    motion = Motion(model, packed, target)
+    motion = InitialStateRun(model, packed, target)
 
     def left() -> FloatArray:
         return target.measured - target.pick(shifted(motion.signals[-1], late))
 
     error = left()
     if not np.all(np.isfinite(error)):
-        return Opening(np.empty((0, error.size)), np.empty(0), motion)
+        return Nuisances(np.empty((0, error.size)), np.empty(0), motion)
     states, most = start_rows(motion)
     rows = [target.pick(shifted(row, late)) for row in (*states, *level_rows(motion))]
     rows += _first_samples(target, late)
@@ -99,8 +100,8 @@ def opened(
     if target.own_zero:
         rows.append(np.ones(error.size))
         prior.append(0.0)
-    opening = Opening(np.array(rows).reshape(len(rows), error.size), np.array(prior), motion)
-    return _settled(opening, most, left, factors)
+    nuisances = Nuisances(np.array(rows).reshape(len(rows), error.size), np.array(prior), motion)
+    return _settled(nuisances, most, left, factors)
 
 
 def _first_samples(target: Target, late: float) -> list[FloatArray]:
@@ -116,15 +117,15 @@ def _first_samples(target: Target, late: float) -> list[FloatArray]:
 
 
 def _settled(
-    begun: Opening,
-    most: Sequence[Moved],
+    nuisances: Nuisances,
+    most: Sequence[StateOffset],
     left: Callable[[], FloatArray],
     factors: FloatArray | None,
-) -> Opening:
+) -> Nuisances:
     """Move the states to their best, again and again as they are not in proportion."""
-    assert begun.motion is not None
-    motion, weight = begun.motion, 1.0 if factors is None else factors
-    rows, prior = begun.rows * weight, begun.prior
+    assert nuisances.motion is not None
+    motion, weight = nuisances.motion, 1.0 if factors is None else factors
+    rows, prior = nuisances.rows * weight, nuisances.prior
     explained = BestFit(rows, prior)
 
     def judged(shares: FloatArray) -> tuple[float, FloatArray]:
@@ -161,10 +162,10 @@ def _settled(
     largest = float(np.max(np.abs(motion.target.voltage)))
     target = more[len(most) : len(most) + len(known)]
     levels = tuple(a + largest * float(b) for a, b in zip(known, target, strict=True))
-    return replace(begun, pull=shares, levels=levels, explained=explained)
+    return replace(nuisances, pull=shares, levels=levels, explained=explained)
 
 
-def _amounts(most: Sequence[Moved], shares: FloatArray) -> tuple[Moved, ...]:
+def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffset, ...]:
     """Return states moved by shares of the most that they may be."""
     return tuple(
         replace(each, amount=each.amount * float(share))
@@ -173,18 +174,18 @@ def _amounts(most: Sequence[Moved], shares: FloatArray) -> tuple[Moved, ...]:
 
 
 def _from(
-    begun: Opening,
+    nuisances: Nuisances,
     model: Model,
     packed: FloatArray,
     target: Target,
     sampling_offset: float,
-    known: Begun | None = None,
+    known: StageCache | None = None,
 ) -> FloatArray:
     """Return what the model says at every tick of the drive from where the record begins [m]."""
-    if begun.motion is None:
+    if nuisances.motion is None:
         return simulated(model, packed, target, sampling_offset, known)
     late = samples_late(model, target.dt, sampling_offset)
-    return shifted(begun.motion.signals[-1], late)
+    return shifted(nuisances.motion.signals[-1], late)
 
 
 def answered(
@@ -194,8 +195,8 @@ def answered(
 
     As `simulated`, but for a record that begins in motion.
     """
-    begun = opened(model, packed, target, sampling_offset, target.valid)
-    return _from(begun, model, packed, target, sampling_offset)
+    nuisances = nuisances_of(model, packed, target, sampling_offset, target.valid)
+    return _from(nuisances, model, packed, target, sampling_offset)
 
 
 def state_at_start(
@@ -205,8 +206,8 @@ def state_at_start(
     state = model.initial_state(target.dt, target.start)
     before = np.ascontiguousarray(target.voltage[: target.origin])
     answer = model.respond(before, packed, target.dt, state=state, frequency=target.frequency)
-    begun = opened(model, packed, target, sampling_offset, target.valid)
-    for each in begun.motion.moved if begun.motion else ():
+    nuisances = nuisances_of(model, packed, target, sampling_offset, target.valid)
+    for each in nuisances.motion.moved if nuisances.motion else ():
         state[each.stage][each.place] += each.amount
     return state, answer
 
@@ -218,7 +219,7 @@ def misfit(
     sampling_offset: float = 0.0,
     *,
     weighted: bool = False,
-    known: Begun | None = None,
+    known: StageCache | None = None,
 ) -> FloatArray:
     """Return measured less simulated of a target, its nuisances at their best, shape (m,) [m].
 
@@ -230,7 +231,7 @@ def misfit(
         As in `simulated`.
     weighted : bool
         Times the influence that each residual has in a fit.
-    known : Begun, optional
+    known : StageCache, optional
         Where other models have been already.
     """
     return _split(model, packed, target, sampling_offset, weighted=weighted, known=known)[0]
@@ -255,17 +256,17 @@ def _split(
     sampling_offset: float,
     *,
     weighted: bool,
-    known: Begun | None = None,
+    known: StageCache | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return what is left with all nuisances at their best, and what their prior holds [m]."""
     factors = target.factors if weighted else target.valid
-    begun = opened(model, packed, target, sampling_offset, factors)
-    y = _from(begun, model, packed, target, sampling_offset, known)
-    error, rows = target.measured - target.pick(y), begun.rows
+    nuisances = nuisances_of(model, packed, target, sampling_offset, factors)
+    y = _from(nuisances, model, packed, target, sampling_offset, known)
+    error, rows = target.measured - target.pick(y), nuisances.rows
     if factors is not None:
         error, rows = error * factors, rows * factors
     if not len(rows) or not np.all(np.isfinite(error)):
         return error, np.zeros(0)
-    explained = begun.explained or BestFit(rows, begun.prior)
-    more = explained(error, begun.pull)
-    return error - more @ rows, begun.prior * (begun.pull + more)
+    explained = nuisances.explained or BestFit(rows, nuisances.prior)
+    more = explained(error, nuisances.pull)
+    return error - more @ rows, nuisances.prior * (nuisances.pull + more)

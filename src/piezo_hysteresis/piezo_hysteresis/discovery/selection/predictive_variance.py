@@ -1,7 +1,7 @@
 """What the values of a model file leave open: how far its answer may be off on new records.
 
-A value that the fitted records hardly told, as the damping of a mode that they did not excite, may
-show on others. That is no news: it is what the covariance of the file says.
+A value that the fitted records hardly determined, as the damping of a mode that they did not
+excite, may show on others. That is no news: it is what the covariance of the file says.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
-from piezo_hysteresis.discovery.selection.expectation import Expectation
+from piezo_hysteresis.discovery.selection.residual_model import Expectation
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
@@ -65,10 +65,11 @@ def cost_of_change(
 ) -> float:
     """Return what it costs that values are others than the file says [nats].
 
-    Gains that make up for each other are told badly one by one, and well in their sum: a change of
-    all of them by a percent is many deviations of that sum and hardly one of any. So a change is
-    told in one of two ways, the cheaper counts: some values are others, at the price of a
-    parameter each, and the rest lies within its deviations; or so along independent directions.
+    Gains that make up for each other are determined badly one by one, and well in their sum: a
+    change of all of them by a percent is many deviations of that sum and hardly one of any. So a
+    change is determined in one of two ways, the cheaper counts: some values are others, at the
+    price of a parameter each, and the rest lies within its deviations; or so along independent
+    directions.
 
     Parameters
     ----------

@@ -8,9 +8,9 @@ from typing import Any
 
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.baseline import Baselines
-from piezo_hysteresis.discovery.selection.held import HeldEvaluator
-from piezo_hysteresis.discovery.selection.outcome import Outcome
+from piezo_hysteresis.discovery.selection.final_evaluation import Outcome
 from piezo_hysteresis.discovery.verdict.advise import advise, instead
 from piezo_hysteresis.discovery.verdict.describe import describe
 from piezo_hysteresis.discovery.verdict.locate import places

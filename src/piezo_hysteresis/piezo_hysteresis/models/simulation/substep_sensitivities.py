@@ -16,17 +16,22 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.blocks.transport_delay import shift
-from piezo_hysteresis.models.directions import At, through
-from piezo_hysteresis.models.linear_runs import (
+from piezo_hysteresis.models.simulation.block_sensitivities import At, through
+from piezo_hysteresis.models.simulation.intersample import moments, with_turns, without_turns
+from piezo_hysteresis.models.simulation.state_layout import systems_of
+from piezo_hysteresis.models.simulation.state_space import (
     LinearStep,
     in_series,
     run_path,
     run_path_four,
     step_of,
 )
-from piezo_hysteresis.models.parts import systems_of
-from piezo_hysteresis.models.path_runs import PathClock, PathPiece, PathRun, read_ticks
-from piezo_hysteresis.models.paths import moments, with_turns, without_turns
+from piezo_hysteresis.models.simulation.substep_run import (
+    PathClock,
+    PathPiece,
+    PathRun,
+    read_ticks,
+)
 from piezo_kernels.forward import directions_of
 
 _VALUES = 1 << 15  # values of path and derivatives that are followed at a time

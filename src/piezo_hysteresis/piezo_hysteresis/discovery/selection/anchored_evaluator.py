@@ -28,10 +28,10 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
-from piezo_hysteresis.discovery.selection.expectation import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
+from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
+from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.discovery.selection.uncertain import cost_of_change, widened
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
@@ -45,7 +45,7 @@ from piezo_hysteresis.models import (
     described,
     shifted,
 )
-from piezo_hysteresis.models.stages import free_states
+from piezo_hysteresis.models.simulation.plan import free_states
 
 
 class HeldEvaluator(Evaluator):

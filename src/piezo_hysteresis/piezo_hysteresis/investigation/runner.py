@@ -12,9 +12,9 @@ import numpy as np
 
 from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.identification.circumstances import Choices
 from piezo_hysteresis.identification.errors import views_of
-from piezo_hysteresis.identification.opening import misfit
+from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.journal import (
     Journal,
@@ -32,7 +32,7 @@ FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 
 
 class Actuator(Protocol):
-    """Whoever can run an experiment and use a model."""
+    """What can run an experiment and use a model."""
 
     def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
         """Run an experiment and record it in a new bag; at rest at 0 V afterwards.
@@ -72,7 +72,7 @@ class InvestigationProgress:
     fraction: float = 0.0
 
 
-Told = Callable[[InvestigationProgress], None]
+OnProgress = Callable[[InvestigationProgress], None]
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def conduct(
     folder: Path,
     setup: Setup,
     actuator: Actuator,
-    told: Told = lambda progress: None,
+    on_progress: OnProgress = lambda progress: None,
     *,
     workers: int = 1,
     apply: bool = True,
@@ -130,8 +130,8 @@ def conduct(
         Its conditions.
     actuator : Actuator
         That runs experiments.
-    told : callable
-        Told how it stands.
+    on_progress : callable
+        Called with the progress.
     workers : int
         Threads of a discovery.
     apply : bool
@@ -142,9 +142,9 @@ def conduct(
     PiezoError
         If an experiment cannot be run, or nothing can be said from the records.
     """
-    journal = Journal.begun(folder, setup)
-    told(InvestigationProgress('prepare'))
-    course = _Course(journal, journal.setup.investigation(workers), actuator, told)
+    journal = Journal.create_or_resume(folder, setup)
+    on_progress(InvestigationProgress('prepare'))
+    course = _Course(journal, journal.setup.investigation(workers), actuator, on_progress)
     course.go_on()
     stop = course.to_the_end()
     return course.concluded(stop, apply)
@@ -154,10 +154,14 @@ class _Course:
     """An investigation on its way."""
 
     def __init__(
-        self, journal: Journal, investigation: Investigation, actuator: Actuator, told: Told
+        self,
+        journal: Journal,
+        investigation: Investigation,
+        actuator: Actuator,
+        on_progress: OnProgress,
     ) -> None:
         self._journal, self._now = journal, investigation
-        self._actuator, self._told = actuator, told
+        self._actuator, self._on_progress = actuator, on_progress
 
     def go_on(self) -> None:
         """Take in what has been done already; what was believed on the way is in the journal."""
@@ -257,7 +261,7 @@ class _Course:
         answer = now.answers[-1].words if now.answers else ''
         share = min(1.0, now.spent / now.rules.budget)
         chances = dict(now.belief.chances)
-        self._told(
+        self._on_progress(
             InvestigationProgress(
                 stage, number, experiment, why, answer, chances, now.spent, share
             )
@@ -301,7 +305,9 @@ class Repeated:
     differences: tuple[str, ...]
 
 
-def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None) -> Repeated:
+def repeated(
+    folder: Path, workers: int = 1, on_progress: OnProgress = lambda progress: None
+) -> Repeated:
     """Repeat an investigation from its bags; nothing is run and nothing written.
 
     Raises
@@ -310,7 +316,7 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
         If the folder holds none, or a bag is damaged.
     """
     journal = Journal.read(folder)
-    told(InvestigationProgress('prepare'))
+    on_progress(InvestigationProgress('prepare'))
     now = journal.setup.investigation(workers)
     lines: list[dict[str, Any]] = []
     differences: list[str] = []
@@ -321,7 +327,9 @@ def repeated(folder: Path, workers: int = 1, told: Told = lambda progress: None)
         if isinstance(choice, Stop) or choice.experiment.name != line['experiment']:
             differences.append(f'experiment {line["number"]} would not be chosen now')
             break
-        told(InvestigationProgress('judge', line['number'], line['experiment'], line['why']))
+        on_progress(
+            InvestigationProgress('judge', line['number'], line['experiment'], line['why'])
+        )
         follows = line.get('follows', False)
         if not follows:
             now.history.forget()

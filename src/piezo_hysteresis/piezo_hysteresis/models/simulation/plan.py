@@ -1,9 +1,9 @@
-"""How a chain is run: its blocks in stages, each on one number per tick or on the path between.
+"""The simulation plan of a chain: its blocks in stages, each on held samples or between the ticks.
 
-A held voltage stays held through every block that knows no time. The first block that moves
-between the ticks needs no path either where only its value at the ticks counts; where something
-that is not linear, or has a memory of its own, follows it, the run of blocks is followed on the
-path.
+A held signal stays held through every block that does not depend on time. The first block that
+moves between the ticks needs no substeps where only its values at the ticks count; where a
+nonlinear block, or one with a memory of its own, follows, the run of blocks is integrated between
+the ticks.
 
 A chain with inertia is read at the tick, before its voltage acts; one without at the end of the
 tick, which is just before the next voltage acts.
@@ -21,7 +21,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
-from piezo_hysteresis.models.linear_runs import (
+from piezo_hysteresis.models.simulation.state_layout import PlacedBlock, delay_of
+from piezo_hysteresis.models.simulation.state_space import (
     Hold,
     hold_of,
     in_series,
@@ -29,8 +30,7 @@ from piezo_hysteresis.models.linear_runs import (
     run_held,
     run_held_four,
 )
-from piezo_hysteresis.models.parts import PlacedBlock, delay_of
-from piezo_hysteresis.models.path_runs import PathRun
+from piezo_hysteresis.models.simulation.substep_run import PathRun
 
 # What leaves a held signal held.
 _HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)
@@ -310,9 +310,9 @@ class _Planner:
         last = len(inside)
         while last and kinds[last - 1] in (Between.INSTANT, Between.CLOCK):
             last -= 1
-        # what goes one way from reading to reading shows a memory nothing that these do not
+        # a memory sees no more of a monotonic approach than its readings
         first, behind = self._blocks[inside[0]], [self._blocks[i] for i in inside[1:last]]
-        if first.way is not None and behind and self._ahead and not late:
+        if first.approach is not None and behind and self._ahead and not late:
             *static, memory = behind
             kinds = [block.between for block in static]
             if memory.between is Between.PATH and memory.along is None:

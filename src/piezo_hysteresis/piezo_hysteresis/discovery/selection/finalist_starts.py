@@ -1,8 +1,8 @@
-"""The rivals of a round, each on records that begin as it tells itself.
+"""The finalists of a round, each with initial conditions that it estimates itself.
 
-How records began was told by a model that lacks something. A delay before a step looks like a
-motion from before the record, and beside such a motion a lag explains more than the delay does.
-So there is a winner, or none, only among rivals of which each could tell the starts.
+Initial conditions were estimated by a model that lacks something. A delay before a step looks like
+a motion from before the record, and beside such a motion a lag explains more than the delay does.
+So there is a winner, or none, only among finalists of which each estimates its own.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 
 
-def begun_as_told(
+def led_by_best_start(
     evaluator: Evaluator, contest: SelectionRound, start: CandidateFit
 ) -> tuple[Evaluator, SelectionRound]:
-    """Return the round with the rival first that is best on records that begin as it tells.
+    """Return the round with the finalist first that is best with its own initial conditions.
 
     Only where records begin with numbers of their own: a start that has none hides nothing.
 
@@ -33,7 +33,7 @@ def begun_as_told(
     Returns
     -------
     evaluator : Evaluator
-        With the starts that the first of the round tells.
+        With the initial conditions by the first of the round.
     contest : SelectionRound
         The round; itself where no other start is better.
     """
@@ -43,7 +43,7 @@ def begun_as_told(
     judge, first, replaced = evaluator, contest.best, contest.best
     best_of_each = {fit.effect: fit for fit in reversed(contest.finalists)}
     for fit in best_of_each.values():
-        other, again = evaluator.begun_anew(fit)
+        other, again = evaluator.with_own_starts(fit)
         if other is evaluator:
             continue
         before = other.judged(contest.before)

@@ -48,8 +48,8 @@ def better_of_both(
         if evaluator.deadline.skips(candidate.effect.name):
             return None
         own = {name: score.starts[0][name] for name in candidate.added}
-        begun = {**score.starts[0], **candidate.values({**before.values, **values}, own)}
-        spec = before.with_candidate(candidate, begun)
+        initial = {**score.starts[0], **candidate.values({**before.values, **values}, own)}
+        spec = before.with_candidate(candidate, initial)
         # from far off no first step promises what the whole way brings
         near = evaluator.fit_briefly(spec, evaluator.policy.first_evaluations)
         if near is None:

@@ -13,12 +13,12 @@ from math import floor
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.beginnings import Motion
+from piezo_hysteresis.identification.initial_conditions.initial_state import InitialStateRun
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.stages import TickStage
+from piezo_hysteresis.models.simulation.plan import TickStage
 
 
 def shifted(rows: FloatArray, samples: float) -> FloatArray:
@@ -85,7 +85,7 @@ def samples_late(model: Model, dt: float, sampling_offset: float = 0.0) -> float
     return sampling_offset / dt - (1.0 if ahead else 0.0)
 
 
-class Begun:
+class StageCache:
     """What a model makes of its targets stage by stage, for models that begin as it does.
 
     Parameters
@@ -133,10 +133,10 @@ def simulated(
     packed: FloatArray,
     target: Target,
     sampling_offset: float = 0.0,
-    begun: Begun | None = None,
+    cache: StageCache | None = None,
 ) -> FloatArray:
     """Return what the model says at every tick of the drive of `target` [m], shape (n,)."""
-    first, drive = (0, target.voltage) if begun is None else begun.of(model, packed, target)
+    first, drive = (0, target.voltage) if cache is None else cache.of(model, packed, target)
     y = model.respond(
         drive,
         packed,
@@ -154,7 +154,7 @@ def differentiated(
     free: tuple[str, ...],
     target: Target,
     sampling_offset: float = 0.0,
-    motion: Motion | None = None,
+    motion: InitialStateRun | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what the model says, and its derivatives.
 
@@ -164,8 +164,8 @@ def differentiated(
         As in `simulated`.
     free : tuple of str
         Parameters to differentiate by.
-    motion : Motion, optional
-        The run from states other than those that were led in, see `opened`.
+    motion : InitialStateRun, optional
+        The run from states other than those that were led in, see `nuisances_of`.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""How a model goes on from where a record in motion begins.
+"""Runs of a chain from an unknown initial state, and the sensitivity of the output to that state.
 
-What was before is led in; what no lead-in can tell are the states with which the actuator comes in
-(position and velocity of a mode, the h of a loop, elements of creep), the levels that a memory
-still knows, and what was held before the first sample. They are taken at their best for every
-value of the parameters, so that a fit sees none of them.
+The history before a record is simulated by a lead-in. What no lead-in determines are the states of
+the actuator at the first sample (position and velocity of a mode, h of a Bouc-Wen loop, elements
+of creep), the voltage levels that a memory still holds, and the input that was held before the
+first sample.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.factor import gram, products
-from piezo_hysteresis.identification.record_start import path_to
+from piezo_hysteresis.identification.initial_conditions.free_response import (
+    FreeResponse,
+    StateOffset,
+)
+from piezo_hysteresis.identification.initial_conditions.record_start import path_to
+from piezo_hysteresis.identification.qr import gram, products
 from piezo_hysteresis.identification.sensitivities import parameter_step
-from piezo_hysteresis.identification.tails import Moved, Tails
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.stages import PathStage, free_states
+from piezo_hysteresis.models.simulation.plan import PathStage, free_states
 from piezo_hysteresis.numerics.linalg import solve_square
 
 # A state at the start is moved by this share of its size to see what it does.
@@ -37,7 +40,7 @@ _PASSED = 1e-4
 _NOTHING = 1e-11
 
 
-class Motion:
+class InitialStateRun:
     """Free runs of a chain over one target, led in, from moved states.
 
     What a moved state does dies out: it is followed only until then.
@@ -77,8 +80,8 @@ class Motion:
             after = self._through(k, self._led[k][target.origin :], packed, state)
             self._sizes.append(np.maximum(np.abs(self._states[k]), np.abs(state)))
             self._led.append(np.concatenate([before, after]))
-        self._tails = Tails(model, self._led, target)
-        self.moved: tuple[Moved, ...] = ()
+        self._free_response = FreeResponse(model, self._led, target)
+        self.moved: tuple[StateOffset, ...] = ()
         #: What goes into each stage, and what comes out of the last, from the moved states.
         self.signals = self._led
         self._end = target.origin
@@ -96,7 +99,7 @@ class Motion:
             **self._grids[k],
         )
 
-    def go(self, moved: tuple[Moved, ...]) -> None:
+    def go(self, moved: tuple[StateOffset, ...]) -> None:
         """Run from these states from now on."""
         self.moved, self.signals, self._end = moved, list(self._led), self.target.origin
         others = self._others
@@ -107,28 +110,28 @@ class Motion:
                 self.signals[k] = self._led[k].copy()
                 self.signals[k][head] = part
         if len(others) < len(moved):
-            self.signals[-1] = self.signals[-1] + self._tails.response(self._packed, moved)
+            self.signals[-1] = self.signals[-1] + self._free_response.response(self._packed, moved)
 
     @property
-    def _others(self) -> tuple[Moved, ...]:
+    def _others(self) -> tuple[StateOffset, ...]:
         """What is moved elsewhere than in a tail of the chain."""
-        return tuple(each for each in self.moved if not self._tails.holds(each))
+        return tuple(each for each in self.moved if not self._free_response.holds(each))
 
-    def in_proportion(self, moved: Moved) -> bool:
+    def in_proportion(self, moved: StateOffset) -> bool:
         """Return whether a state does in proportion to how far it is moved."""
-        return self._tails.holds(moved) or self._affine_from(moved.stage)
+        return self._free_response.holds(moved) or self._affine_from(moved.stage)
 
     def _affine_from(self, first: int) -> bool:
-        return all(self._tails.affine(k, 0) for k in range(first, len(self.model.stages)))
+        return all(self._free_response.affine(k, 0) for k in range(first, len(self.model.stages)))
 
     def reach(self) -> dict[tuple[int, int], float]:
-        """Return how far states in a tail may be expected to lie at most, see `Tails.reach`."""
-        return self._tails.reach(self._packed)
+        """Return the largest values expected of linear states, see `FreeResponse.reach`."""
+        return self._free_response.reach(self._packed)
 
-    def nudged(self, nudge: Moved) -> FloatArray:
+    def nudged(self, nudge: StateOffset) -> FloatArray:
         """Return what a state that is moved does to the displacement as led in, shape (n,)."""
-        if self._tails.holds(nudge):
-            return self._tails.rows(self._packed, (nudge,))[0]
+        if self._free_response.holds(nudge):
+            return self._free_response.rows(self._packed, (nudge,))[0]
         away, end = self._away((nudge,))
         change = np.zeros(self.target.voltage.size)
         head = slice(self.target.origin, end)
@@ -143,7 +146,7 @@ class Motion:
             signal = self._through(k, signal, self._packed, state)
         return signal
 
-    def _away(self, moved: tuple[Moved, ...]) -> tuple[dict[int, FloatArray], int]:
+    def _away(self, moved: tuple[StateOffset, ...]) -> tuple[dict[int, FloatArray], int]:
         """Return the signals behind each stage from where the record begins, and their end.
 
         What a memory of levels makes of it shows in its answer at once, so that nothing comes
@@ -197,9 +200,11 @@ class Motion:
         found: dict[int, FloatArray] = {}
         count = len(self.model.stages)
         first = self._first if self._others else count
-        tail = min((each.stage for each in self.moved if self._tails.holds(each)), default=count)
-        begun = self._tails.response(self._packed, self.moved)
-        usual = self.signals[-1] - begun
+        tail = min(
+            (each.stage for each in self.moved if self._free_response.holds(each)), default=count
+        )
+        response = self._free_response.response(self._packed, self.moved)
+        usual = self.signals[-1] - response
         head = slice(self.target.origin, self._head_end(usual))
         for k in range(min(first, tail), count):
             stage = self.model.stages[k]
@@ -217,7 +222,7 @@ class Motion:
                         place, head
                     ]
                 if k >= tail:
-                    row += (self._tails.response(packed, self.moved) - begun) / size
+                    row += (self._free_response.response(packed, self.moved) - response) / size
                 found[place] = row
         return found
 
@@ -241,38 +246,38 @@ class Motion:
         return moved
 
 
-def start_rows(motion: Motion) -> tuple[list[FloatArray], list[Moved]]:
+def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOffset]]:
     """Return what states at the start do to the samples of the drive, each of shape (n,).
 
     Returns
     -------
     rows : list of ndarray
         Displacement of a state that lies where it may be expected at most [m].
-    moved : list of Moved
+    moved : list of StateOffset
         How far that is: as far as the strongest input of the record could move it, and where
-        that cannot be told, as far as moves the displacement by the stroke.
+        that cannot be determined, as far as moves the displacement by the stroke.
     """
     target = motion.target
     stroke = float(np.ptp(target.measured)) or 1.0
     reach = motion.reach()
     rows: list[FloatArray] = []
-    moved: list[Moved] = []
+    moved: list[StateOffset] = []
     for k, place in motion.places:
         known = (k, place) in reach
         amount = reach[k, place] if known else _NUDGE * motion.size(k, place, stroke)
         if not amount > 0.0:
             continue
-        row = motion.nudged(Moved(k, place, amount))
+        row = motion.nudged(StateOffset(k, place, amount))
         size = float(np.max(np.abs(row), initial=0.0))
         if not _NOTHING * stroke < size < np.inf:
             continue
         share = 1.0 if known else stroke / size
         rows.append(share * row)
-        moved.append(Moved(k, place, share * amount))
+        moved.append(StateOffset(k, place, share * amount))
     return rows, moved
 
 
-def level_rows(motion: Motion) -> list[FloatArray]:
+def level_rows(motion: InitialStateRun) -> list[FloatArray]:
     """Return what levels before a record do, moved by the largest voltage, each shape (n,)."""
     target, rows = motion.target, []
     known, largest = target.begins.levels, float(np.max(np.abs(target.voltage)))

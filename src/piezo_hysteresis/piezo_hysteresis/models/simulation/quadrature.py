@@ -1,9 +1,9 @@
-"""What moves one way within a tick, a memory that follows it, and linear blocks behind that.
+"""Exact integration within a tick by Gauss quadrature, behind a monotonic approach.
 
-The input of such a run goes to its held value by a lag or along a ramp, and stays. A memory is
-asked at the Gauss points of that way, and the linear blocks take up the integral: the impulse
-response over a tick, a polynomial, at the same points. That is exact to 1e-5 of what moves within
-the tick, wherever the way ends, and much less work than a path of many steps.
+A lag or a slew limit approaches a held input monotonically. The memory behind it is evaluated at
+the Gauss points of that approach, and linear blocks take up the integral with their impulse
+response: exact to rounding wherever the approach ends within the tick, and far cheaper than many
+substeps.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import System, Way
+from piezo_hysteresis.blocks.base import Approach, System
 from piezo_hysteresis.jit import jit, scratch
-from piezo_hysteresis.models.linear_runs import decayed, fastest, in_series, settled
+from piezo_hysteresis.models.simulation.state_space import decayed, fastest, in_series, settled
 
 #: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
 SLOW = 25.0
@@ -27,8 +27,8 @@ _FEWEST = 4  # Gauss points
 _MISSED = 1e-5  # of what moves within a tick, which they may miss
 
 
-class Gone(NamedTuple):
-    """A signal on its way within the ticks.
+class NodeValues(NamedTuple):
+    """A signal at the nodes within the ticks.
 
     Attributes
     ----------
@@ -88,15 +88,17 @@ def response_of(systems: Sequence[System], dt: float) -> Response:
     return Response(phi, impulse, np.ascontiguousarray(integral), system.c, system.d)
 
 
-def gauss_of(way: Way, systems: Sequence[System], dt: float) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss points and weights on 0..1 for the time that a way takes within a tick.
+def gauss_of(
+    approach: Approach, systems: Sequence[System], dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return Gauss points and weights on 0..1 for the time that an approach takes within a tick.
 
     As many as what moves there and what takes it up ask for, by the error of the quadrature of an
     exponential of both their rates.
     """
-    lasts = min(1.0, _OVER * way.time / dt) if way.time > 0.0 else 1.0
+    lasts = min(1.0, _OVER * approach.time / dt) if approach.time > 0.0 else 1.0
     rate = 1.0 + lasts * dt * fastest(systems)
-    rate += min(_OVER, dt / way.time) if way.time > 0.0 else 0.0
+    rate += min(_OVER, dt / approach.time) if approach.time > 0.0 else 0.0
     count = _FEWEST
     while 2 * count * log(rate) + 4 * lgamma(count + 1) - 3 * lgamma(2 * count + 1) > log(_MISSED):
         count += 1
@@ -105,39 +107,39 @@ def gauss_of(way: Way, systems: Sequence[System], dt: float) -> tuple[FloatArray
 
 
 @jit
-def go(
-    begun: float, target: float, length: float, way: tuple[float, float], dt: float,
+def approach_one(
+    initial: float, target: float, length: float, approach: tuple[float, float], dt: float,
     places: FloatArray, values: FloatArray,
 ) -> float:  # fmt: skip
-    """Fill `values` with the way from `begun` to `target` within `length` ticks.
+    """Fill `values` with the approach from `initial` to `target` within `length` ticks.
 
-    At `places` of the time that it moves, and last at its end. Returns that time [ticks]. `way` is
-    (time constant [s], largest rate [1/s]), one of which rules.
+    At `places` of the time that it moves, and last at its end. Returns that time [ticks].
+    `approach` is (time constant [s], largest rate [1/s]), one of which rules.
     """
     count = places.size
-    gap = target - begun
-    if way[0] > 0.0:
-        lasts = min(length, _OVER * way[0] / dt)
+    gap = target - initial
+    if approach[0] > 0.0:
+        lasts = min(length, _OVER * approach[0] / dt)
         for i in range(count):
-            values[i] = target - gap * exp(-lasts * places[i] * dt / way[0])
-        values[count] = target - gap * exp(-length * dt / way[0])
+            values[i] = target - gap * exp(-lasts * places[i] * dt / approach[0])
+        values[count] = target - gap * exp(-length * dt / approach[0])
         return lasts
-    most = way[1] * dt
+    most = approach[1] * dt
     if abs(gap) <= most * length:
         lasts = abs(gap) / most if most < inf and most > 0.0 else 0.0
         values[count] = target
     else:
         lasts = length
-        values[count] = begun + (most if gap > 0.0 else -most) * length
+        values[count] = initial + (most if gap > 0.0 else -most) * length
     for i in range(count):
-        values[i] = begun + (values[count] - begun) * places[i]
+        values[i] = initial + (values[count] - initial) * places[i]
     return lasts
 
 
 @jit
-def ways(
-    old: FloatArray, new: FloatArray, part: float, state: FloatArray, way: tuple[float, float],
-    dt: float, places: FloatArray, values: FloatArray, lasts: FloatArray,
+def approaches(
+    old: FloatArray, new: FloatArray, part: float, state: FloatArray, approach: tuple[float,
+    float], dt: float, places: FloatArray, values: FloatArray, lasts: FloatArray,
 ) -> None:  # fmt: skip
     """Fill `values`, shape (n, pieces, points + 1), and `lasts`, shape (n, pieces).
 
@@ -149,7 +151,9 @@ def ways(
             first = pieces == 2 and i == 0
             length = part if first else (1.0 - part if pieces == 2 else 1.0)
             target = old[k] if first else new[k]
-            lasts[k, i] = go(state[0], target, length, way, dt, places, values[k, i])
+            lasts[k, i] = approach_one(
+                state[0], target, length, approach, dt, places, values[k, i]
+            )
             state[0] = values[k, i, places.size]
 
 
@@ -189,7 +193,7 @@ def weigh(
 
 
 @jit
-def take_up(
+def integrate(
     values: FloatArray, lasts: FloatArray, part: float, places: FloatArray, weights: FloatArray,
     y: FloatArray, state: FloatArray, last: FloatArray, phi: FloatArray, impulse: FloatArray,
     integral: FloatArray, row: FloatArray, direct: float, ahead: bool,

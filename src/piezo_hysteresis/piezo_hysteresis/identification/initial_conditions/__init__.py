@@ -1,0 +1,1 @@
+"""Initial conditions of records and their other nuisances: zero, weight, sampling clock."""

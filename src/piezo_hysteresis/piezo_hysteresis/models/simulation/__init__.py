@@ -1,0 +1,1 @@
+"""How a chain is simulated: exactly between the ticks, and with its derivatives."""
