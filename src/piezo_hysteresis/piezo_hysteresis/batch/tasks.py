@@ -118,7 +118,7 @@ class Identify:
         """
         from piezo_hysteresis.identification import identify
         from piezo_hysteresis.identification.identify import judged_on
-        from piezo_hysteresis.identification.initial_conditions.conditioning import preceded
+        from piezo_hysteresis.identification.initial_conditions.record_start import preceded
         from piezo_hysteresis.identification.methods import base_of
         from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
         from piezo_hysteresis.models.choice import chain_of

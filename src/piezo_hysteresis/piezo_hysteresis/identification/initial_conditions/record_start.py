@@ -7,8 +7,8 @@ before is a nuisance of the record, never an effect.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil
 
@@ -178,3 +178,27 @@ def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
     if start.kind == 'rest':
         legs.append(np.full(max(round(SETTLING / dt), _EDGE), first))
     return np.concatenate(legs)
+
+
+def preceded(record: Record, levels: Sequence[float]) -> Record:
+    """Return the record with the voltage before it: from rest through `levels` to its first one.
+
+    A model starts from the virgin state, an actuator hardly ever does: what it rests at depends
+    on the last extremes of its voltage.
+
+    Parameters
+    ----------
+    record : Record
+        A measured record.
+    levels : sequence of float
+        Extremes of the voltage before the record, in order [V].
+
+    Raises
+    ------
+    IdentificationError
+        If a level is not finite.
+    """
+    if not np.all(np.isfinite(levels)):
+        raise IdentificationError('the levels before a record must be finite voltages')
+    before = path_to(record.voltage[:2], RecordStart('rest', tuple(map(float, levels))), record.dt)
+    return replace(record, before=before, info=replace(record.info, start='step'))
