@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeGuard
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter
-from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.simulation.block_sensitivities import At, through
+from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, Stage, TickStage
 from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
 from piezo_hysteresis.models.simulation.substep_sensitivities import carried
@@ -94,15 +94,13 @@ def _alone(
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
     """Carry tangents through one block, or several that stand side by side."""
-    answers, first = [], 0
-    for part in parts_of(stage.block):
-        last = first + len(part.parameters)
-        single = TickStage(part, slice(0, 0), stage.ahead)
-        answers.append(
-            _through(single, own[first:last], p[first:last], free, signal, tangent, clock)
-        )
-        first = last
-    return _joined(answers, tangent.shape[0])
+    columns = [j for j, parameter in enumerate(own) if parameter.name in free]
+    if moves_by_ticks(stage):
+        return _differenced(stage, own, p, columns, signal, tangent, clock)
+    state = stage.initial_state(clock.dt, clock.start)
+    moved = np.zeros((len(tangent) + len(columns), state.size))
+    each, at = partial(_through, signal, tangent, clock), At(stage.block, p, columns)
+    return side_by_side(each, at, len(tangent), state, moved, clock.dt)
 
 
 def _is_quadrature(
@@ -200,44 +198,25 @@ def _around(stage: Stage, parameter: Parameter, value: float, dt: float) -> tupl
     )
 
 
-def _joined(
-    answers: Sequence[tuple[FloatArray, FloatArray]], incoming: int
-) -> tuple[FloatArray, FloatArray]:
-    """Add blocks that stand side by side: they share what comes in and own the rest."""
-    if len(answers) == 1:
-        return answers[0]
-    output = np.sum([y for y, _ in answers], axis=0)
-    shared = np.sum([rows[:incoming] for _, rows in answers], axis=0)
-    return output, np.vstack([shared, *(rows[incoming:] for _, rows in answers)])
-
-
 def _through(
-    stage: TickStage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    free: Sequence[str],
     signal: FloatArray,
     tangent: FloatArray,
     clock: _Clock,
+    at: At,
+    state: FloatArray,
+    moved: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    block = stage.block
-    columns = [j for j, parameter in enumerate(own) if parameter.name in free]
-    incoming = tangent.shape[0]
-    if moves_by_ticks(stage):
-        return _differenced(stage, own, p, columns, signal, tangent, clock)
-    state = stage.initial_state(clock.dt, clock.start)
+    block, incoming = at.block, len(tangent)
     linear = block.system is not None
-    given = tangent[:0] if linear else tangent
-    moved = np.zeros((len(given) + len(columns), state.size))
     kernel: Any = block.kernel
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if block.along is not None and block.between is Between.PATH:
         kernel, times = block.along, (*times, 1)  # the same, a point per tick
-    at = At(block, p, columns)
-    output, rows = through(kernel, signal, given, at, state, moved, *times)
-    if linear and incoming:
-        rows = np.vstack([_as_linear(block).carried(tangent, p, clock.dt), rows])
-    return output, rows
+    if not linear or not incoming:
+        return through(kernel, signal, tangent, at, state, moved, *times)
+    output, rows = through(kernel, signal, tangent[:0], at, state, moved[incoming:], *times)
+    carried_on = _as_linear(block).carried(tangent, at.values, clock.dt)
+    return output, np.vstack([carried_on, rows])
 
 
 def _as_linear(block: Block) -> LinearStage:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_kernels.forward import directional
 
 _VALUES = 1 << 15  # values of derivatives that are carried at a time: what a cache holds
@@ -31,6 +32,55 @@ class At(NamedTuple):
     block: Block
     values: FloatArray
     columns: list[int]
+
+
+Each = Callable[[At, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+"""What a block makes of its input, given where it is, its memory and the derivatives of that."""
+
+
+def side_by_side(
+    each: Each, at: At, incoming: int, state: FloatArray, moved: FloatArray, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the sum of the blocks that stand side by side in one, and its derivatives.
+
+    Parameters
+    ----------
+    each : callable
+        Answers for one of them.
+    at : At
+        Where all of them together are differentiated.
+    incoming : int
+        How many derivatives come from upstream; the blocks share them.
+    state, moved : ndarray, shapes (s,) and (incoming + q, s)
+        Memory of all of them and its derivatives, in place.
+    dt : float
+        Sampling interval [s].
+
+    Returns
+    -------
+    output, answers : ndarray, shapes (n,) and (incoming + q, n)
+        As `through` has them.
+    """
+    parts = parts_of(at.block)
+    if len(parts) == 1:
+        return each(at, state, moved)
+    total: tuple[FloatArray, FloatArray] | None = None
+    first = memory = 0
+    for part in parts:
+        last, end = first + len(part.parameters), memory + part.initial_state(dt).size
+        mine = [k for k, column in enumerate(at.columns) if first <= column < last]
+        places = [*range(incoming), *(incoming + k for k in mine)]
+        part_at = At(part, at.values[first:last], [at.columns[k] - first for k in mine])
+        part_moved = moved[places, memory:end]
+        output, found = each(part_at, state[memory:end], part_moved)
+        if total is None:
+            total = np.zeros_like(output), np.zeros((len(moved), output.size))
+        total[0][:] += output
+        total[1][places] += found
+        moved[places, memory:end] = part_moved
+        first, memory = last, end
+    assert total is not None
+    return total
 
 
 def through(

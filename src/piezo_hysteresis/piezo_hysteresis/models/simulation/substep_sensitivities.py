@@ -8,15 +8,15 @@ behind it, and not the whole run.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
-from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.blocks.transport_delay import shift
-from piezo_hysteresis.models.simulation.block_sensitivities import At, through
+from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.intersample import moments, with_turns, without_turns
 from piezo_hysteresis.models.simulation.state_layout import systems_of
 from piezo_hysteresis.models.simulation.state_space import (
@@ -91,29 +91,14 @@ class _Nonlinear:
         self._moved = np.zeros((incoming + len(self._columns), state.size))
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        m = len(rows)
-        output = np.zeros_like(path)
-        answers = np.zeros((m + len(self._columns), path.size))
-        first = memory = 0
-        for part in parts_of(self._block):
-            last = first + len(part.parameters)
-            end = memory + part.initial_state(self._clock.dt).size
-            mine = [k for k, column in enumerate(self._columns) if first <= column < last]
-            places = [*range(m), *(m + k for k in mine)]
-            own, moved = slice(memory, end), self._moved[places, memory:end]
-            columns = [self._columns[k] - first for k in mine]
-            at = At(part, self._p[first:last], columns)
-            y, found = self._of(part, path, rows, at, self._state[own], moved)
-            output += y
-            answers[places] += found
-            self._moved[places, memory:end] = moved
-            first, memory = last, end
-        return output, answers
+        at = At(self._block, self._p, self._columns)
+        each = partial(self._of, path, rows)
+        return side_by_side(each, at, len(rows), self._state, self._moved, self._clock.dt)
 
     def _of(
-        self, block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray,
-        moved: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        self, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, moved: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        block = at.block
         dt, frequency, points, _ = clock = self._clock
         if block.between is Between.CLOCK:
             return on_the_clock(block, path, rows, at, state, clock)
