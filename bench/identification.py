@@ -33,7 +33,7 @@ from piezo_hysteresis.identification import (
     targets_of,
 )
 from piezo_hysteresis.identification.errors import errors_of, free_run
-from piezo_hysteresis.identification.initial_conditions.conditioning import preceded
+from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.search import METHODS, search

@@ -158,9 +158,10 @@ class Block:
         Its place in the chain.
     parameters : tuple of Parameter
         In the order in which the kernel reads them.
-    kernel : callable
+    kernel : callable or None
         ``kernel(x, y, state, p, dt, frequency)``, compiled; `frequency` is the fundamental
-        frequency of the excitation [Hz], 0 where there is none.
+        frequency of the excitation [Hz], 0 where there is none. None where `along` at one point
+        per tick says the same.
     state_size : callable or int
         Length of the state, or a function of dt that gives it (delays).
     description : str
@@ -189,7 +190,8 @@ class Block:
         INSTANT one; its states are those of the kernel.
     along : callable or None
         ``along(x, y, state, p, dt, frequency, points)``, compiled: the answer along a path of
-        `points` values per tick, three to each step: at its start, in its middle, at its end.
+        `points` values per tick, three to each step: at its start, in its middle, at its end; of
+        a PATH block also one value per tick.
         Every INNER block has one, and every PATH block that wants to know the tick or a jump.
     approach : callable or None
         ``approach(p)`` returns how it approaches a held input, where that is monotonic and without
@@ -232,9 +234,9 @@ class Block:
     name: str
     slot: Slot
     parameters: tuple[Parameter, ...]
-    kernel: Kernel
     state_size: int | Callable[[float], int]
     description: str
+    kernel: Kernel | None = None
     source: str = ''
     check: Callable[[Mapping[str, float]], str] | None = None
     clocked: bool = False
@@ -351,6 +353,10 @@ class Block:
         frequency: float = 0.0,
     ) -> FloatArray:
         """Return the output for a whole signal, shape (n,), updating `state` in place."""
-        output = np.empty_like(signal)
-        self.kernel(signal, output, state, values, dt, float(frequency))  # one signature only
+        output, drive = np.empty_like(signal), float(frequency)  # one signature only
+        if self.kernel is not None:
+            self.kernel(signal, output, state, values, dt, drive)
+        else:
+            assert self.along is not None
+            self.along(signal, output, state, values, dt, drive, 1)
         return output

@@ -36,14 +36,6 @@ def along(
     state[2] = rate
 
 
-@jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return the output at every tick."""
-    along(x, y, state, p, dt, frequency, 1)
-
-
 def check(values: Mapping[str, float]) -> str:
     """Return '' or why these values make h grow without bound."""
     if values['beta'] == 0.0 and values['epsilon'] != 0.0:
@@ -77,7 +69,6 @@ BLOCK = Block(
         ),
         *RATE_PARAMETERS,
     ),
-    kernel=kernel,
     state_size=3,
     between=Between.PATH,
     unknown=(1, 2),

@@ -48,14 +48,6 @@ def along(
 
 
 @jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return the output at every tick."""
-    along(x, y, state, p, dt, frequency, 1)
-
-
-@jit
 def euler_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
@@ -75,14 +67,6 @@ def euler_along(
     state[0] = last
     state[1] = h
     state[2] = rate
-
-
-@jit
-def euler_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return the output at every tick by the Euler step."""
-    euler_along(x, y, state, p, dt, frequency, 1)
 
 
 RATE_PARAMETERS = (
@@ -124,7 +108,6 @@ BLOCKS = (
         name='bouc_wen_rate',
         slot=Slot.HYSTERESIS,
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
-        kernel=kernel,
         state_size=3,
         between=Between.PATH,
         unknown=(1, 2),
@@ -137,7 +120,6 @@ BLOCKS = (
         name='bouc_wen_rate_euler',
         slot=Slot.HYSTERESIS,
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
-        kernel=euler_kernel,
         state_size=3,
         between=Between.PATH,
         unknown=(1, 2),

@@ -46,28 +46,12 @@ def along(
 
 
 @jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Widen with the logarithm of the rate, at every tick."""
-    along(x, y, state, p, dt, frequency, 1)
-
-
-@jit
 def power_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
     """Widen with a power of the rate."""
     respond_widened(x, y, state, p, dt, p[8], p[7], points)
-
-
-@jit
-def power_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Widen with a power of the rate, at every tick."""
-    power_along(x, y, state, p, dt, frequency, 1)
 
 
 def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
@@ -106,7 +90,6 @@ _LOGARITHM = Block(
             'widening_memory', 's', 0.0, 0.0, 10.0, 'Time constant of the filtered rate.', 5e-3
         ),
     ),
-    kernel=kernel,
     state_size=3,
     between=Between.PATH,
     unknown=(1, 2),
@@ -136,7 +119,6 @@ _POWER = Block(
             'power_memory', 's', 0.0, 0.0, 10.0, 'Time constant of the filtered rate.', 5e-3
         ),
     ),
-    kernel=power_kernel,
     state_size=3,
     between=Between.PATH,
     unknown=(1, 2),

@@ -67,12 +67,10 @@ def side_by_side(*blocks: Block) -> Block:
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
     ) -> None:
         y[:] = 0.0
-        answer = np.empty_like(y)
         begin = 0
         for i, (part, size) in enumerate(zip(parts, sizes(dt), strict=True)):
-            memory = state[begin : begin + size]
-            part.kernel(x, answer, memory, p[counts[i] : counts[i + 1]], dt, frequency)
-            y += answer
+            memory, own = state[begin : begin + size], p[counts[i] : counts[i + 1]]
+            y += part.respond(x, own, dt, state=memory, frequency=frequency)
             begin += size
 
     def along(
@@ -91,9 +89,9 @@ def side_by_side(*blocks: Block) -> Block:
             memory, own = state[begin : begin + size], p[counts[i] : counts[i + 1]]
             if part.along is not None:
                 part.along(x, answer, memory, own, dt, frequency, points)
+                y += answer
             else:
-                part.kernel(x, answer, memory, own, dt, frequency)
-            y += answer
+                y += part.respond(x, own, dt, state=memory, frequency=frequency)
             begin += size
 
     def check(values: Mapping[str, float]) -> str:

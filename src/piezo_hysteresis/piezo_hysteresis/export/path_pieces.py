@@ -1,4 +1,4 @@
-"""Runs of blocks between the ticks as kernels, see `models.path_runs` and `models.way_runs`."""
+"""Runs of blocks between the ticks as kernels, see `substep_run` and `quadrature_run`."""
 
 from __future__ import annotations
 

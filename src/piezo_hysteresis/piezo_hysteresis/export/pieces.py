@@ -1,4 +1,4 @@
-"""Stages of a chain as kernels without Python in between, see `models.stages`.
+"""Stages of a chain as kernels without Python in between, see `models.simulation.plan`.
 
 Every piece is ``run(x, y, state, p, frequency)`` on arrays: `p` are the parameters of the whole
 chain as they are now, `state` is that of the piece. What a stage works out beforehand from its

@@ -91,7 +91,7 @@ def output_error(
     guesses : sequence of mapping of str to float
         More starts, of every unknown, beside those from the data.
     begins, zero : str
-        How records begin and where their zeros lie, see `circumstances.Choices`.
+        How records begin and where their zeros lie, see `revision.Choices`.
     count : int, optional
         Starts that are followed; the best is polished. As many as a second or so allows (3 to
         16) where not given.

@@ -210,7 +210,7 @@ def _through(
     linear = block.system is not None
     kernel: Any = block.kernel
     times: tuple[float, ...] = (clock.dt, clock.frequency)
-    if block.along is not None and block.between is Between.PATH:
+    if kernel is None:
         kernel, times = block.along, (*times, 1)  # the same, a point per tick
     if not linear or not incoming:
         return through(kernel, signal, tangent, at, state, moved, *times)

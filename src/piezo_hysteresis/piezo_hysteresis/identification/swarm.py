@@ -149,7 +149,7 @@ def identify_by_search(
     sampling_offset : bool
         Whether to search when the displacement was sampled, too.
     begins, zero : str
-        How records begin and where their zeros lie, see `circumstances.Choices`.
+        How records begin and where their zeros lie, see `revision.Choices`.
     method, seed, max_evaluations, progress
         See `search`.
     swarm : mapping of str to float, optional

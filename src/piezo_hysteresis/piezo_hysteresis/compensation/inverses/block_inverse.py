@@ -99,17 +99,16 @@ def packed_block(
 
 def from_rest(block: Block, p: FloatArray, x: float, dt: float, joined: bool) -> float:
     """Return the output of a block at rest for its first input `x`; `p` from `packed_block`."""
-    state, answer = block.initial_state(dt), np.zeros(3)
+    state = block.initial_state(dt)
     if joined:
-        n = state.size
+        n, answer = state.size, np.zeros(3)
         run_path(np.array([0.0, 0.5 * x, x]), answer, state, *_step(p[_OWN:], n))
         return float(answer[2])
-    block.kernel(np.array([x]), answer[:1], state, p[_OWN:], dt, 0.0)
-    return float(answer[0])
+    return float(block.respond(np.array([x]), p[_OWN:], dt, state=state)[0])
 
 
 def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
-    """Return the step of a linear block from its numbers, see `linear_runs.Step`."""
+    """Return the step of a linear block from its numbers, see `state_space.Step`."""
     phi, gamma, rows, gains = np.split(numbers, np.cumsum([n * n, 3 * n, 3 * n]))
     return (
         phi.reshape(n, n),

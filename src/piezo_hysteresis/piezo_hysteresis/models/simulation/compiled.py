@@ -24,9 +24,10 @@ def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
     """
     if block.parts:
         return _beside(block.parts, dt, points)
-    if not points or block.along is None:
+    if block.kernel is not None and (not points or block.along is None):
         return block.kernel
-    along = block.along
+    along: Any = block.along
+    points = points or 1
 
     @jit
     def follow(

@@ -142,7 +142,7 @@ class PathRun:
         return state
 
     def steps(self, p: FloatArray, dt: float) -> int:
-        """Return how many steps per tick these parameters need; 0 where none, see `way_runs`."""
+        """Return the steps per tick that these parameters need; 0 for `quadrature_run`."""
         key = (p.tobytes(), dt)
         known: tuple[object, int] | None = self.__dict__.get('_steps')
         if known is None or known[0] != key:

@@ -129,7 +129,7 @@ def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, 
 def on_the_clock(
     block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, clock: PathClock
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what a function of the time makes of a path and its derivatives, see `paths`."""
+    """Return the output of a function of the time and its derivatives, see `intersample`."""
     count, steps = len(rows) + len(at.columns), clock.points // 3
     output, answers = np.empty_like(path), np.empty((count, path.size))
     for place, memory in moments(block, state, path.size // clock.points, steps, clock.ahead):
