@@ -27,7 +27,7 @@ from piezo_hysteresis.discovery.choice.policy import CHOICE
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.errors import views_of
-from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import MEMORIES
 from piezo_hysteresis.records import Record, load
@@ -39,7 +39,7 @@ def left(
 ) -> str:
     """Return what a model misses of a record from a sample on, in words."""
     (view,) = views_of(model, values, [record], late)
-    error = misfit(model, model.pack(values), view, late)
+    error = Prediction(model, model.pack(values), view, late).residual
     skipped = max(first - record.warm_up_samples, 0)
     rms = float(np.sqrt(np.mean(error[skipped:] ** 2)))
     spread = float(np.std(view.measured[skipped:]))

@@ -18,8 +18,8 @@ from piezo_hysteresis.identification.drive_lines import (
     drive_lines,
     phase_at,
 )
-from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
 from piezo_hysteresis.identification.noise import density
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.qr import projected_out
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Condition, Discrepancy, Model
@@ -99,7 +99,7 @@ def residuals_of(
     found = []
     for record, view in zip(records, views, strict=True):
         with np.errstate(over='ignore', invalid='ignore'):
-            error = misfit(model, packed, view, sampling_offset)
+            error = Prediction(model, packed, view, sampling_offset).residual
         found.append(
             RecordResidual(
                 name=record.name,

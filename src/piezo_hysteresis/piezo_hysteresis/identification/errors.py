@@ -10,12 +10,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.free_run import simulated
-from piezo_hysteresis.identification.initial_conditions.nuisances import answered, misfit
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     RecordStart,
     first_guess,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target, targets_of, whole
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
@@ -98,10 +98,7 @@ def free_run_of(
     """Return what the model says from where the record of `view` begins [m], in its own zero."""
     packed = model.pack(values, checked=checked)
     with np.errstate(over='ignore', invalid='ignore'):
-        y = answered(model, packed, view, sampling_offset)
-        if view.own_zero:
-            y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
-    return y[view.origin :]
+        return Prediction(model, packed, view, sampling_offset).displacement
 
 
 def views_of(
@@ -177,7 +174,7 @@ def judged(
     rows = []
     for view in views:
         with np.errstate(over='ignore', invalid='ignore'):
-            error = misfit(model, packed, view, sampling_offset)
+            error = Prediction(model, packed, view, sampling_offset).residual
         kept = view.kept(error)
         free = _rms(kept)
         spread = float(np.std(view.kept(view.measured)))

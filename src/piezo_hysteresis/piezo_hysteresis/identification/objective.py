@@ -11,13 +11,10 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.free_run import differentiated, simulated
-from piezo_hysteresis.identification.initial_conditions.initial_state import InitialStateRun
 from piezo_hysteresis.identification.initial_conditions.nuisances import (
     Nuisances,
-    misfit,
-    nuisances_of,
-    square,
 )
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import moves_by_ticks
 from piezo_hysteresis.identification.targets import Target
@@ -131,7 +128,9 @@ class Objective:
         """Return measured minus simulated of every target [m], without weights."""
         packed = self.packed(x)
         late = self.sampling_offset(x)
-        return of_each(lambda t: misfit(self.model, packed, t, late), self.targets, self._workers)
+        return of_each(
+            lambda t: Prediction(self.model, packed, t, late).residual, self.targets, self._workers
+        )
 
     def cost(self, x: FloatArray) -> float:
         """Half the weighted sum of squares at `x`; inf where `x` is impossible."""
@@ -145,7 +144,7 @@ class Objective:
         def left(target: Target) -> float:
             # parameters may make the model overflow: then they are impossible, not an error
             with np.errstate(over='ignore', invalid='ignore'):
-                return square(self.model, packed, target, late)
+                return Prediction(self.model, packed, target, late, weighted=True).cost
 
         squares = of_each(left, self.targets, self._workers)
         total = sum(
@@ -158,33 +157,28 @@ class Objective:
     def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
         rows = np.empty((len(self.free), target.measured.size))
-        y = self._differentiated(target, self.packed(x), self.sampling_offset(x), rows)
-        return y, rows
+        late = self.sampling_offset(x)
+        led_in = differentiated(self.model, self.packed(x), self._own, target, late)
+        return self._placed(target, led_in, rows), rows
 
-    def _differentiated(
-        self,
-        target: Target,
-        packed: FloatArray,
-        late: float,
-        rows: FloatArray,
-        motion: InitialStateRun | None = None,
+    def _placed(
+        self, target: Target, found: tuple[FloatArray, FloatArray, FloatArray], rows: FloatArray
     ) -> FloatArray:
         """Return simulated samples, shape (m,), and fill in derivatives, shape (p, m)."""
-        y, own, slope = differentiated(self.model, packed, self._own, target, late, motion)
+        y, own, slope = found
         rows[self._own_places] = own[:, target.first :: target.stride]
         if SAMPLING_OFFSET in self.free:
             rows[self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
         return target.pick(y)
 
-    def _seen(
-        self, target: Target, packed: FloatArray, late: float, nuisances: Nuisances
-    ) -> FloatArray:
+    def _seen(self, found: Prediction) -> FloatArray:
         """Return what `_without` takes: one array, because it is much and filled often."""
+        target, nuisances = found.target, found.nuisances
         q, p, m = len(nuisances.rows), len(self.free), target.measured.size
         seen = np.empty((q + p + 1, m + q))
         part = seen[:, :m]
         part[:q] = nuisances.rows
-        y = self._differentiated(target, packed, late, part[q:-1], nuisances.motion)
+        y = self._placed(target, found.sensitivities(self._own), part[q:-1])
         np.subtract(y, target.measured, out=part[-1])
         if target.factors is not None:
             part *= target.factors
@@ -203,9 +197,9 @@ class Objective:
         def compress(pair: tuple[Target, float]) -> FloatArray:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
-                nuisances = nuisances_of(self.model, packed, target, late, target.factors)
-                seen = self._seen(target, packed, late, nuisances)
-            free = _without(nuisances, seen)
+                found = Prediction(self.model, packed, target, late, weighted=True)
+                seen = self._seen(found)
+            free = _without(found.nuisances, seen)
             return free * (weight * target.weight)
 
         pairs = list(zip(self.targets, self.weights, strict=True))

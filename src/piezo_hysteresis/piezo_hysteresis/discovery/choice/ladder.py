@@ -24,10 +24,10 @@ from piezo_hysteresis.discovery.choice.rules import (
 from piezo_hysteresis.discovery.choice.score import HeldOutScore
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import (
@@ -231,7 +231,7 @@ class Ladder:
         rows = []
         for view, record, cut in zip(views, self._records, self._cuts, strict=True):
             with np.errstate(over='ignore', invalid='ignore'):
-                error = misfit(found.model, packed, view, late)
+                error = Prediction(found.model, packed, view, late).residual
             before = max(cut - record.warm_up_samples, 0)
             parts[0].append(error[:before])
             parts[1].append(error[before:])

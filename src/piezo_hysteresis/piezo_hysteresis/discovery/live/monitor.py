@@ -11,8 +11,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.errors import free_run, views_of
 from piezo_hysteresis.identification.free_run import samples_late, shifted
-from piezo_hysteresis.identification.initial_conditions.nuisances import state_at_start
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP, first_guess
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
@@ -165,7 +165,8 @@ class GapMonitor:
         (view,) = views_of(self._model, self._values, [record], self._offset)
         if view.begins == STEP:
             return
-        self._state, answer = state_at_start(self._model, self._packed, view, self._offset)
+        begin = Prediction(self._model, self._packed, view, self._offset)
+        self._state, answer = begin.initial_state()
         known = np.concatenate([np.zeros(2 * MARGIN), answer])
         self._simulated_tail = known[-2 * MARGIN :]
 

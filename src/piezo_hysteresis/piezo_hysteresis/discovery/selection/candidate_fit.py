@@ -12,8 +12,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.free_run import StageCache
-from piezo_hysteresis.identification.initial_conditions.nuisances import misfit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model
@@ -148,11 +148,11 @@ class CandidateFit(ModelSpec):
 
 
 def errors_of(
-    spec: ModelSpec, views: Sequence[Target], known: StageCache | None = None
+    spec: ModelSpec, views: Sequence[Target], cache: StageCache | None = None
 ) -> tuple[FloatArray, ...]:
     """Return measured minus simulated of every view [m]; infinite where a model diverges.
 
-    What a model like it made of the views may be `known`.
+    Stages that a model like it has simulated are taken from the `cache`.
 
     Raises
     ------
@@ -162,7 +162,8 @@ def errors_of(
     packed = spec.model.pack(spec.values)
     with np.errstate(over='ignore', invalid='ignore'):
         errors = [
-            misfit(spec.model, packed, view, spec.sampling_offset, known=known) for view in views
+            Prediction(spec.model, packed, view, spec.sampling_offset, cache=cache).residual
+            for view in views
         ]
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 

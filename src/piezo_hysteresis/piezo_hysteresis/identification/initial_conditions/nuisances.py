@@ -14,7 +14,7 @@ from math import ceil, isfinite
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.free_run import StageCache, samples_late, shifted, simulated
+from piezo_hysteresis.identification.free_run import samples_late, shifted
 from piezo_hysteresis.identification.initial_conditions.free_response import StateOffset
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     BestFit,
@@ -25,7 +25,6 @@ from piezo_hysteresis.identification.initial_conditions.initial_state import (
 from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.chain import State
 
 # Noise against the stroke that a prior assumes where the noise of a record is not known.
 _UNKNOWN_NOISE = 1e-3
@@ -171,102 +170,3 @@ def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffs
         replace(each, amount=each.amount * float(share))
         for each, share in zip(most, shares, strict=False)
     )
-
-
-def _from(
-    nuisances: Nuisances,
-    model: Model,
-    packed: FloatArray,
-    target: Target,
-    sampling_offset: float,
-    known: StageCache | None = None,
-) -> FloatArray:
-    """Return what the model says at every tick of the drive from where the record begins [m]."""
-    if nuisances.motion is None:
-        return simulated(model, packed, target, sampling_offset, known)
-    late = samples_late(model, target.dt, sampling_offset)
-    return shifted(nuisances.motion.signals[-1], late)
-
-
-def answered(
-    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
-) -> FloatArray:
-    """Return what the model says at every tick, from the states at its start at their best [m].
-
-    As `simulated`, but for a record that begins in motion.
-    """
-    nuisances = nuisances_of(model, packed, target, sampling_offset, target.valid)
-    return _from(nuisances, model, packed, target, sampling_offset)
-
-
-def state_at_start(
-    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
-) -> tuple[State, FloatArray]:
-    """Return the memory of a chain where a record begins, and its answer until then [m]."""
-    state = model.initial_state(target.dt, target.start)
-    before = np.ascontiguousarray(target.voltage[: target.origin])
-    answer = model.respond(before, packed, target.dt, state=state, frequency=target.frequency)
-    nuisances = nuisances_of(model, packed, target, sampling_offset, target.valid)
-    for each in nuisances.motion.moved if nuisances.motion else ():
-        state[each.stage][each.place] += each.amount
-    return state, answer
-
-
-def misfit(
-    model: Model,
-    packed: FloatArray,
-    target: Target,
-    sampling_offset: float = 0.0,
-    *,
-    weighted: bool = False,
-    known: StageCache | None = None,
-) -> FloatArray:
-    """Return measured less simulated of a target, its nuisances at their best, shape (m,) [m].
-
-    Lost samples are 0.
-
-    Parameters
-    ----------
-    model, packed, target, sampling_offset
-        As in `simulated`.
-    weighted : bool
-        Times the influence that each residual has in a fit.
-    known : StageCache, optional
-        Where other models have been already.
-    """
-    return _split(model, packed, target, sampling_offset, weighted=weighted, known=known)[0]
-
-
-def square(
-    model: Model, packed: FloatArray, target: Target, sampling_offset: float = 0.0
-) -> float:
-    """Return what a fit makes small of a target [m^2].
-
-    The weighted squares that are left with the nuisances at their best, and what the prior of
-    the nuisances charges for these: `misfit` alone would leave the latter out.
-    """
-    left, held = _split(model, packed, target, sampling_offset, weighted=True)
-    return inner(left, left) + float(held @ held)
-
-
-def _split(
-    model: Model,
-    packed: FloatArray,
-    target: Target,
-    sampling_offset: float,
-    *,
-    weighted: bool,
-    known: StageCache | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return what is left with all nuisances at their best, and what their prior holds [m]."""
-    factors = target.factors if weighted else target.valid
-    nuisances = nuisances_of(model, packed, target, sampling_offset, factors)
-    y = _from(nuisances, model, packed, target, sampling_offset, known)
-    error, rows = target.measured - target.pick(y), nuisances.rows
-    if factors is not None:
-        error, rows = error * factors, rows * factors
-    if not len(rows) or not np.all(np.isfinite(error)):
-        return error, np.zeros(0)
-    explained = nuisances.explained or BestFit(rows, nuisances.prior)
-    more = explained(error, nuisances.pull)
-    return error - more @ rows, nuisances.prior * (nuisances.pull + more)

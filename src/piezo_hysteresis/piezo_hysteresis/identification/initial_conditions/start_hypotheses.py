@@ -14,7 +14,6 @@ from math import isfinite, log
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.initial_conditions.nuisances import misfit, nuisances_of
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     STEP,
@@ -24,6 +23,7 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     refined,
     rivals,
 )
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target, led_in
 from piezo_hysteresis.models import Model
@@ -98,7 +98,10 @@ class StartSearch:
     def left(self, target: Target) -> FloatArray:
         """Return what the model leaves of a target, shape (m,) [m]."""
         with np.errstate(over='ignore', invalid='ignore'):
-            return misfit(self._model, self._packed, target, self._late)
+            return self._predicted(target).residual
+
+    def _predicted(self, target: Target) -> Prediction:
+        return Prediction(self._model, self._packed, target, self._late)
 
     def square(self, target: Target) -> float:
         """Return the sum of squares of that [m^2], infinite where it is no number."""
@@ -157,7 +160,7 @@ class StartSearch:
         found, most = target, _AS_WELL * self.square(target)
         largest = float(np.max(np.abs(record.voltage)))
         for _ in range(_SETTLING_TURNS if target.begins.levels else 0):
-            levels = nuisances_of(self._model, self._packed, found, self._late, found.valid).levels
+            levels = self._predicted(found).nuisances.levels
             if not all(abs(level) <= _FARTHEST * largest for level in levels):
                 return target
             moved = max(abs(a - b) for a, b in zip(levels, found.begins.levels, strict=True))
@@ -252,7 +255,7 @@ class StartSearch:
         """Return a start whose levels are where they leave least, as far as a slope tells."""
         for _ in range(_TURNS):
             led = led_in(target, record, best[1])
-            levels = nuisances_of(self._model, self._packed, led, self._late, led.valid).levels
+            levels = self._predicted(led).nuisances.levels
             reach = _FARTHEST * float(np.max(np.abs(record.voltage)))
             if not levels or not all(abs(level) <= reach for level in levels):
                 break

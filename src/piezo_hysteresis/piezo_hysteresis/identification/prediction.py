@@ -1,0 +1,119 @@
+"""What a model predicts of one record: response, residual, cost and initial state."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.free_run import (
+    StageCache,
+    differentiated,
+    samples_late,
+    shifted,
+    simulated,
+)
+from piezo_hysteresis.identification.initial_conditions.initial_state import BestFit
+from piezo_hysteresis.identification.initial_conditions.nuisances import Nuisances, nuisances_of
+from piezo_hysteresis.identification.qr import inner
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.chain import State
+
+
+class Prediction:
+    """The free run of a model over a target, with the nuisances of the target at their best.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    packed : ndarray, shape (p,)
+        Its parameters.
+    target : Target
+        What drives it, and what it is compared with.
+    sampling_offset : float
+        How much later than our convention the displacement was sampled [s].
+    weighted : bool
+        Whether residuals count as in a fit, by their influence; else all but lost samples alike.
+    cache : StageCache, optional
+        Stages that other models have simulated already.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        packed: FloatArray,
+        target: Target,
+        sampling_offset: float = 0.0,
+        *,
+        weighted: bool = False,
+        cache: StageCache | None = None,
+    ) -> None:
+        self._model, self._packed, self._cache = model, packed, cache
+        self.target, self._offset = target, sampling_offset
+        self._factors = target.factors if weighted else target.valid
+        #: What the record alone determines, see `Nuisances`.
+        self.nuisances: Nuisances = nuisances_of(
+            model, packed, target, sampling_offset, self._factors
+        )
+
+    @cached_property
+    def response(self) -> FloatArray:
+        """Displacement at every tick of the drive, lead-in included, shape (n,) [m]."""
+        run = self.nuisances.motion
+        if run is None:
+            return simulated(self._model, self._packed, self.target, self._offset, self._cache)
+        late = samples_late(self._model, self.target.dt, self._offset)
+        return shifted(run.signals[-1], late)
+
+    @property
+    def displacement(self) -> FloatArray:
+        """Displacement from the first sample of the record on, in the zero of the record [m]."""
+        y, view = self.response, self.target
+        if view.own_zero:
+            y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
+        return y[view.origin :]
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured less predicted, nuisances taken out, shape (m,) [m]; lost samples are 0."""
+        return self._split[0]
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares that a fit minimises, with what the prior of the nuisances adds [m^2]."""
+        residual, held = self._split
+        return inner(residual, residual) + float(held @ held)
+
+    @cached_property
+    def _split(self) -> tuple[FloatArray, FloatArray]:
+        """What is left with all nuisances at their best, and what their prior holds [m]."""
+        nuisances, factors = self.nuisances, self._factors
+        error, rows = self.target.measured - self.target.pick(self.response), nuisances.rows
+        if factors is not None:
+            error, rows = error * factors, rows * factors
+        if not len(rows) or not np.all(np.isfinite(error)):
+            return error, np.zeros(0)
+        explained = nuisances.explained or BestFit(rows, nuisances.prior)
+        more = explained(error, nuisances.pull)
+        return error - more @ rows, nuisances.prior * (nuisances.pull + more)
+
+    def sensitivities(self, free: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the response and its derivatives, see `free_run.differentiated`."""
+        return differentiated(
+            self._model, self._packed, free, self.target, self._offset, self.nuisances.motion
+        )
+
+    def initial_state(self) -> tuple[State, FloatArray]:
+        """Return the memory of the chain at the first sample, and its answer until then [m]."""
+        target = self.target
+        state = self._model.initial_state(target.dt, target.start)
+        before = np.ascontiguousarray(target.voltage[: target.origin])
+        answer = self._model.respond(
+            before, self._packed, target.dt, state=state, frequency=target.frequency
+        )
+        for each in self.nuisances.motion.moved if self.nuisances.motion else ():
+            state[each.stage][each.place] += each.amount
+        return state, answer
