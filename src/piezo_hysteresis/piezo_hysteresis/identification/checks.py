@@ -14,6 +14,7 @@ from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
+_OPPOSED = -0.5  # correlation below which the displacement runs against the input
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 
@@ -238,6 +239,8 @@ def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:
             f'displacement and {kind} have nothing in common (correlation {strength:.2f}); '
             'record both with one clock and check the channels'
         )
+    if float(u @ y) < _OPPOSED * norm:
+        return _doubtful(f'the displacement runs against the {kind}; check the polarity')
     frequency = main_frequency(record)
     if frequency > 0:
         return _phase(record, u, y, frequency, kind)

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.checks import require_consistent
-from piezo_hysteresis.identification.units import require_plausible, unit_findings
+from piezo_hysteresis.identification.checks import check_records, require_consistent
+from piezo_hysteresis.identification.units import require_plausible
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200
-CLIPPED_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,8 @@ def check(records: Sequence[Record]) -> Check:
         If nothing can be said from them; the message says why and what to record.
     """
     _refuse(records)
-    findings = [finding for record in records for finding in _findings(record)]
-    return Check(tuple(findings), tuple(_confounded(records)))
+    findings = tuple(finding.sentence for finding in check_records(records))
+    return Check(findings, tuple(_confounded(records)))
 
 
 def _refuse(records: Sequence[Record]) -> None:
@@ -66,49 +64,6 @@ def _refuse(records: Sequence[Record]) -> None:
         raise IdentificationError(
             f'no record has {FEWEST_SAMPLES} samples: record several periods of each excitation'
         )
-
-
-def _findings(record: Record) -> list[str]:
-    found = [f'{record.name}: {sentence}' for _, sentence in unit_findings(record)]
-    for what, signal in (('displacement', record.displacement), ('input', record.voltage)):
-        share = _clipped(signal)
-        if share > CLIPPED_SHARE and record.info.excitation not in _FLAT:
-            found.append(
-                f'{record.name}: the {what} rests at its largest or smallest value in '
-                f'{100 * share:.0f} % of the samples; it may be clipped'
-            )
-    if float(np.ptp(record.voltage)) > 0 and abs(_correlation(record)) < 0.2:
-        found.append(
-            f'{record.name}: input and displacement hardly move together; check that both come '
-            'from the same clock'
-        )
-    if _correlation(record) < -0.5:
-        found.append(f'{record.name}: the displacement runs against the input; check the polarity')
-    return found
-
-
-_FLAT = ('rest', 'step', 'staircase', 'unknown')
-
-
-def _clipped(signal: FloatArray) -> float:
-    if float(np.ptp(signal)) == 0.0:
-        return 0.0
-    return max(_resting(signal == signal.max()), _resting(signal == signal.min()))
-
-
-def _resting(there: BoolArray) -> float:
-    """Return the share of samples that stay at a value: a sine passes through its peak."""
-    stays = there[:-2] & there[1:-1] & there[2:]
-    inside = np.zeros(there.size, np.bool_)
-    for shift in range(3):
-        inside[shift : shift + stays.size] |= stays
-    return float(inside.mean())
-
-
-def _correlation(record: Record) -> float:
-    u, y = record.voltage - record.voltage.mean(), record.displacement - record.displacement.mean()
-    size = float(np.sqrt((u @ u) * (y @ y)))
-    return float(u @ y) / size if size > 0 else 1.0
 
 
 def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:
