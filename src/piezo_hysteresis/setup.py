@@ -87,7 +87,10 @@ setup(
     maintainer_email='maintainers@example.org',
     description='Models, identifies and compensates piezo hysteresis; finds what the model misses',
     license='Apache-2.0',
-    extras_require={'test': ['pytest']},
+    extras_require={
+        'test': ['pytest'],
+        'formats': ['h5py>=3,<4', 'openpyxl>=3.1,<4', 'npTDMS>=1.7,<2'],
+    },
     entry_points={
         'console_scripts': [
             f'piezo = {package}.__main__:run',

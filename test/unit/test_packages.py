@@ -20,7 +20,7 @@ PACKAGES = [
 KEYS = {'yaml': 'python3-yaml', 'bokeh': 'python3-bokeh-pip', 'llvmlite': 'python3-numba'}
 # By pip where there is no key, or what comes with another that is named.
 ELSEWHERE = {
-    *('rosbags', 'pyarrow', 'shtab', 'cma'),  # requirements.txt
+    *('rosbags', 'pyarrow', 'shtab', 'cma', 'h5py', 'openpyxl', 'nptdms'),  # requirements.txt
     *('apsw', 'lz4', 'backports'),  # of rosbags
     *('jinja2',),  # of bokeh
     *('distributed',),  # where a user brings a cluster
@@ -58,7 +58,7 @@ def test_every_import_is_a_named_dependency(package: Any) -> None:
 # What pip does not bring: ROS, and what comes with a requirement or where a user wants it.
 ROS = re.compile(r'rclpy|launch|piezo_ros_common|ament_\w+|\w+_(ros|msgs|srvs|interfaces)')
 WITH_OTHERS = {'apsw', 'lz4', 'backports', 'distributed'}
-BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2'}
+BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2', 'nptdms': 'npTDMS'}
 
 
 def metadata(
@@ -76,7 +76,8 @@ def metadata(
 @pytest.mark.component
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_pip_brings_what_a_package_imports(package: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    required = metadata(package, monkeypatch)['install_requires']
+    known = metadata(package, monkeypatch)
+    required = known['install_requires'] + known.get('extras_require', {}).get('formats', [])
     names = {re.findall(r'^[\w-]+', each)[0] for each in required}
     foreign = {
         BY_PIP.get(name, name)

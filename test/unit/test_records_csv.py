@@ -150,9 +150,9 @@ def test_missing_files_binary_files_and_unknown_kinds(tmp_path: Path) -> None:
     (tmp_path / 'bin.csv').write_bytes(b'\xff\xfe\x00\x01')
     with pytest.raises(RecordError, match='no text'):
         load([tmp_path / 'bin.csv'])
-    (tmp_path / 'a.xlsx').write_bytes(b'PK')
+    (tmp_path / 'a.xls').write_bytes(b'PK')
     with pytest.raises(RecordError, match='not known'):
-        load([tmp_path / 'a.xlsx'])
+        load([tmp_path / 'a.xls'])
     with pytest.raises(RecordError, match='no data were given'):
         load([])
 

@@ -15,11 +15,15 @@ from piezo_hysteresis import __version__
 from piezo_hysteresis.batch.tasks import Task
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.records.bag_content import READERS
+from piezo_hysteresis.records.formats.reading import FORMATS
 from piezo_hysteresis.reporting.folder import MARKER, RESULTS, write_folder
 
 NOTE = 'job.json'  # written last: where it names the fingerprint, the folder is whole
 # What the verbs leave; nothing else is ever deleted.
 LEFT = (*RESULTS, '*.png', MARKER)
+
+#: Endings of files of columns that are looked for in folders.
+COLUMNS = ('.csv', *FORMATS)
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Job:
     name : str
         Of its folder and its row.
     data : str
-        Absolute path of a bag or a CSV file.
+        Absolute path of a bag or a file of columns.
     folder : str
         Absolute path of the results.
     fingerprint : str
@@ -78,14 +82,14 @@ class Job:
 
 
 def jobs_of(task: Task, data: Sequence[str | Path], out: str | Path) -> list[Job]:
-    """Return one job for every bag and CSV file.
+    """Return one job for every bag and file of columns.
 
     Parameters
     ----------
     task : Task
         What to do with each.
     data : sequence of str or Path
-        Bags and CSV files; a folder that is no bag stands for all that lie in it.
+        Bags and files of columns; a folder that is no bag stands for all that lie in it.
     out : str or Path
         Folder of the results; never searched for data.
 
@@ -110,7 +114,7 @@ def jobs_of(task: Task, data: Sequence[str | Path], out: str | Path) -> list[Job
 
 
 def expanded(path: Path, out: Path) -> list[Path]:
-    """Return the bags and CSV files that a path stands for, as absolute paths in order.
+    """Return the bags and files of columns that a path stands for, as absolute paths in order.
 
     Raises
     ------
@@ -122,7 +126,7 @@ def expanded(path: Path, out: Path) -> list[Path]:
         return [path]  # what is not there becomes a row that says so
     found = sorted(_search(path, out))
     if not found:
-        raise RecordError(f'{path} holds no bag and no CSV file; name the folder that does')
+        raise RecordError(f'{path} holds no bag and no file of columns; name the folder that does')
     return found
 
 
@@ -134,7 +138,7 @@ def _search(top: Path, out: Path) -> Iterator[Path]:
             below.clear()
             yield place
         else:
-            yield from (place / f for f in files if f.lower().endswith('.csv'))
+            yield from (place / f for f in files if f.lower().endswith(COLUMNS))
 
 
 def _is_bag(folder: Path) -> bool:

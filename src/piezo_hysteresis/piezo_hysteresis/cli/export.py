@@ -1,4 +1,4 @@
-"""Write every record of the data as a CSV file, with what is known of it in records.yaml.
+"""Write every record of the data as a file, with what is known of it in records.yaml.
 
 A MODEL.yaml becomes a C library instead: compensator and plant with the same bits.
 """
@@ -19,12 +19,13 @@ from piezo_hysteresis.cli.data_report import print_survey_notes
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.records import Record, survey, write_csv
 from piezo_hysteresis.records.columns import LENGTHS
-from piezo_hysteresis.records.csv_files import INFO_FILE
+from piezo_hysteresis.records.formats.writing import WRITTEN, write_table
+from piezo_hysteresis.records.tabular import INFO_FILE
 
 # What is a model and no data.
 MODELS = ('.yaml', '.yml')
 
-HELP = 'records back to CSV files; a model as a C library'
+HELP = 'records back to files of columns; a model as a C library'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +43,7 @@ def _configure_records(parser: argparse.ArgumentParser) -> None:
         '--unit', choices=('m', 'mm', 'um', 'nm'), default='um',
         help='unit of the displacement (m keeps every digit)',
     )  # fmt: skip
+    parser.add_argument('--format', choices=('csv', *WRITTEN), default='csv', help='of the files')
     parser.add_argument('--actuator', help='which one, where a bag holds several')
     parser.add_argument(
         '--salvage', action='store_true', help='keep what is readable of damaged data'
@@ -74,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with write_atomically(folder) as temporary:
             temporary.mkdir()
-            _write(temporary, found.records, arguments.unit)
+            _write(temporary, found.records, arguments.unit, arguments.format)
     except OSError as error:
         raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
     print_survey_notes(found)
@@ -82,15 +84,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(folder: Path, records: list[Record], unit: str) -> None:
+def _write(folder: Path, records: list[Record], unit: str, kind: str) -> None:
     assert unit in LENGTHS
     notes: dict[str, dict[str, object]] = {}
     for record in records:
         stem = re.sub(r'[^\w.+-]+', '_', record.name).strip('.') or 'record'
-        name, number = f'{stem}.csv', 2
+        name, number = f'{stem}.{kind}', 2
         while name.lower() in {taken.lower() for taken in notes}:
-            name, number = f'{stem}-{number}.csv', number + 1
-        write_csv(folder / name, record, unit=unit)
+            name, number = f'{stem}-{number}.{kind}', number + 1
+        if kind == 'csv':
+            write_csv(folder / name, record, unit=unit)
+        else:
+            write_table(folder / name, record, unit=unit)
         notes[name] = {'record': record.name, 'rate': record.rate, **asdict(record.info)}
     text = yaml.safe_dump(notes, sort_keys=False)
     (folder / INFO_FILE).write_text(text, 'utf-8')

@@ -20,6 +20,7 @@ from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.foreign import foreign_records
+from piezo_hysteresis.records.formats.reading import has_format, table_records
 from piezo_hysteresis.records.load import is_csv, sentences, unknown_kind
 from piezo_hysteresis.records.resampling import resampled
 
@@ -32,8 +33,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'files',
         nargs='+',
         metavar='FILE',
-        help='CSV with columns time_s, voltage_V, displacement_um (or _m, _mm, _nm; force_N); '
-        'bags are taken too',
+        help='CSV, .mat, .npz, .h5, .xlsx, .parquet, .tdms with columns time_s, voltage_V, '
+        'displacement_um (or _m, _mm, _nm; force_N); bags are taken too',
     )
     parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
@@ -47,8 +48,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--resample', type=float, metavar='HZ', help='bring every record to this rate; stamps '
         'that jitter are interpolated before'
     )  # fmt: skip
-    fields = parser.add_argument_group('bags of other message types, CSV of other columns')
-    fields.add_argument('--time', metavar='COLUMN[:UNIT]', help='of a CSV file')
+    fields = parser.add_argument_group('bags of other message types, files of other columns')
+    fields.add_argument('--time', metavar='COLUMN[:UNIT]', help='of a file of columns')
     rows = fields.add_mutually_exclusive_group()
     rows.add_argument('--header-row', type=int, metavar='N',
                       help='line with the names of the columns of a CSV file, from 1')  # fmt: skip
@@ -97,6 +98,10 @@ def _one(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> 
 def _chosen(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> list[Record]:
     if is_csv(path) and not path.is_dir():
         return csv_records(path, log, named, row)
+    if has_format(path) and not path.is_dir():
+        if row is not None:
+            raise RecordError(f'{path}: --header-row and --skip-rows are for text; leave them out')
+        return table_records(path, log, named)
     if not path.is_dir() and path.suffix not in (*READERS, '.zstd'):
         raise RecordError(unknown_kind(path))
     if 'displacement' not in named or not {'voltage', 'force'} & named.keys():

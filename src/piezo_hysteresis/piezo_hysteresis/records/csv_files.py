@@ -6,25 +6,21 @@ import codecs
 import io
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from piezo_common import plain_yaml
 from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
-from piezo_hysteresis.records.columns import EXAMPLE, LENGTHS, UNITS, assigned, renamed
+from piezo_hysteresis.records.columns import EXAMPLE, assigned, renamed
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.record import Record, RecordInfo
-from piezo_hysteresis.records.sampling import Track, records_of
+from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.tabular import columns_of, in_si, records_from
 
 END_OF_HEADER = '***End_of_Header***'  # LabVIEW
-INFO_FILE = 'records.yaml'
 
 
 def read_csv(path: str | Path, *, salvage: bool = False) -> Record:
@@ -80,19 +76,8 @@ def csv_records(
     values, meanings = _table(path, log, chosen or {}, header_row)
     if not values.size:
         raise RecordError(f'{path}: it has column names but no samples; export it again')
-    columns = {
-        what: values[:, k] / UNITS[what][unit] for k, (what, unit) in enumerate(meanings.values())
-    }
-    info, name, rate = _about(path)
-    if 'force' in columns:
-        columns['voltage'] = columns.pop('force')
-        info = RecordInfo(**{**asdict(info), 'input_unit': 'N'})
-    time = columns.pop('time')
-    track = Track(name, time, columns, info=info, rate=rate)
-    records = records_of(track, str(path), log)
-    if not records:
-        raise RecordError(f'{path}: nothing of it is readable as a record')
-    return records
+    by_place = dict(zip(meanings, values.T, strict=True))
+    return records_from(path, in_si(by_place, meanings), log)
 
 
 def _table(
@@ -243,37 +228,6 @@ def _slowly(
     return np.array(rows).reshape(-1, len(meanings))
 
 
-def _about(path: Path) -> tuple[RecordInfo, str, float]:
-    """Return what ``records.yaml`` beside a file says of it, its name and its rate."""
-    notes = path.with_name(INFO_FILE)
-    entry: Any = None
-    if notes.is_file():
-        try:
-            entry = (plain_yaml.load_file(notes) or {}).get(path.name)
-        except (OSError, yaml.YAMLError, AttributeError) as error:
-            reason = str(error).split('\n', 1)[0]
-            raise RecordError(
-                f'{notes}: it cannot be read ({reason}); mend or remove it'
-            ) from None
-    if not isinstance(entry, dict):
-        return RecordInfo(), path.stem, 0.0
-    try:
-        known = {
-            item.name: type(getattr(RecordInfo(), item.name))(entry[item.name])
-            for item in fields(RecordInfo)
-            if item.name in entry
-        }
-        return (
-            RecordInfo(**known),
-            str(entry.get('record', path.stem)),
-            float(entry.get('rate', 0)),
-        )
-    except (TypeError, ValueError, OverflowError):
-        raise RecordError(
-            f'{notes}: the entry of {path.name} has a value of the wrong kind; mend it'
-        ) from None
-
-
 def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     """Write one record with the columns ``time_s, voltage_V, displacement_um``.
 
@@ -292,19 +246,12 @@ def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
         If the file exists or cannot be written; nothing is left behind then.
     """
     path = Path(path)
-    if unit not in LENGTHS:
-        raise RecordError(f'unit {unit!r} is not known; use m, mm, um or nm')
     if path.exists():
         raise RecordError(f'{path} exists already; remove it or choose another name')
-    drive = 'force_N' if record.info.input_unit == 'N' else 'voltage_V'
-    names = ['time_s', drive, f'displacement_{unit}']
-    columns = [record.voltage, record.displacement * LENGTHS[unit]]
-    if record.reference is not None:
-        names.append(f'reference_{unit}')
-        columns.append(record.reference * LENGTHS[unit])
+    columns = columns_of(record, unit)
     text = io.StringIO()
-    text.write(','.join(names) + '\n')
-    rows = zip(record.time.tolist(), *[column.tolist() for column in columns], strict=True)
+    text.write(','.join(columns) + '\n')
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     text.writelines(f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows)
     try:
         with write_atomically(path) as temporary:

@@ -1,4 +1,4 @@
-"""Any mix of bag folders, storage files and CSV files as records with unique names."""
+"""Any mix of bag folders, storage files and files of columns as records with unique names."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from piezo_hysteresis.records.damage import (
     DamageWarning,
     LeftOutWarning,
 )
+from piezo_hysteresis.records.formats.reading import FORMATS, has_format, table_records
 from piezo_hysteresis.records.record import Record
 
 
@@ -57,7 +58,7 @@ def load(
     salvage: bool = False,
     actuator: str | None = None,
 ) -> list[Record]:
-    """Read records from any mix of bag folders, ``.mcap``/``.db3`` files and CSV files.
+    """Read records from any mix of bag folders, ``.mcap``/``.db3`` files and files of columns.
 
     A record that was cancelled or refused is left out, with a `LeftOutWarning`.
 
@@ -156,12 +157,17 @@ def _read(
         return bag_records(content, log, actuator)
     if is_csv(path):
         return csv_records(path, log)
+    if has_format(path):
+        return table_records(path, log)
     raise RecordError(unknown_kind(path))
 
 
 def unknown_kind(path: Path) -> str:
     """Return the sentence with which a file of another kind is refused."""
-    return f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3 or CSV file'
+    return (
+        f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3, CSV or '
+        f'{", ".join(FORMATS)}'
+    )
 
 
 def is_csv(path: Path) -> bool:

@@ -1,0 +1,38 @@
+"""Parquet and Feather, by pyarrow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
+
+
+def read(path: Path) -> Iterator[ColumnTable]:
+    """Yield the table of a file; a missing value is NaN."""
+    if path.suffix.lower() == '.feather':
+        from pyarrow import feather
+
+        table = feather.read_table(path)
+    else:
+        from pyarrow import parquet
+
+        # as a file: a path would be taken for a data set, with columns by the names of folders
+        with path.open('rb') as file:
+            table = parquet.ParquetFile(file).read()
+    yield from tables_of({name: table.column(name).to_numpy() for name in table.column_names})
+
+
+def write(path: Path, columns: dict[str, FloatArray]) -> None:
+    """Write named vectors."""
+    import pyarrow
+    from pyarrow import feather, parquet
+
+    table = pyarrow.table({name: np.ascontiguousarray(v) for name, v in columns.items()})
+    if '.feather' in path.suffixes:  # a name beside it, until the file is whole
+        feather.write_feather(table, path)
+    else:
+        parquet.write_table(table, path)

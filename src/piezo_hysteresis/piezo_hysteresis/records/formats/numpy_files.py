@@ -1,0 +1,27 @@
+"""NumPy: ``.npz`` with named vectors, ``.npy`` with columns or fields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
+
+
+def read(path: Path) -> Iterator[ColumnTable]:
+    """Yield the tables of a file; nothing in it is executed."""
+    loaded = np.load(path, allow_pickle=False)
+    if isinstance(loaded, np.ndarray):
+        yield from tables_of({path.stem: loaded})
+        return
+    with loaded:
+        yield from tables_of({name: loaded[name] for name in loaded.files})
+
+
+def write(path: Path, columns: dict[str, FloatArray]) -> None:
+    """Write named vectors."""
+    with path.open('wb') as file:
+        np.savez(file, allow_pickle=False, **columns)

@@ -1,0 +1,118 @@
+"""Records from and to named columns, and what ``records.yaml`` beside a file says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from piezo_common import plain_yaml
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.columns import LENGTHS, UNITS
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.record import Record, RecordInfo
+from piezo_hysteresis.records.sampling import Track, records_of
+
+INFO_FILE = 'records.yaml'
+
+
+def in_si(
+    columns: Mapping[int, FloatArray], meanings: Mapping[int, tuple[str, str]]
+) -> dict[str, FloatArray]:
+    """Return columns in SI units by what they are, see `columns.assigned`."""
+    return {what: columns[k] / UNITS[what][unit] for k, (what, unit) in meanings.items()}
+
+
+def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
+    """Return a record as named columns, ``time_s, voltage_V, displacement_um``.
+
+    Parameters
+    ----------
+    record : Record
+        ``force_N`` where its input is a force, a reference where it has one.
+    unit : str
+        Unit of the displacement: m, mm, um or nm. In ``m`` every number is exact.
+
+    Raises
+    ------
+    RecordError
+        If the unit is not known.
+    """
+    if unit not in LENGTHS:
+        raise RecordError(f'unit {unit!r} is not known; use m, mm, um or nm')
+    drive = 'force_N' if record.info.input_unit == 'N' else 'voltage_V'
+    columns = {'time_s': record.time, drive: record.voltage}
+    columns[f'displacement_{unit}'] = record.displacement * LENGTHS[unit]
+    if record.reference is not None:
+        columns[f'reference_{unit}'] = record.reference * LENGTHS[unit]
+    return columns
+
+
+def records_from(
+    path: Path, columns: dict[str, FloatArray], log: DamageLog, part: str = ''
+) -> list[Record]:
+    """Return the columns of a file as one record, or as its intact pieces when salvaging.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+    columns : dict of ndarray, shape (n,)
+        ``time`` [s], ``voltage`` [V] or ``force`` [N], ``displacement`` [m], perhaps ``reference``
+        [m].
+    log : DamageLog
+        Where damage is listed, or raised.
+    part : str
+        Name of the part of the file (sheet, group, struct) where it has several.
+
+    Raises
+    ------
+    RecordError
+        If nothing of it is readable.
+    """
+    info, name, rate = _about(path)
+    columns = dict(columns)
+    if 'force' in columns:
+        columns['voltage'] = columns.pop('force')
+        info = RecordInfo(**{**asdict(info), 'input_unit': 'N'})
+    time = columns.pop('time')
+    track = Track(f'{name}_{part}' if part else name, time, columns, info=info, rate=rate)
+    records = records_of(track, str(path), log)
+    if not records:
+        raise RecordError(f'{path}: nothing of it is readable as a record')
+    return records
+
+
+def _about(path: Path) -> tuple[RecordInfo, str, float]:
+    """Return what ``records.yaml`` beside a file says of it, its name and its rate."""
+    notes = path.with_name(INFO_FILE)
+    entry: Any = None
+    if notes.is_file():
+        try:
+            entry = (plain_yaml.load_file(notes) or {}).get(path.name)
+        except (OSError, yaml.YAMLError, AttributeError) as error:
+            reason = str(error).split('\n', 1)[0]
+            raise RecordError(
+                f'{notes}: it cannot be read ({reason}); mend or remove it'
+            ) from None
+    if not isinstance(entry, dict):
+        return RecordInfo(), path.stem, 0.0
+    try:
+        known = {
+            item.name: type(getattr(RecordInfo(), item.name))(entry[item.name])
+            for item in fields(RecordInfo)
+            if item.name in entry
+        }
+        return (
+            RecordInfo(**known),
+            str(entry.get('record', path.stem)),
+            float(entry.get('rate', 0)),
+        )
+    except (TypeError, ValueError, OverflowError):
+        raise RecordError(
+            f'{notes}: the entry of {path.name} has a value of the wrong kind; mend it'
+        ) from None
