@@ -311,7 +311,8 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     assert result.result.success, result.result.message
     last = f'sample {PLAN.records[-1].last}'
     loop.listener.until(lambda: loop.markers[-1].header.frame_id == last)
-    assert loop.states[count].sample == 0
+    # a starved listener may hear states of the dead one after that
+    assert any(state.sample == 0 for state in loop.states[count:])
     loop.tells('restarts', restarts + 1)
 
 
