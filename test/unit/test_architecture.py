@@ -31,10 +31,11 @@ ALLOWED = {
     'nodes': NEUTRAL
     | CORE_ROOMS
     | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime'},
+    'drivers': NEUTRAL | {'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
     'cli': NEUTRAL
     | CORE_ROOMS
-    | {'investigation', 'reporting', 'batch', 'parameters', 'nodes', 'export'},
+    | {'investigation', 'reporting', 'batch', 'parameters', 'nodes', 'export', 'drivers'},
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION: dict[str, set[str]] = {

@@ -16,6 +16,8 @@ from piezo_common.wording import OneLineParser, counted
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
 from piezo_sim.errors import SimulationError, SweepError
+from piezo_sim.gcs import server
+from piezo_sim.gcs.server import FAULTS
 from piezo_sim.output import check_target, labels, write_labels, write_records
 from piezo_sim.plant import Plant
 from piezo_sim.presets import load_preset, preset_names
@@ -45,6 +47,7 @@ def build_parser() -> argparse.ArgumentParser:
     verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
     configure_stage(verbs.add_parser('stage', help='a flexure stage from its dimensions'))
     _configure_plant(verbs.add_parser('plant', help='an actuator for another program, by a pipe'))
+    _configure_gcs(verbs.add_parser('gcs', help='a controller that speaks GCS 2, on a TCP port'))
     describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
     describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
     describe.set_defaults(run=_describe)
@@ -115,6 +118,20 @@ def _configure_plant(parser: argparse.ArgumentParser) -> None:
     add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
         help='parameter, or effects.NAME=true|false')  # fmt: skip
     parser.set_defaults(run=lambda options: serve.run(options, dict(options.set)))
+
+
+def _configure_gcs(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
+    add('--rate', type=float, default=20_000.0, help='servo rate in Hz (default 20000)')
+    add('--port', type=int, default=50_000, help='TCP port on this machine; 0 takes a free one')
+    add('--speed', type=float, default=1.0, help='times real time; inf plays waves at once')
+    add('--seed', type=int, default=0, help='seed of all noise')
+    add('--fault', default='', metavar='KIND:N',
+        help=f'one of {", ".join(FAULTS)}, once, after N lines')  # fmt: skip
+    add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
+        help='parameter, or effects.NAME=true|false')  # fmt: skip
+    parser.set_defaults(run=lambda options: server.run(options, dict(options.set)))
 
 
 def _overrides(options: argparse.Namespace) -> dict[str, float | bool]:

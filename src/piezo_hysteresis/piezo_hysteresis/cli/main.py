@@ -21,6 +21,7 @@ VERBS = {
     'import': 'import_data',
     'export': 'export',
     'info': 'info',
+    'sweep': 'sweep',
     'identify': 'identify',
     'validate': 'validate',
     'compensate': 'compensate',

@@ -1,0 +1,200 @@
+"""The state of a controller: servo, wave generator, data recorder, errors, and its actuator.
+
+One axis ``1``, driven by channel ``1``; with the servo off, wave generator and ``SVA`` set its
+voltage. Time goes on by the clock of the computer, tick by tick of the servo.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from piezo_sim.plant import FloatArray, Plant
+
+#: Points of a wave table and of a record table.
+MOST_POINTS = 1 << 17
+_AT_ONCE = 1 << 15  # ticks that the actuator is followed at a time
+
+
+class GcsError(Exception):
+    """A command that is refused; its number is what ``ERR?`` answers."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(str(number))
+        self.number = number
+
+
+#: Numbers of refusals, as in the manuals.
+SYNTAX, UNKNOWN, SERVO, LIMITS, STOPPED, AXIS, RANGE = 1, 2, 5, 7, 10, 15, 17
+
+#: What a record table may hold: commanded position, position, voltage of the output.
+TARGET, POSITION, OUTPUT = 1, 2, 7
+
+
+@dataclass
+class Generator:
+    """The wave generator.
+
+    Attributes
+    ----------
+    table : int
+        Wave table that it plays, 0 for none.
+    cycles : int
+        How often; 0 is for ever.
+    divider : int
+        Servo ticks per point.
+    offset : float
+        Added to every point [V].
+    first : int
+        Tick at which it was started, -1 where it stands.
+    """
+
+    table: int = 0
+    cycles: int = 0
+    divider: int = 1
+    offset: float = 0.0
+    first: int = -1
+
+
+@dataclass
+class DataRecorder:
+    """The data recorder: two tables, filled from the start of the generator on.
+
+    Attributes
+    ----------
+    options : dict of int to int
+        What each table holds.
+    divider : int
+        Servo ticks per sample.
+    first : int
+        Tick of the first sample, -1 before any.
+    samples : dict of int to list of ndarray
+        What was recorded.
+    """
+
+    options: dict[int, int] = field(default_factory=lambda: {1: POSITION, 2: OUTPUT})
+    divider: int = 1
+    first: int = -1
+    samples: dict[int, list[FloatArray]] = field(default_factory=dict)
+
+    def count(self, table: int) -> int:
+        """Return how many samples a table holds."""
+        return sum(part.size for part in self.samples.get(table, []))
+
+
+class SimulatedController:
+    """A controller and its actuator.
+
+    Parameters
+    ----------
+    plant : Plant
+        The actuator; its rate is that of the servo.
+    speed : float
+        How much faster than the clock time goes; infinite plays a wave at once.
+    now : callable
+        The clock [s].
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        speed: float = 1.0,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.plant, self.speed, self._now = plant, speed, now
+        self.low = float(plant.parameters['amplifier.range_low'])
+        self.high = float(plant.parameters['amplifier.range_high'])
+        self.tables: dict[int, FloatArray] = {}
+        self.generator, self.recorder = Generator(), DataRecorder()
+        self.servo, self.error = False, 0
+        self.voltage = self.position = 0.0
+        self._set, self._tick, self._start = 0.0, 0, now()
+
+    def set_voltage(self, voltage: float) -> None:
+        """Set the voltage of the output [V], as ``SVA`` does."""
+        if self.servo:
+            raise GcsError(SERVO)
+        if not self.low <= voltage <= self.high:
+            raise GcsError(LIMITS)
+        self.advance()
+        self._set = voltage
+
+    def start(self) -> None:
+        """Start the wave generator and the recorder."""
+        wave = self.tables.get(self.generator.table)
+        if wave is None or self.servo:
+            raise GcsError(SERVO if self.servo else RANGE)
+        shifted = wave + self.generator.offset
+        if shifted.min() < self.low or shifted.max() > self.high:
+            raise GcsError(LIMITS)
+        self.advance()
+        self.generator.first = self.recorder.first = self._tick
+        self.recorder.samples = {}
+
+    def stop(self) -> None:
+        """Stop the wave generator; the voltage stays where it is."""
+        self.advance()
+        if self.generator.first >= 0:
+            self._set = self.voltage
+            self.generator.first = -1
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the wave generator plays."""
+        self.advance()
+        return self.generator.first >= 0
+
+    def advance(self) -> None:
+        """Let time go on to now."""
+        due = self._due()
+        while self._tick < due:
+            count = min(due - self._tick, _AT_ONCE)
+            commands = self._commands(count)
+            readings = self.plant.run(commands)
+            self._record(commands, readings)
+            self._tick += count
+            self.voltage, self.position = float(commands[-1]), float(readings[-1])
+            if self.generator.first >= 0 and self._tick >= self._end:
+                self._set, self.generator.first = self.voltage, -1
+
+    @property
+    def _end(self) -> float:
+        """Tick behind the end of the wave."""
+        made, wave = self.generator, self.tables[self.generator.table]
+        if made.cycles == 0:
+            return math.inf
+        return made.first + made.cycles * wave.size * made.divider
+
+    def _due(self) -> int:
+        if math.isfinite(self.speed):
+            return int((self._now() - self._start) * self.speed * self.plant.rate)
+        if self.generator.first < 0:
+            return self._tick + 1
+        return int(min(self._end, self._tick + MOST_POINTS * self.generator.divider))
+
+    def _commands(self, count: int) -> FloatArray:
+        """Return the voltage of the next ticks [V]."""
+        commands = np.full(count, self._set)
+        made = self.generator
+        if made.first >= 0:
+            wave = self.tables[made.table] + made.offset
+            ticks = np.arange(self._tick, self._tick + count)
+            place = (ticks - made.first) // made.divider
+            playing = ticks < self._end
+            commands[playing] = wave[place[playing] % wave.size]
+            commands[~playing] = wave[-1]
+        return commands
+
+    def _record(self, commands: FloatArray, readings: FloatArray) -> None:
+        if self.recorder.first < 0:
+            return
+        ticks = np.arange(self._tick, self._tick + commands.size) - self.recorder.first
+        kept = ticks % self.recorder.divider == 0
+        for table, option in self.recorder.options.items():
+            room = MOST_POINTS - self.recorder.count(table)
+            source = commands if option == OUTPUT else 1e6 * readings
+            self.recorder.samples.setdefault(table, []).append(source[kept][:room])

@@ -1,0 +1,230 @@
+"""Sweeps in a controller that speaks GCS 2, against the simulated one."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.drivers.gcs import Connection, DriveLimits, DriverError, GcsController, sweep
+from piezo_hysteresis.drivers.gcs.controller import MOST_POINTS
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.errors import errors_of
+from piezo_hysteresis.models import named
+from piezo_hysteresis.records import load
+from piezo_sim.gcs.controller import SimulatedController
+from piezo_sim.gcs.server import FAULTS, Fault, GcsServer
+from piezo_sim.plant import Plant
+
+PRESET, RATE = 'fdk_pzba_00030', 20_000.0
+
+
+@contextmanager
+def serving(speed: float = np.inf, fault: Fault | None = None) -> Iterator[GcsServer]:
+    server = GcsServer(SimulatedController(Plant.from_preset(PRESET, RATE), speed), 0, fault)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def connected(
+    server: GcsServer, limits: DriveLimits | None = None, timeout: float = 5.0
+) -> GcsController:
+    return GcsController(Connection('127.0.0.1', server.server_address[1], timeout), limits)
+
+
+@pytest.fixture
+def server() -> Iterator[GcsServer]:
+    with serving() as made:
+        yield made
+
+
+def test_it_says_who_it_is_and_moves_nothing(server: GcsServer) -> None:
+    server.controller.set_voltage(1.5)
+    before = server.controller.voltage
+    made = connected(server)
+    assert made.identity.rate == RATE
+    assert made.identity.firmware == '1.0.0'
+    assert (made.limits.low, made.limits.high) == (-5.0, 5.0)
+    assert server.controller.voltage in (before, 1.5)
+    assert not made.is_running
+    made.disconnect()
+
+
+def test_a_wave_comes_back_as_the_plant_answers_it(server: GcsServer) -> None:
+    wave = np.concatenate([np.zeros(50), np.sin(np.arange(1000) * 2 * np.pi / 1000), np.zeros(50)])
+    with connected(server) as made:
+        made.open_loop()
+        played = made.play(wave)
+    assert played.dt == pytest.approx(1.0 / RATE)
+    np.testing.assert_allclose(played.voltage, wave, rtol=0, atol=2e-9)
+    assert np.ptp(played.displacement) > 5e-5
+    assert server.controller.voltage == 0.0
+
+
+@pytest.mark.slow
+def test_three_commands_from_a_sweep_to_a_model(server: GcsServer, tmp_path: Path) -> None:
+    port, bag = server.server_address[1], tmp_path / 'bag'
+    words = ['sweep', '--on', f'gcs://127.0.0.1:{port}', '--frequencies', '5,23']
+    words += ['--amplitudes', '0.5,1', '--seconds', '1', '--actuator', 'bender', '--out', str(bag)]
+    assert main(words) == 0
+    records = load(bag)
+    first = records[0]
+    assert (first.name, first.rate, len(first)) == ('sine_5Hz_0.5V', RATE, 20_000)
+    assert [record.info.amplitude for record in records] == [0.5, 0.5, 1.0, 1.0]
+    assert {record.info.actuator for record in records} == {'bender'}
+    about = yaml.safe_load((bag / 'controller.yaml').read_text())
+    assert about['controller']['rate'] == RATE
+    found = identify(records, named('bouc_wen_mode'))
+    stroke = max(float(np.ptp(record.displacement)) for record in records)
+    errors = errors_of(found.model, found.values, records, found.sampling_offset)
+    assert max(each.free_run_rms for each in errors) < 0.02 * stroke
+    assert main(words) == 2  # the bag is there
+
+
+REFUSED: dict[str, tuple[DriveLimits, dict[str, Any], str]] = {
+    'range': (DriveLimits(-0.5, 0.5), {}, 'leaves the range -0.5 .. 0.5 V'),
+    'range of the controller': (
+        DriveLimits(-99.0, 99.0),
+        {'amplitudes': [6.0]},
+        'the range -5 .. 5 V',
+    ),
+    'slew': (DriveLimits(slew=10.0), {'frequencies': [50.0]}, 'the limit is 10 V/s'),
+    'rate': (DriveLimits(), {'frequencies': [15_000.0]}, 'cannot be sampled at 20000 Hz'),
+}
+
+
+@pytest.mark.parametrize('why', REFUSED)
+def test_what_leaves_the_limits_is_refused_before_it_is_loaded(
+    server: GcsServer, why: str
+) -> None:
+    limits, settings, sentence = REFUSED[why]
+    chosen = {'frequencies': [5.0], 'amplitudes': [1.0], 'seconds': 0.5, **settings}
+    with connected(server, limits) as made:
+        made.open_loop()
+        with pytest.raises(Exception, match=sentence):
+            sweep(made, **chosen)
+    assert server.controller.tables == {}
+
+
+def test_a_long_record_is_sampled_slower(server: GcsServer) -> None:
+    with connected(server) as made:
+        made.open_loop()
+        (record,) = sweep(made, [1.0], [1.0], 5.0)
+    assert record.rate == RATE / 2
+    assert len(record) == 50_000 < MOST_POINTS
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [('WAV 1 X PNT 1 3 0 1', 'parameters'), ('ABC', 'does not know'), ('SVA 2 1', 'no such axis'),
+     ('SVA 1 9', 'beyond the limits')],
+)  # fmt: skip
+def test_a_refusal_of_the_controller_is_a_sentence(
+    server: GcsServer, text: str, sentence: str
+) -> None:
+    with (
+        Connection('127.0.0.1', server.server_address[1]) as line,
+        pytest.raises(DriverError, match=sentence),
+    ):
+        line.command(text)
+
+
+def test_wrong_addresses_are_said(capsys: Any) -> None:
+    words = ['--frequencies', '1', '--amplitudes', '1', '--out', 'nowhere']
+    assert main(['sweep', '--on', 'tcp://x', *words]) == 2
+    assert 'write gcs://HOST' in capsys.readouterr().err
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        port = free.getsockname()[1]
+    assert main(['sweep', '--on', f'gcs://127.0.0.1:{port}', *words]) == 2
+    assert 'no controller answers' in capsys.readouterr().err
+
+
+def measured(server: GcsServer) -> str:
+    """Return '' or the sentence with which a sweep ended."""
+    try:
+        with connected(server, timeout=0.2) as made:
+            made.open_loop()
+            sweep(made, [20.0], [1.0], 0.05)
+    except DriverError as error:
+        return str(error)
+    return ''
+
+
+def lines_of_a_sweep() -> int:
+    with serving(fault=Fault('count', 10**9)) as made:
+        assert measured(made) == ''
+        return 10**9 - made.fault.after
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('kind', FAULTS)
+def test_a_connection_lost_at_any_moment_leaves_the_output_at_rest(kind: str) -> None:
+    """Twenty random moments: the generator ends by itself, within the limits, at 0 V."""
+    rng, total = np.random.default_rng(7), lines_of_a_sweep()
+    for after in rng.integers(0, total, 20):
+        with serving(fault=Fault(kind, int(after))) as made:
+            assert '\n' not in measured(made)
+            made.controller.advance()
+            assert not made.controller.is_running
+            assert made.controller.voltage == 0.0
+            largest = max(
+                np.abs(part).max(initial=0.0)
+                for part in made.controller.recorder.samples.get(2, [np.zeros(1)])
+            )
+            assert largest <= 1.0 + 1e-9  # fmt: skip
+
+
+def test_a_lost_connection_is_a_sentence() -> None:
+    with serving(fault=Fault('drop', 12)) as made:
+        assert 'the connection is lost' in measured(made)
+        assert made.controller.voltage == 0.0
+
+
+def test_the_generator_goes_on_to_its_end_without_a_client() -> None:
+    clock = [0.0]
+    plant = Plant.from_preset(PRESET, RATE)
+    simulated = SimulatedController(plant, 1.0, now=lambda: clock[0])
+    simulated.tables[1] = np.concatenate([np.ones(2000), np.zeros(1)])
+    simulated.generator.table, simulated.generator.cycles = 1, 1
+    simulated.start()
+    clock[0] = 0.05
+    assert simulated.is_running
+    assert simulated.voltage == 1.0
+    clock[0] = 0.2
+    assert not simulated.is_running
+    assert simulated.voltage == 0.0
+
+
+def test_a_run_that_fails_is_stopped_and_brought_to_rest(monkeypatch: Any) -> None:
+    monkeypatch.setattr('piezo_hysteresis.drivers.gcs.controller._AFTER', -0.35)
+    with serving(speed=1.0) as made, connected(made, DriveLimits(slew=1e6)) as controller:
+        controller.open_loop()
+        wave = np.concatenate([[0.0], np.ones(8000), [0.0]])
+        with pytest.raises(DriverError, match='does not end'):
+            controller.play(wave)
+        assert not controller.is_running
+        assert controller.voltage == 0.0
+
+
+def test_the_servo_must_be_off(server: GcsServer) -> None:
+    server.controller.servo = True
+    with connected(server) as made:
+        with pytest.raises(DriverError, match='cannot move in this servo mode'):
+            made.play(np.zeros(10))
+        made.open_loop()
+        assert not server.controller.servo
