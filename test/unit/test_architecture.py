@@ -31,7 +31,7 @@ ALLOWED = {
     'nodes': NEUTRAL
     | CORE_ROOMS
     | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime'},
-    'drivers': NEUTRAL | {'runtime'},
+    'drivers': NEUTRAL | {'models', 'compensation', 'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
     'cli': NEUTRAL
     | CORE_ROOMS

@@ -15,11 +15,11 @@ import yaml
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.drivers.gcs import Connection, DriveLimits, DriverError, GcsController, sweep
-from piezo_hysteresis.drivers.gcs.controller import MOST_POINTS
-from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.errors import errors_of
-from piezo_hysteresis.models import named
+from piezo_hysteresis.drivers.gcs.controller import MOST_POINTS, Measurement
+from piezo_hysteresis.drivers.gcs.tracking import Learning
+from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import load
+from piezo_hysteresis.waveforms import Sine
 from piezo_sim.gcs.controller import SimulatedController
 from piezo_sim.gcs.server import FAULTS, Fault, GcsServer
 from piezo_sim.plant import Plant
@@ -76,8 +76,13 @@ def test_a_wave_comes_back_as_the_plant_answers_it(server: GcsServer) -> None:
 
 
 @pytest.mark.slow
-def test_three_commands_from_a_sweep_to_a_model(server: GcsServer, tmp_path: Path) -> None:
-    port, bag = server.server_address[1], tmp_path / 'bag'
+def test_three_commands_from_open_loop_to_the_noise(tmp_path: Path) -> None:
+    with serving(speed=20.0) as server:
+        tracked(server.server_address[1], tmp_path)
+
+
+def tracked(port: int, tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
     words = ['sweep', '--on', f'gcs://127.0.0.1:{port}', '--frequencies', '5,23']
     words += ['--amplitudes', '0.5,1', '--seconds', '1', '--actuator', 'bender', '--out', str(bag)]
     assert main(words) == 0
@@ -88,11 +93,16 @@ def test_three_commands_from_a_sweep_to_a_model(server: GcsServer, tmp_path: Pat
     assert {record.info.actuator for record in records} == {'bender'}
     about = yaml.safe_load((bag / 'controller.yaml').read_text())
     assert about['controller']['rate'] == RATE
-    found = identify(records, named('bouc_wen_mode'))
-    stroke = max(float(np.ptp(record.displacement)) for record in records)
-    errors = errors_of(found.model, found.values, records, found.sampling_offset)
-    assert max(each.free_run_rms for each in errors) < 0.02 * stroke
     assert main(words) == 2  # the bag is there
+    model, out = tmp_path / 'model', tmp_path / 'tracked'
+    assert main(['identify', str(bag), '--model', 'bouc_wen_mode', '--out', str(model)]) == 0
+    words = ['compensate', '--on', f'gcs://127.0.0.1:{port}', '--model', f'{model}/model.yaml']
+    words += ['--reference', 'sine:frequency=23,amplitude=100e-6,duration=2', '--out', str(out)]
+    assert main(words) == 0
+    (record,) = load(out / 'wave.csv')
+    assert record.reference is not None
+    error = (record.displacement - record.reference)[-20_000:]
+    assert np.sqrt(np.mean(error**2)) < 3 * 2e-8  # noise floors
 
 
 REFUSED: dict[str, tuple[DriveLimits, dict[str, Any], str]] = {
@@ -219,6 +229,39 @@ def test_a_run_that_fails_is_stopped_and_brought_to_rest(monkeypatch: Any) -> No
             controller.play(wave)
         assert not controller.is_running
         assert controller.voltage == 0.0
+
+
+def test_a_model_of_the_actuator_learns_in_a_few_runs(monkeypatch: Any) -> None:
+    """The plant is a linear mode of other numbers than the model's, with an odd distortion."""
+    model = named('linear_mode')
+    values = {**model.defaults(), 'A1': 1e-4, 'natural_frequency': 300.0, 'damping_ratio': 0.05}
+    loaded = ModelFile(model, values)
+    with serving() as server, connected(server) as made:
+        made.open_loop()
+        learning = Learning(made, loaded, Sine(3e-5, 20.0, 0.5))
+
+        def played(wave: np.ndarray, divider: int = 1) -> Measurement:
+            bent = model.respond(
+                wave + 0.05 * wave**3, model.pack({**values, 'A1': 1.3e-4}), learning.dt
+            )
+            return Measurement(learning.dt, wave, bent)
+
+        monkeypatch.setattr(made, 'play', played)
+        runs = list(learning.runs(6))
+    assert [run.name for run in runs[:3]] == ['no compensation', 'feedforward', 'learnt 1']
+    assert runs[-1].rms < 0.02 * runs[1].rms
+
+
+@pytest.mark.parametrize(
+    ('reference', 'sentence'),
+    [(Sine(3e-5, 20.0, float('inf')), 'needs an end'), (Sine(3e-5, 3000.0, 1.0), 'too fast')],
+)
+def test_a_reference_that_cannot_be_learnt_is_refused(
+    server: GcsServer, reference: Sine, sentence: str
+) -> None:
+    model = named('linear_mode')
+    with connected(server) as made, pytest.raises(DriverError, match=sentence):
+        Learning(made, ModelFile(model, model.defaults()), reference)
 
 
 def test_the_servo_must_be_off(server: GcsServer) -> None:

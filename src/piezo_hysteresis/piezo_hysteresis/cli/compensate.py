@@ -1,7 +1,8 @@
 """Study in closed loop, without hardware, how well a model compensates a plant.
 
 The plant is a model too, usually another one or one with other numbers, or a simulated actuator:
-preset:NAME. The reference is a waveform, KIND:setting=value,... (amplitude in m), e.g.
+preset:NAME. On a controller (--on) the actuator itself is driven. The reference is a waveform,
+KIND:setting=value,... (amplitude in m), e.g.
 sine:frequency=23,amplitude=120e-6.
 """
 
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.cli import compensate_links as links
+from piezo_hysteresis.cli.compensate_on import run_on
 from piezo_hysteresis.cli.compensate_study import (
     Run,
     Study,
@@ -28,7 +30,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder
 
-HELP = 'offline closed-loop study: how well a model compensates a plant'
+HELP = 'how well a model compensates a plant: a study offline, or on a controller'
 
 PRESET = 'preset:'
 
@@ -37,12 +39,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     add = parser.add_argument
     add('--model', required=True, metavar='YAML', help='model that is inverted')
-    add(
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
         '--plant',
-        required=True,
         metavar='YAML|preset:NAME',
         help='model in the place of the actuator, or a simulated one (piezo_sim presets)',
     )
+    what.add_argument(
+        '--on',
+        metavar='gcs://HOST[:PORT]',
+        help='the actuator on a controller: its wave is learnt from run to run',
+    )
+    add('--axis', default='1', help='of the controller')
+    add('--rounds', type=int, default=8, metavar='N', help='runs that learn, at most')
     add(
         '--plant-set',
         nargs='+',
@@ -71,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
     started = time.perf_counter()
     check_folder(arguments.out, 'compensate')
+    if arguments.on is not None:
+        return run_on(arguments)
     model = ModelFile.load(arguments.model)
     rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
     _require_numbers(arguments, rate)

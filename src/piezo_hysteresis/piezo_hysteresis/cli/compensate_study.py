@@ -36,7 +36,8 @@ from piezo_hysteresis.waveforms.base import Samples
 class Study:
     """Everything that a study is made of; times in s, voltages in V, displacements in m.
 
-    The plant is a model, or the name of a preset of the simulator.
+    The plant is a model, or the name of a preset of the simulator; of an actuator on a controller
+    the latter has a name.
     """
 
     model: ModelFile
@@ -54,6 +55,7 @@ class Study:
     noise: float
     seed: int
     from_seconds: float
+    controller: str = ''
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,7 @@ def write_results(
         'plant': (
             study.plant.model.name
             if isinstance(study.plant, ModelFile)
-            else f'preset:{study.plant}'
+            else study.controller or f'preset:{study.plant}'
         ),
         'law': study.law,
         'gain_model': (study.gain_model or study.model).model.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -46,11 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     if out.exists():
         raise RecordError(f'{out} exists already; remove it or choose another name')
-    host, port = address(arguments.on)
-    low, high = arguments.range or (float('-inf'), float('inf'))
-    limits = DriveLimits(low, high, arguments.slew or float('inf'))
+    low, high = arguments.range or (None, None)
     with (
-        GcsController(Connection(host, port), limits, arguments.axis) as controller,
+        controller_of(arguments.on, arguments.axis, low, high, arguments.slew) as controller,
         progress_bar('sweep') as tell,
     ):
         about = {
@@ -71,6 +70,25 @@ def run(arguments: argparse.Namespace) -> int:
     samples = sum(len(record) for record in records)
     print(f'{out}: {counted(len(records), "record")}, {samples} samples at {records[0].rate:g} Hz')
     return 0
+
+
+def controller_of(
+    text: str, axis: str, low: float | None, high: float | None, slew: float | None
+) -> GcsController:
+    """Connect to the controller that ``gcs://HOST[:PORT]`` names, with limits where given.
+
+    Raises
+    ------
+    PiezoError
+        If the text is something else, or no controller answers.
+    """
+    host, port = address(text)
+    limits = DriveLimits(
+        -math.inf if low is None else low,
+        math.inf if high is None else high,
+        math.inf if slew is None else slew,
+    )
+    return GcsController(Connection(host, port), limits, axis)
 
 
 def address(text: str) -> tuple[str, int]:

@@ -13,7 +13,8 @@ from piezo_hysteresis.drivers.gcs.controller import GcsController
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.runtime.sweep_plan import RETURN, Sweep, parse_options
 
-_REST = 0.05  # at 0 V before and behind a record [s]
+#: Time at 0 V before and behind a record [s].
+REST = 0.05
 
 
 def sweep(
@@ -57,14 +58,14 @@ def sweep(
     PiezoError
         If a wave leaves the limits, or the controller fails.
     """
-    divider = controller.divider_for(seconds + 2.0 * (_REST + RETURN))
+    divider = controller.divider_for(seconds + 2.0 * (REST + RETURN))
     rate = controller.identity.rate / divider
     settings = parse_options(options) if isinstance(options, str) else options
     planned = Sweep(
         frequencies, amplitudes, seconds, rate,
         warm_up=warm_up, waveform=waveform, options=settings,
     ).records  # fmt: skip
-    waves = [_whole(record.voltages, rate) for record in planned]
+    waves = [whole(record.voltages, rate) for record in planned]
     for record, (_, wave) in zip(planned, waves, strict=True):
         try:
             controller.limits.require(wave, rate)
@@ -94,9 +95,9 @@ def _start(voltages: FloatArray) -> str:
     return 'step' if voltages[0] == 0.0 else 'auto'
 
 
-def _whole(voltages: FloatArray, rate: float) -> tuple[int, FloatArray]:
+def whole(voltages: FloatArray, rate: float) -> tuple[int, FloatArray]:
     """Return a wave from 0 V to 0 V with a record in it, and the place of its first sample."""
-    rest, ramp = np.zeros(max(2, round(_REST * rate))), max(2, round(RETURN * rate))
+    rest, ramp = np.zeros(max(2, round(REST * rate))), max(2, round(RETURN * rate))
     smooth = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, ramp + 1) / ramp)
     begin = [rest] if voltages[0] == 0.0 else [rest, voltages[0] * smooth[:-1]]
     end = [voltages[-1] * (1.0 - smooth), rest]

@@ -1,0 +1,68 @@
+"""``compensate --on``: a wave in a controller tracks the reference, learnt from run to run."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, write_results
+from piezo_hysteresis.cli.sweep import controller_of
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.loop import tracking_metrics
+from piezo_hysteresis.drivers.gcs.tracking import Learning, LearntRun
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.records import Record, write_csv
+from piezo_hysteresis.waveforms import Sine
+
+#: The wave that tracked best, with displacement and reference.
+WAVE = 'wave.csv'
+
+
+def run_on(arguments: argparse.Namespace) -> int:
+    """Learn on the controller, and write the results as of a study."""
+    started = time.perf_counter()
+    reference = parse_reference(arguments.reference)
+    if not isinstance(reference, Sine):
+        raise CompensationError(
+            'a controller learns a sine: --reference sine:frequency=23,amplitude=40e-6,duration=2'
+        )
+    model = ModelFile.load(arguments.model)
+    with controller_of(
+        arguments.on, arguments.axis, arguments.low, arguments.high, arguments.slew
+    ) as controller:
+        controller.open_loop()
+        learning = Learning(controller, model, reference)
+        runs = [_reported(each, learning) for each in learning.runs(arguments.rounds)]
+        limits = controller.limits
+        study = Study(
+            model=model, slow=None, law='auto', switch=0.0, plant='', waveform=reference,
+            controller=controller.identity.name, dt=learning.dt,
+            limits=Limits(limits.low, limits.high, limits.slew), attenuation=None,
+            gain_model=None, feedback=None, together=False, noise=0.0, seed=0,
+            from_seconds=learning.from_seconds,
+        )  # fmt: skip
+    out = Path(arguments.out)
+    write_results(out, study, runs, arguments.reference, time.perf_counter() - started)
+    _write_wave(out / WAVE, min(runs, key=lambda each: each.metrics.rms))
+    print(f'written to {out}; open {out}/report.html')
+    return 0
+
+
+def _write_wave(path: Path, best: Run) -> None:
+    """Write the wave of a run, with what was measured, to be loaded again."""
+    path.unlink(missing_ok=True)
+    found = best.result
+    record = Record(
+        best.name, found.dt, found.voltage, found.displacement, reference=found.reference
+    )
+    write_csv(path, record, unit='m')
+
+
+def _reported(learnt: LearntRun, learning: Learning) -> Run:
+    """Print a line about a run, and return it as one of a study."""
+    floors = f', {learnt.rms / learnt.noise:.3g} noise floors' if learnt.noise > 0.0 else ''
+    print(f'{learnt.name:<18}{1e6 * learnt.rms:10.4f} µm rms{floors}', flush=True)
+    metrics = tracking_metrics(learnt.result, learning.from_seconds)
+    return Run(learnt.name, learnt.result, metrics)

@@ -1,0 +1,192 @@
+"""Tracking by a wave in the controller, learnt from run to run (iterative learning control).
+
+The inverse of a model gives the first wave. Each run is measured, the harmonics of its error are
+divided by the sensitivity of the model to those of the voltage, and the wave is corrected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.drivers.gcs.connection import DriverError
+from piezo_hysteresis.drivers.gcs.controller import GcsController
+from piezo_hysteresis.drivers.gcs.sweep import REST, whole
+from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.smooth import smooth_ramp
+from piezo_hysteresis.runtime.sweep_plan import RETURN
+from piezo_hysteresis.waveforms import Sine
+
+#: Highest harmonic of the reference that is learnt.
+HIGHEST = 12
+_WINDOW = 0.4  # of the reference, at its end: what is judged and learnt from
+_RAMP = 0.3  # of the reference: over this the amplitude rises, where the reference does not say
+_STEP = 1e-3  # of the voltage, by which the model is differentiated
+_WEAKEST = 1e-3  # of the strongest: sensitivities below it are not used
+_ENOUGH = 1.05  # times the noise: there is nothing left to learn
+_LEAST_GAIN = 0.98  # a round that leaves more than this share of the error is the last
+
+
+@dataclass(frozen=True)
+class LearntRun:
+    """One run of the controller.
+
+    Attributes
+    ----------
+    name : str
+        What gave the wave.
+    result : LoopResult
+        Every sample of the reference; the displacement counts from where it rested at first.
+    rms, noise : float
+        Of the error within the window, and of the sensor at rest [m].
+    """
+
+    name: str
+    result: LoopResult
+    rms: float
+    noise: float
+
+
+class Learning:
+    """Learns the wave for one periodic reference.
+
+    Parameters
+    ----------
+    controller : GcsController
+        In open loop.
+    loaded : ModelFile
+        Model that is inverted.
+    reference : Sine
+        Desired displacement [m]; it rises over its ramp, or over a part of its length.
+
+    Raises
+    ------
+    DriverError
+        If the reference is endless or not sampled finely enough.
+    """
+
+    def __init__(self, controller: GcsController, loaded: ModelFile, reference: Sine) -> None:
+        duration, frequency = reference.duration, reference.frequency
+        if not (isfinite(duration) and _WINDOW * duration * frequency >= 1.0):
+            raise DriverError(
+                'the reference needs an end, and at least 2.5 periods: give it a duration'
+            )
+        self._controller = controller
+        self.divider = controller.divider_for(duration + 2.0 * (REST + RETURN))
+        rate = controller.identity.rate / self.divider
+        if frequency >= 0.1 * rate:
+            raise DriverError(f'{frequency:g} Hz is too fast for {rate:g} Hz: a tenth at most')
+        self.dt = 1.0 / rate
+        wanted = reference if reference.ramp else replace(reference, ramp=_RAMP * duration)
+        time = np.asarray(np.arange(round(duration * rate)) * self.dt, np.float64)
+        self.samples = wanted.sample(time)
+        self._envelope = smooth_ramp(time, wanted.ramp)[0]
+        periods = int(_WINDOW * duration * frequency)
+        self.window = slice(time.size - round(periods / (frequency * self.dt)), time.size)
+        self._model, self._packed = loaded.model, loaded.packed
+        self._values = loaded.values
+        self._zero: float | None = None
+        orders = range(1, min(HIGHEST, int(0.1 * rate / frequency)) + 1)
+        rows = [np.ones(time.size)]
+        for order in orders:
+            rows += [np.cos(order * self.samples.phase), np.sin(order * self.samples.phase)]
+        self._basis = np.array(rows)
+
+    @property
+    def from_seconds(self) -> float:
+        """Where the judged window begins [s]."""
+        return self.window.start * self.dt
+
+    def runs(self, rounds: int = 8) -> Iterator[LearntRun]:
+        """Yield a run without compensation, one with the inverse, and those that learn.
+
+        A correction that makes it worse is taken back and halved.
+
+        Parameters
+        ----------
+        rounds : int
+            Runs that learn, at most.
+
+        Raises
+        ------
+        PiezoError
+            If a wave leaves the limits, or the controller fails.
+        """
+        inverse = self._inverse()
+        share = float(np.ptp(inverse)) / float(np.ptp(self.samples.value))
+        yield self._measured('no compensation', share * self.samples.value)
+        best = self._measured('feedforward', inverse)
+        yield best
+        step = 1.0
+        for k in range(1, rounds + 1):
+            if best.rms <= _ENOUGH * best.noise:
+                return
+            wave = best.result.voltage + step * self._correction(best.result)
+            run = self._measured(f'learnt {k}', wave)
+            yield run
+            if run.rms < best.rms:
+                is_done = run.rms > _LEAST_GAIN * best.rms
+                best = run
+                if is_done:
+                    return
+            else:
+                step *= 0.5
+
+    def _inverse(self) -> FloatArray:
+        """Return the voltage with which the model follows the reference."""
+        limits = self._controller.limits
+        fastest = (limits.high - limits.low) / self.dt
+        within = Limits(limits.low, limits.high, min(limits.slew, fastest))
+        link = inverse_for(self._model, self._values, self.dt, limits=within, start=0.0)
+        plant = ModelPlant(self._model, self._values, self.dt)
+        return closed_loop(self.samples, [link], plant, within, self.dt).voltage
+
+    def _measured(self, name: str, voltages: FloatArray) -> LearntRun:
+        first, wave = whole(voltages, 1.0 / self.dt)
+        measured = self._controller.play(wave, self.divider)
+        rest = measured.displacement[: round(REST / self.dt)]
+        own = slice(first, first + voltages.size)
+        if self._zero is None:  # what stays of later runs is their own
+            self._zero = float(rest.mean())
+        moved = measured.displacement[own] - self._zero
+        result = LoopResult(
+            dt=self.dt,
+            reference=self.samples.value,
+            voltage=voltages,
+            displacement=moved,
+            phase=self.samples.phase,
+            link_voltages=voltages[None],
+            counters={'limiter': {}},
+        )
+        rms = float(np.sqrt(np.mean(result.error[self.window] ** 2)))
+        return LearntRun(name, result, rms, float(rest.std()))
+
+    def _correction(self, result: LoopResult) -> FloatArray:
+        """Return the voltage that takes the harmonics of the error away, by the model [V]."""
+        envelope, rows = self._envelope, self._basis
+        step = _STEP * float(np.max(np.abs(result.voltage)))
+        usual = self._simulated(result.voltage)
+        columns = [
+            self._harmonics(self._simulated(result.voltage + step * envelope * row) - usual)
+            for row in rows
+        ]
+        sensitivity = np.array(columns).T / step
+        missed = self._harmonics(result.error)
+        amounts = solve_least_squares(sensitivity, missed, _WEAKEST).values
+        return np.asarray(-envelope * (amounts @ rows))
+
+    def _simulated(self, voltages: FloatArray) -> FloatArray:
+        return self._model.respond(voltages, self._packed, self.dt)
+
+    def _harmonics(self, signal: FloatArray) -> FloatArray:
+        rows = self._basis[:, self.window]
+        return solve_least_squares(rows.T, signal[self.window]).values
