@@ -86,10 +86,10 @@ class Learning:
         if frequency >= 0.1 * rate:
             raise DriverError(f'{frequency:g} Hz is too fast for {rate:g} Hz: a tenth at most')
         self.dt = 1.0 / rate
-        wanted = reference if reference.ramp else replace(reference, ramp=_RAMP * duration)
+        shaped = reference if reference.ramp else replace(reference, ramp=_RAMP * duration)
         time = np.asarray(np.arange(round(duration * rate)) * self.dt, np.float64)
-        self.samples = wanted.sample(time)
-        self._envelope = smooth_ramp(time, wanted.ramp)[0]
+        self.samples = shaped.sample(time)
+        self._envelope = smooth_ramp(time, shaped.ramp)[0]
         periods = int(_WINDOW * duration * frequency)
         self.window = slice(time.size - round(periods / (frequency * self.dt)), time.size)
         self._model, self._packed = loaded.model, loaded.packed
