@@ -231,6 +231,7 @@ def test_a_run_that_fails_is_stopped_and_brought_to_rest(monkeypatch: Any) -> No
         assert controller.voltage == 0.0
 
 
+@pytest.mark.component
 def test_a_model_of_the_actuator_learns_in_a_few_runs(monkeypatch: Any) -> None:
     """The plant is a linear mode of other numbers than the model's, with an odd distortion."""
     model = named('linear_mode')
