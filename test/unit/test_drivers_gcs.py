@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +147,7 @@ def test_a_refusal_of_the_controller_is_a_sentence(
     server: GcsServer, text: str, sentence: str
 ) -> None:
     with (
-        Connection('127.0.0.1', server.server_address[1]) as line,
+        closing(Connection('127.0.0.1', server.server_address[1])) as line,
         pytest.raises(DriverError, match=sentence),
     ):
         line.command(text)

@@ -9,7 +9,6 @@ from pathlib import Path
 from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, write_results
 from piezo_hysteresis.cli.sweep import controller_of
 from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.loop import tracking_metrics
 from piezo_hysteresis.drivers.gcs.tracking import Learning, LearntRun
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -34,7 +33,7 @@ def run_on(arguments: argparse.Namespace) -> int:
     ) as controller:
         controller.open_loop()
         learning = Learning(controller, model, reference)
-        runs = [_reported(each, learning) for each in learning.runs(arguments.rounds)]
+        runs = [_reported(each) for each in learning.runs(arguments.rounds)]
         limits = controller.limits
         study = Study(
             model=model, slow=None, law='auto', switch=0.0, plant='', waveform=reference,
@@ -60,9 +59,8 @@ def _write_wave(path: Path, best: Run) -> None:
     write_csv(path, record, unit='m')
 
 
-def _reported(learnt: LearntRun, learning: Learning) -> Run:
+def _reported(learnt: LearntRun) -> Run:
     """Print a line about a run, and return it as one of a study."""
     floors = f', {learnt.rms / learnt.noise:.3g} noise floors' if learnt.noise > 0.0 else ''
     print(f'{learnt.name:<18}{1e6 * learnt.rms:10.4f} µm rms{floors}', flush=True)
-    metrics = tracking_metrics(learnt.result, learning.from_seconds)
-    return Run(learnt.name, learnt.result, metrics)
+    return Run(learnt.name, learnt.result, learnt.metrics)

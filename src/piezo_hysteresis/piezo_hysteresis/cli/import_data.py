@@ -17,11 +17,14 @@ from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
 from piezo_hysteresis.records.bag_content import READERS
-from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.foreign import foreign_records
-from piezo_hysteresis.records.formats.reading import has_format, table_records
-from piezo_hysteresis.records.load import is_csv, sentences, unknown_kind
+from piezo_hysteresis.records.load import (
+    column_records,
+    is_of_columns,
+    sentences,
+    unknown_kind,
+)
 from piezo_hysteresis.records.resampling import resampled
 
 HELP = 'CSV files to one bag, one record per file'
@@ -96,12 +99,8 @@ def _one(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> 
 
 
 def _chosen(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> list[Record]:
-    if is_csv(path) and not path.is_dir():
-        return csv_records(path, log, named, row)
-    if has_format(path) and not path.is_dir():
-        if row is not None:
-            raise RecordError(f'{path}: --header-row and --skip-rows are for text; leave them out')
-        return table_records(path, log, named)
+    if is_of_columns(path) and not path.is_dir():
+        return column_records(path, log, named, row)
     if not path.is_dir() and path.suffix not in (*READERS, '.zstd'):
         raise RecordError(unknown_kind(path))
     if 'displacement' not in named or not {'voltage', 'force'} & named.keys():

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
 from piezo_hysteresis.records.columns import EXAMPLE, assigned, renamed
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record
-from piezo_hysteresis.records.tabular import columns_of, in_si, records_from
+from piezo_hysteresis.records.tabular import columns_of, in_si, new_file, records_from
 
 END_OF_HEADER = '***End_of_Header***'  # LabVIEW
 
@@ -245,16 +244,12 @@ def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     RecordError
         If the file exists or cannot be written; nothing is left behind then.
     """
-    path = Path(path)
-    if path.exists():
-        raise RecordError(f'{path} exists already; remove it or choose another name')
     columns = columns_of(record, unit)
-    text = io.StringIO()
-    text.write(','.join(columns) + '\n')
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    text.writelines(f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows)
-    try:
-        with write_atomically(path) as temporary:
-            temporary.write_text(text.getvalue(), 'utf-8')
-    except OSError as error:
-        raise RecordError(f'{path}: it cannot be written ({error.strerror or error})') from None
+    with new_file(Path(path)) as temporary:
+        text = io.StringIO()
+        text.write(','.join(columns) + '\n')
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        text.writelines(
+            f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows
+        )
+        temporary.write_text(text.getvalue(), 'utf-8')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import struct
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -155,10 +155,8 @@ def _read(
         content = read_content(path, log)
         bags.append(content)
         return bag_records(content, log, actuator)
-    if is_csv(path):
-        return csv_records(path, log)
-    if has_format(path):
-        return table_records(path, log)
+    if is_of_columns(path):
+        return column_records(path, log)
     raise RecordError(unknown_kind(path))
 
 
@@ -170,8 +168,32 @@ def unknown_kind(path: Path) -> str:
     )
 
 
-def is_csv(path: Path) -> bool:
+def column_records(
+    path: Path,
+    log: DamageLog,
+    chosen: Mapping[str, str] | None = None,
+    header_row: int | None = None,
+) -> list[Record]:
+    """Return the records of a file of columns in any format, see `csv_records`.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be used, or a line of a file that is no text is asked for.
+    """
+    if _is_csv(path):
+        return csv_records(path, log, chosen, header_row)
+    if header_row is not None:
+        raise RecordError(f'{path}: --header-row and --skip-rows are for text; leave them out')
+    return table_records(path, log, chosen)
+
+
+def is_of_columns(path: Path) -> bool:
     """Return whether a file is one of columns, by its name."""
+    return _is_csv(path) or has_format(path)
+
+
+def _is_csv(path: Path) -> bool:
     return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat', '.lvm', '.asc', '.prn')
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import yaml
 
 from piezo_common import plain_yaml
+from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import LENGTHS, UNITS
@@ -50,6 +52,24 @@ def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
     if record.reference is not None:
         columns[f'reference_{unit}'] = record.reference * LENGTHS[unit]
     return columns
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Offer a name for a file that is there only when it is whole.
+
+    Raises
+    ------
+    RecordError
+        If the file exists or cannot be written; nothing is left behind then.
+    """
+    if path.exists():
+        raise RecordError(f'{path} exists already; remove it or choose another name')
+    try:
+        with write_atomically(path) as temporary:
+            yield temporary
+    except OSError as error:
+        raise RecordError(f'{path}: it cannot be written ({error.strerror or error})') from None
 
 
 def records_from(

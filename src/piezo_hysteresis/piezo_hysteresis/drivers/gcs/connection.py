@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import socket
-from types import TracebackType
-from typing import Self
 
 from piezo_hysteresis.errors import PiezoError
 
@@ -55,17 +53,6 @@ class Connection:
                 f'{self.address}: no controller answers ({error.strerror or error}); check cable, '
                 'address and port'
             ) from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the connection; the controller goes on with what it does."""

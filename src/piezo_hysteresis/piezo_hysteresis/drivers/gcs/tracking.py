@@ -15,7 +15,12 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverses.choice import inverse_for
-from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
+from piezo_hysteresis.compensation.loop import (
+    LoopResult,
+    TrackingMetrics,
+    closed_loop,
+    tracking_metrics,
+)
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.drivers.gcs.connection import DriverError
 from piezo_hysteresis.drivers.gcs.controller import GcsController
@@ -46,14 +51,21 @@ class LearntRun:
         What gave the wave.
     result : LoopResult
         Every sample of the reference; the displacement counts from where it rested at first.
-    rms, noise : float
-        Of the error within the window, and of the sensor at rest [m].
+    metrics : TrackingMetrics
+        Of the error within the window.
+    noise : float
+        Rms of the sensor at rest [m].
     """
 
     name: str
     result: LoopResult
-    rms: float
+    metrics: TrackingMetrics
     noise: float
+
+    @property
+    def rms(self) -> float:
+        """Rms of the error within the window [m]."""
+        return self.metrics.rms
 
 
 class Learning:
@@ -167,8 +179,8 @@ class Learning:
             link_voltages=voltages[None],
             counters={'limiter': {}},
         )
-        rms = float(np.sqrt(np.mean(result.error[self.window] ** 2)))
-        return LearntRun(name, result, rms, float(rest.std()))
+        metrics = tracking_metrics(result, self.from_seconds)
+        return LearntRun(name, result, metrics, float(rest.std()))
 
     def _correction(self, result: LoopResult) -> FloatArray:
         """Return the voltage that takes the harmonics of the error away, by the model [V]."""

@@ -59,7 +59,6 @@ def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTabl
         If columns that mean something differ in length.
     """
     columns: dict[str, FloatArray] = {}
-    times: set[str] = set()
     for key, value in entries.items():
         if isinstance(value, Mapping):
             yield from tables_of(value, _below(name, key))
@@ -70,11 +69,6 @@ def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTabl
                     yield from tables_of(each, _below(name, f'{key}_{k}'))
             continue
         columns.update(_columns(key, value, len(entries) == 1))
-        if np.asarray(value).dtype.kind == 'M' and key in columns:
-            times.add(key)
-    columns = {
-        f'{k}_s' if k in times and not meaning(k).unit else k: v for k, v in columns.items()
-    }
     columns = _of_one_length(columns)
     if len(columns) >= 2:
         yield ColumnTable(name, _with_time(columns, entries))
@@ -91,7 +85,8 @@ def _columns(key: str, value: Any, alone: bool) -> dict[str, FloatArray]:
         found = {field: vector(array[field]) for field in array.dtype.names}
         return {field: column for field, column in found.items() if column is not None}
     if (column := vector(array)) is not None:
-        return {key: column}
+        is_time = array.dtype.kind == 'M' and not meaning(key).unit
+        return {f'{key}_s' if is_time else key: column}
     if array.ndim != 2 or array.dtype.kind not in 'biuf' or min(array.shape) > MOST_COLUMNS:
         return {}
     rows = array if array.shape[0] >= array.shape[1] else array.T

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from piezo_common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.formats.reading import FORMATS, missing
 from piezo_hysteresis.records.record import Record
-from piezo_hysteresis.records.tabular import columns_of
+from piezo_hysteresis.records.tabular import columns_of, new_file
 
 #: Endings that can be written, without the dot.
 WRITTEN = ('mat', 'npz', 'h5', 'parquet', 'feather', 'tdms', 'xlsx')
@@ -33,14 +32,10 @@ def write_table(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     ending = path.suffix.lower()
     if ending.removeprefix('.') not in WRITTEN:
         raise RecordError(f'{path}: end it in {", ".join(f".{each}" for each in WRITTEN)}')
-    if path.exists():
-        raise RecordError(f'{path} exists already; remove it or choose another name')
     writer, kind = FORMATS[ending]
     columns = columns_of(record, unit)
     try:
-        with write_atomically(path) as temporary:
+        with new_file(path) as temporary:
             writer.write(temporary, columns)
     except ImportError as error:
         raise RecordError(missing(path, kind, error)) from None
-    except OSError as error:
-        raise RecordError(f'{path}: it cannot be written ({error.strerror or error})') from None
