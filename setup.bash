@@ -11,7 +11,7 @@ source "$_root/.venv/bin/activate"
 [ -f "$_root/.venv/local_setup.bash" ] && source "$_root/.venv/local_setup.bash"
 source "$_root/install/setup.bash"
 # Nodes find each other within a fraction of a second; a file of your own stays in force.
-_profiles="$_root/src/piezo_ros_common/piezo_ros_common/fastdds.xml"
+_profiles="$_root/src/piezo_hysteresis/piezo_hysteresis/ros/fastdds.xml"
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_profiles}"
 unset _profiles
 # One short word for the verbs, `piezo`; `source <(piezo completion bash)` completes them.

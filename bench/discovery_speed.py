@@ -28,7 +28,7 @@ if not __package__:
 from bench.quick import parsed
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ('piezo_common', 'piezo_kernels', 'piezo_ros_common', 'piezo_sim', 'piezo_hysteresis')
+PACKAGES = ('piezo_sim', 'piezo_hysteresis')
 
 
 @dataclass(frozen=True)

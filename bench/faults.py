@@ -37,8 +37,8 @@ from bench.live_loop import NODES, Crowd, Loop, Setting, end_on_terminate, wait_
 from bench.live_observer import Observer
 from bench.quick import parsed
 from bench.rogue import FAULTS, TARGETS, Rogue
+from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_interfaces.srv import InjectFault
-from piezo_ros_common.processes import NodeProcesses
 
 # Signal, and after how many seconds it is sent again.
 ENDINGS: dict[str, tuple[int, float | None]] = {

@@ -17,12 +17,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bench.live_observer import VOICES, VOLTAGE_ATTENUATED
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.middleware import joined
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
-from piezo_ros_common.qos import LOOP
 
 NODES = tuple(VOICES)
 

@@ -13,7 +13,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_interfaces.msg import (
     ActuatorState,
     Gap,
@@ -22,9 +25,6 @@ from piezo_interfaces.msg import (
     Reference,
     VoltageCommand,
 )
-from piezo_ros_common.middleware import joined
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LATCHED, LOOP
 
 # Voltage between attenuation and feedback, where both are in the chain.
 VOLTAGE_ATTENUATED = 'voltage/attenuated'

@@ -34,10 +34,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.codecs import measured_of
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import VoltageCommand
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LOOP
-from piezo_ros_common.running import run_node
 
 WARM_UP = 500
 # Reference of the loop: [Hz], [m], seconds over which it is eased in; and the seed of the plant.

@@ -42,12 +42,12 @@ from rclpy.subscription import Subscription
 from bench.live_loop import end_on_terminate
 from bench.loop import paced_ring
 from bench.quick import parsed
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.ros.middleware import prepare
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
-from piezo_ros_common.middleware import prepare
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LATCHED, LOOP
 
 Message = TypeVar('Message')
 

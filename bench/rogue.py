@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.live_observer import ROGUE, Observer
-from piezo_common import topics
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
-from piezo_ros_common.qos import LOOP
 
 Spoilt = ActuatorState | Reference | VoltageCommand
 

@@ -30,7 +30,7 @@ import numpy as np
 from bench.live_loop import NODES, Loop, Setting, end_on_terminate, wait_until
 from bench.live_observer import Observer
 from bench.quick import parsed
-from piezo_ros_common.processes import NodeProcesses
+from piezo_hysteresis.ros.processes import NodeProcesses
 
 MIB = 1 << 20
 SHARE_PER_DAY = 0.05

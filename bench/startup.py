@@ -32,10 +32,10 @@ from rclpy.node import Node
 from bench.quick import parsed
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
+from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_interfaces.msg import ActuatorState, Gap, ModelEstimate, Reference, VoltageCommand
-from piezo_ros_common.middleware import joined
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LATCHED, LOOP
 
 # Executable: package, parameters, and the topic on which its first answer comes.
 NODES: dict[str, tuple[str, dict[str, Any], type, str]] = {

@@ -31,9 +31,9 @@ from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gai
 from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
+from piezo_hysteresis.papers import bimorph, runs
 from piezo_hysteresis.waveforms import Sequence as Parts
 from piezo_hysteresis.waveforms import Sine
-from piezo_papers import bimorph, runs
 from studies.compensation_plants import measure_plants
 from studies.goals import Goals
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_papers import flap, stack, stage
+from piezo_hysteresis.papers import flap, stack, stage
 from studies.goals import Goals
 
 KINDS = (

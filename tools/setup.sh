@@ -68,7 +68,7 @@ install() {
     constraints-ros.txt tools/repair_wheels.py)"
   [ "$(cat .venv/.ready 2>/dev/null)" = "$wanted" ] && return
   check_tools
-  stage '1/2: packages into .venv (once; 250 MB to load, 790 MB there)'
+  stage '1/2: packages into .venv (once; 200 MB to load, 620 MB there)'
   rm -rf .venv build install log
   if [ "${ROS_DISTRO:-}" = jazzy ]; then install_with_ros; else install_with_wheels; fi
   echo "$wanted" >.venv/.ready
@@ -96,7 +96,7 @@ build_stamp() {  # what is not a symbolic link in the install space; Python sour
 
 kernel_stamp() {  # machine code is for one kind of processor
   grep -m 2 -E '^(model name|flags)' /proc/cpuinfo | cksum
-  stamp_of $(find src/piezo_kernels src/piezo_common src/piezo_sim src/piezo_hysteresis -name '*.py' \
+  stamp_of $(find src/piezo_sim src/piezo_hysteresis -name '*.py' \
     -not -path '*/nodes/*' | sort)
 }
 
@@ -117,9 +117,9 @@ build() {
   build_stamp >install/.built
 }
 
-compile_kernels() {  # from the sources, so that the build need not be awaited; see piezo_kernels
-  PYTHONPATH="src/piezo_kernels:src/piezo_common:src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
-    .venv/bin/python -m piezo_kernels
+compile_kernels() {  # from the sources, so that the build need not be awaited; see piezo_hysteresis.kernels
+  PYTHONPATH="src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
+    .venv/bin/python -m piezo_hysteresis.kernels
   kernel_stamp >install/.compiled
 }
 

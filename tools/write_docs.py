@@ -20,9 +20,9 @@ from write_models import model_pages
 from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
 
-from piezo_common import topics
-from piezo_common.sheet import NodeSheet
-from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.sheet import NodeSheet
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
 

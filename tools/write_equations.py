@@ -41,7 +41,7 @@ def places() -> dict[tuple[str, str], list[str]]:
         module = module.removesuffix('.__init__')
         for rank, name, text in _texts(ast.parse(path.read_text(encoding='utf-8'))):
             # the world is not the code that a paper describes, and a page only repeats it
-            later = 10 * module.startswith(('piezo_sim', 'piezo_papers'))
+            later = 10 * module.startswith(('piezo_sim', 'piezo_hysteresis.papers'))
             later += 5 * (
                 '.nodes.' in module or '.parameters.' in module or '.discovery.' in module
             )

@@ -20,8 +20,8 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
-from piezo_common import topics
-from piezo_common.sheet import NodeSheet
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.sheet import NodeSheet
 from tools.write_docs import NODES, TYPES
 
 POLICY = Path(__file__).resolve().parents[1] / 'config' / 'security' / 'policy.xml'

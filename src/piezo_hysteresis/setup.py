@@ -4,7 +4,6 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 package = 'piezo_hysteresis'
-config = Path('../../config')
 
 # Every node and every verb of the command line is an executable of its own for `ros2 run`, in a
 # folder of this package. pip puts them where those of all programs are: there it is `piezo` alone.
@@ -40,46 +39,36 @@ verbs = [
 ]
 
 
-def beside(name):
-    """Return the requirement of a package of this workspace: its folder, where that is there."""
-    folder = Path(__file__).resolve().parents[1] / name
-    return f'{name} @ {folder.as_uri()}' if (folder / 'setup.py').is_file() else name
+def share(folder, pattern):
+    """Return files of a folder of this package with where they are installed."""
+    return f'share/{package}/{folder}', [str(file) for file in sorted(Path(folder).glob(pattern))]
 
 
 setup(
     name=package,
     version='0.1.0',
-    packages=find_packages(),
-    package_data={package: ['py.typed', 'export/templates/*']},
+    packages=find_packages(include=[f'{package}*']),
+    package_data={package: ['py.typed', 'export/templates/*', 'ros/*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
-        (
-            f'share/{package}/config/scenarios',
-            [str(file) for file in sorted(config.glob('scenarios/*.yaml'))],
-        ),
-        (
-            f'share/{package}/config/fuzzy',
-            [str(file) for file in sorted(config.glob('fuzzy/*.yaml'))],
-        ),
-        (f'share/{package}/launch', [str(file) for file in sorted(Path('launch').glob('*.py'))]),
+        share('config/scenarios', '*.yaml'),
+        share('config/fuzzy', '*.yaml'),
+        share('launch', '*.py'),
     ],
     install_requires=[
-        *(beside(name) for name in ('piezo_common', 'piezo_kernels')),
         'bokeh>=3.3,<4',
         'Jinja2>=3,<4',
         'llvmlite>=0.42',
         'matplotlib>=3.8,<4',
         'numba>=0.59,<1',
         'numpy>=1.26,<3',
-        'pyarrow>=14',
         'PyYAML>=6,<7',
         'rich>=13,<16',
         'rosbags>=0.10,<0.12',
         'scipy>=1.11,<2',
         'cma>=4,<5',
         'shtab>=1.6,<2',
-        'tornado>=6.3,<7',
     ],
     python_requires='>=3.11',
     zip_safe=True,
@@ -88,8 +77,11 @@ setup(
     description='Models, identifies and compensates piezo hysteresis; finds what the model misses',
     license='Apache-2.0',
     extras_require={
-        'test': ['pytest'],
-        'formats': ['h5py>=3,<4', 'openpyxl>=3.1,<4', 'npTDMS>=1.7,<2'],
+        'arrow': ['pyarrow>=14'],  # Parquet and Feather; large CSV files several times faster
+        'dashboard': ['tornado>=6.3,<7'],
+        'dask': ['distributed>=2024.1'],
+        'formats': ['h5py>=3,<4', 'npTDMS>=1.7,<2', 'openpyxl>=3.1,<4', 'pyarrow>=14'],
+        'test': ['hypothesis>=6', 'pytest>=8', 'pytest-xdist>=3'],
     },
     entry_points={
         'console_scripts': [

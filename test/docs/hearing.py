@@ -16,9 +16,9 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
-from piezo_ros_common.middleware import joined
-from piezo_ros_common.qos import LOOP
 
 PATIENCE = 180.0  # s until what is expected has to be heard, on a busy machine
 STRETCH, STRETCHES = 2000, 3  # ticks that a tracking error is the rms of; the worst one counts

@@ -25,7 +25,7 @@ from pages import ROOT, blocks_of, pages
 
 pytestmark = [pytest.mark.slow, pytest.mark.outcome]
 
-PACKAGES = ('piezo_common', 'piezo_kernels', 'piezo_hysteresis', 'piezo_sim')
+PACKAGES = ('piezo_hysteresis', 'piezo_sim')
 
 
 def followed() -> Iterator[object]:
@@ -39,7 +39,7 @@ def followed() -> Iterator[object]:
 
 @pytest.fixture
 def domain() -> Iterator[dict[str, str]]:
-    processes = pytest.importorskip('piezo_ros_common.processes')
+    processes = pytest.importorskip('piezo_hysteresis.ros.processes')
     # Pages name ports: one page with nodes at a time on this machine.
     with (Path(tempfile.gettempdir()) / 'piezo_pages.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -16,7 +16,7 @@ rclpy = pytest.importorskip('rclpy', reason='the workspace is not built: run "ma
 from listening import Listener  # noqa: E402
 from live_nodes import LiveNodes  # noqa: E402
 
-from piezo_ros_common.processes import NodeProcesses  # noqa: E402
+from piezo_hysteresis.ros.processes import NodeProcesses  # noqa: E402
 
 # Files that take longest, the longest first. A worker runs whole files, and one that began such a
 # file last would be alone with it.

@@ -27,7 +27,7 @@ import piezo_hysteresis.nodes
 import piezo_sim.nodes
 from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.rehearsal import REHEARSALS, fit
-from piezo_ros_common.starting import ENDS, OWNER
+from piezo_hysteresis.ros.starting import ENDS, OWNER
 from piezo_sim.rehearsal import plant
 
 _TRACER = re.compile(r'/liblttng-ust(-[0-9a-f]{8})?\.so')

@@ -14,9 +14,9 @@ from rclpy.action import ActionClient
 from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import named
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcess
 from piezo_sim.sweep import grid, simulate
 
 PRESET = 'generic_bouc_wen'

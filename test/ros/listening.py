@@ -15,10 +15,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
+from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_interfaces.msg import ActuatorState, VoltageCommand
-from piezo_ros_common.middleware import joined
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LATCHED, LOOP
 
 Message = TypeVar('Message')
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from piezo_hysteresis.cli.node import executable as path_of
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses
 
 # What Python, its libraries and the kernels read while they are loaded.
 _READ_AT_LOADING = ('PYTHON', 'NUMBA_', 'LD_', 'OMP_', 'OPENBLAS_')

@@ -11,15 +11,15 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 
-from piezo_common.health import Level
-from piezo_common.order import AHEAD
+from piezo_hysteresis.common.health import Level
+from piezo_hysteresis.common.order import AHEAD
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.links.control_loop import ControlLoop
 from piezo_hysteresis.nodes.links.link_node import LinkNode
+from piezo_hysteresis.ros.flat import head_of
+from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.runtime import link_health
-from piezo_ros_common.flat import head_of
-from piezo_ros_common.processes import NodeProcesses
 
 pytestmark = pytest.mark.ros
 

@@ -19,11 +19,11 @@ from std_srvs.srv import Trigger
 
 from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
 from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.ros.processes import NodeProcess
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel
-from piezo_ros_common.processes import NodeProcess
-from piezo_ros_common.qos import LATCHED, LOOP
 from piezo_sim.plant import Plant
 
 pytestmark = pytest.mark.ros

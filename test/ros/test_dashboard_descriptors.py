@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from piezo_common.table import ParameterSpec
+from piezo_hysteresis.common.table import ParameterSpec
 from piezo_hysteresis.dashboard.controls import ParameterState, reach
 from piezo_hysteresis.nodes.dashboard.dashboard import ros_arguments
 from piezo_hysteresis.nodes.dashboard.node_registry import from_ros
 from piezo_hysteresis.parameters import tables
-from piezo_ros_common.parameters import describe
+from piezo_hysteresis.ros.parameters import describe
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 from piezo_sim.presets import preset_names

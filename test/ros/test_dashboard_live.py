@@ -15,7 +15,7 @@ from dashboard_browser import BROWSER, Browser
 from diagnostic_msgs.msg import DiagnosticStatus
 from listening import Listener
 
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses
 
 pytestmark = [
     pytest.mark.ros,

@@ -13,7 +13,7 @@ from rcl_interfaces.srv import ListParameters
 
 from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.records import Record, write_bag
-from piezo_ros_common.processes import NodeProcesses
+from piezo_hysteresis.ros.processes import NodeProcesses
 
 # `test_ends` starts all of them at once in a tenth of the time.
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

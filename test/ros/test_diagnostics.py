@@ -11,9 +11,9 @@ from listening import Listener
 from live_nodes import LiveNodes
 
 from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import InjectFault
-from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 

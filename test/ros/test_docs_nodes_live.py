@@ -11,9 +11,9 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_common import topics
-from piezo_common.sheet import NodeSheet
 from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.sheet import NodeSheet
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 

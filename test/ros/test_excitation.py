@@ -15,12 +15,12 @@ from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from std_msgs.msg import Header
 
+from piezo_hysteresis.ros.processes import NodeProcess
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_hysteresis.waveforms import from_spec
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker
-from piezo_ros_common.processes import NodeProcess
-from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 

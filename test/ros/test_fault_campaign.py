@@ -16,8 +16,8 @@ from live_nodes import LiveNodes
 from piezo_hysteresis.records.bag_content import read_content
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import STATE
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_ros_common.qos import LOOP
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -26,7 +26,7 @@ from bench.faults_watch import Watch, missing
 from bench.live_loop import NODES, Loop, Setting, wait_until
 from bench.live_observer import Observer, State
 from bench.rogue import Rogue
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 
 pytestmark = pytest.mark.ros
 

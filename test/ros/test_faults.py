@@ -12,8 +12,8 @@ from listening import Listener
 from live_nodes import LiveNodes
 
 from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.ros.processes import NodeProcesses, ProcessError
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcesses, ProcessError
 
 pytestmark = pytest.mark.ros
 

@@ -16,7 +16,7 @@ from listening import Listener
 from live_nodes import ForkedNode, LiveNodes
 from rcl_interfaces.srv import GetParameters, ListParameters
 
-from piezo_ros_common.processes import NodeProcess, NodeProcesses
+from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses
 
 pytestmark = pytest.mark.ros
 

@@ -16,10 +16,10 @@ from listening import Listener
 from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
-from piezo_common.stamps import nanoseconds_of
+from piezo_hysteresis.common.stamps import nanoseconds_of
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, RecordMarker, VoltageCommand
-from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 

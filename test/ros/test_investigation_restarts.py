@@ -15,7 +15,7 @@ from live_nodes import LiveNodes
 
 from piezo_hysteresis.investigation.journal import Journal
 from piezo_hysteresis.investigation.runner import repeated
-from piezo_ros_common.processes import NodeProcess
+from piezo_hysteresis.ros.processes import NodeProcess
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -16,9 +16,9 @@ from listening import Listener
 from std_msgs.msg import Header
 
 from piezo_hysteresis.records import read_bag
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LOOP
 
 pytestmark = [
     pytest.mark.ros,

@@ -22,9 +22,9 @@ from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.tables import ATTENUATION
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate
-from piezo_ros_common.processes import NodeProcess
 from piezo_sim.plant import Plant
 
 pytestmark = pytest.mark.ros

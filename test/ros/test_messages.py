@@ -8,7 +8,7 @@ import struct
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from piezo_common.stamps import nanoseconds_of, stamp_into, tick_nanoseconds
+from piezo_hysteresis.common.stamps import nanoseconds_of, stamp_into, tick_nanoseconds
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.online import online
@@ -16,6 +16,7 @@ from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import named
 from piezo_hysteresis.nodes.codecs import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.messages import estimate_into, model_from
+from piezo_hysteresis.ros.flat import FlatCodec, head_of, stamp_of
 from piezo_interfaces.msg import (
     ActuatorState,
     HarmonicState,
@@ -23,7 +24,6 @@ from piezo_interfaces.msg import (
     Reference,
     VoltageCommand,
 )
-from piezo_ros_common.flat import FlatCodec, head_of, stamp_of
 
 
 @pytest.mark.parametrize('frame', ['', 'a', 'stage', 'stage_x', 300 * 'x'])

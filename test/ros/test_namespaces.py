@@ -8,8 +8,8 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
-from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 

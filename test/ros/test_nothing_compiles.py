@@ -10,7 +10,7 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_common.table import ParameterTable
+from piezo_hysteresis.common.table import ParameterTable
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.parameters.tables import ATTENUATION, FEEDBACK, IDENTIFICATION

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from listening import Listener
 
+from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcesses
 
 pytestmark = pytest.mark.ros
 
@@ -22,7 +22,7 @@ RAMP, RATE = 2.0, 200.0
 # Starts two nodes, says which, and would wait for ever.
 OWNER = """
 import sys, time
-from piezo_ros_common.processes import NodeProcesses
+from piezo_hysteresis.ros.processes import NodeProcesses
 with NodeProcesses(int(sys.argv[1])) as nodes:
     drive = {'rate': 200.0, 'mode': 'voltage', 'voltage.offset': 0.5, 'voltage.amplitude': 0.0}
     started = [

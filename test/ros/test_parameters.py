@@ -16,12 +16,12 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
-from piezo_common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters import tables
 from piezo_hysteresis.records import Record, write_bag
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcess
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 

@@ -13,11 +13,11 @@ from rclpy.action import ActionClient
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 

@@ -20,10 +20,10 @@ from rosgraph_msgs.msg import Clock
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, read_bag
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate
 from piezo_interfaces.srv import SaveModel
-from piezo_ros_common.processes import NodeProcess
 
 pytestmark = pytest.mark.ros
 

@@ -15,9 +15,9 @@ from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import Record, write_bag
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_interfaces.action import Discover
 from piezo_interfaces.msg import ActuatorState
-from piezo_ros_common.processes import NodeProcess
 
 pytestmark = pytest.mark.ros
 

@@ -13,10 +13,10 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.ros.processes import NodeProcesses
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import Reference
-from piezo_ros_common.processes import NodeProcesses
-from piezo_ros_common.qos import LOOP
 
 pytestmark = pytest.mark.ros
 

@@ -17,9 +17,9 @@ from live_nodes import LiveNodes
 from rcl_interfaces.msg import Log
 
 from piezo_hysteresis.records import Record, write_bag
+from piezo_hysteresis.ros.processes import NodeProcess
+from piezo_hysteresis.ros.work_book import FRESH
 from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_ros_common.processes import NodeProcess
-from piezo_ros_common.work_book import FRESH
 
 pytestmark = pytest.mark.ros
 

@@ -15,10 +15,10 @@ from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import Record, read_bag, survey
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState, RecordMarker
-from piezo_ros_common.processes import NodeProcess
 
 pytestmark = pytest.mark.ros
 

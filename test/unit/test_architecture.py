@@ -11,13 +11,16 @@ import pytest
 ROOT = Path(__file__).parents[2] / 'src'
 CORE = ROOT / 'piezo_hysteresis' / 'piezo_hysteresis'
 # Each room may import itself and the rooms named here.
-NEUTRAL = {'numerics', 'records', 'waveforms', 'blocks'}
+NEUTRAL = {'common', 'kernels', 'numerics', 'records', 'waveforms', 'blocks'}
 CORE_ROOMS = {'models', 'identification', 'compensation', 'discovery'}
 ALLOWED = {
-    'numerics': set(),
-    'records': {'numerics', 'waveforms'},
-    'waveforms': {'numerics', 'records'},
-    'blocks': {'numerics'},
+    'common': set(),
+    'kernels': set(),
+    'ros': {'common', 'kernels'},
+    'numerics': {'common', 'kernels'},
+    'records': {'common', 'kernels', 'numerics', 'waveforms'},
+    'waveforms': {'common', 'kernels', 'numerics', 'records'},
+    'blocks': {'common', 'kernels', 'numerics'},
     'models': NEUTRAL,
     'identification': NEUTRAL | {'models'},
     'compensation': NEUTRAL | {'models', 'identification'},
@@ -30,12 +33,14 @@ ALLOWED = {
     'runtime': NEUTRAL | {'models', 'identification', 'compensation', 'parameters'},
     'nodes': NEUTRAL
     | CORE_ROOMS
-    | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime'},
+    | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime', 'ros'},
     'drivers': NEUTRAL | {'models', 'compensation', 'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
+    'papers': NEUTRAL | CORE_ROOMS | {'runtime', 'reporting', 'cli'},
     'cli': NEUTRAL
     | CORE_ROOMS
-    | {'investigation', 'reporting', 'batch', 'parameters', 'nodes', 'export', 'drivers'},
+    | {'investigation', 'reporting', 'batch', 'parameters', 'nodes', 'export', 'drivers'}
+    | {'papers', 'ros'},
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION: dict[str, set[str]] = {
@@ -52,7 +57,6 @@ ROS = {
     'diagnostic_msgs',
     'builtin_interfaces',
     'piezo_interfaces',
-    'piezo_ros_common',
 }
 
 
@@ -110,6 +114,13 @@ def test_the_rooms_of_compensation_know_only_what_they_share(room: Any) -> None:
     assert wrong == []
 
 
+NEEDING_ROS = ('piezo_hysteresis.nodes', 'piezo_hysteresis.ros')
+
+
+def knows_ros(name: str) -> bool:
+    return name.split('.')[0] in ROS or name.startswith(NEEDING_ROS)
+
+
 def needing_ros(path: Any) -> Any:
     """Return the names that a file imports within ``with ros_needed():``, inside a function."""
     for function in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
@@ -129,7 +140,7 @@ def test_verbs_import_nodes_only_where_a_missing_ros_is_told() -> None:
         for name in needing_ros(path):
             outside.remove(name)
             used.append(name)
-        wrong = [n for n in outside if n.startswith('piezo_hysteresis.nodes')]
+        wrong = [n for n in outside if n.startswith(NEEDING_ROS)]
         assert wrong == [], path
     assert 'piezo_hysteresis.nodes.live' in used
 
@@ -138,15 +149,13 @@ def test_verbs_import_nodes_only_where_a_missing_ros_is_told() -> None:
 def test_only_nodes_know_ros() -> None:
     wrong = []
     for path in files_of(CORE):
-        if (CORE / 'nodes') in path.parents:
+        if path.relative_to(CORE).parts[0] in ('nodes', 'ros'):
             continue
         names = list(imported(path))
         if (CORE / 'cli') in path.parents:
             for name in needing_ros(path):
                 names.remove(name)
-        wrong += [
-            f'{path.relative_to(ROOT)}: {name}' for name in names if name.split('.')[0] in ROS
-        ]
+        wrong += [f'{path.relative_to(ROOT)}: {name}' for name in names if knows_ros(name)]
     assert wrong == []
 
 
@@ -154,8 +163,10 @@ def test_only_nodes_know_ros() -> None:
 BY_NAME = {
     '__init__.py': 'names of the whole, loaded when they are used',
     'blocks/__init__.py': 'every file of the room holds blocks',
+    'common/interrupts.py': 'the command line that a program runs, named by its caller',
     'cli/main.py': 'only the verb that is asked for is loaded',
-    'cli/paper.py': 'the papers are a package on top of this one',
+    'ros/starting.py': 'only the node that is asked for is loaded',
+    'kernels/rehearse.py': 'the rehearsals of all packages',
     'discovery/__init__.py': 'names of the room, loaded when they are used',
     'nodes/recording/message_types.py': 'messages of any package, by the name of their type',
 }
@@ -181,23 +192,12 @@ def test_nothing_is_imported_by_name_round_the_arrows() -> None:
     assert sorted(users) == sorted(BY_NAME)
 
 
-def test_what_the_core_shares_with_the_nodes_knows_no_ros() -> None:
-    files = files_of(ROOT / 'piezo_common' / 'piezo_common')
-    assert files
-    wrong = [
-        f'{path.relative_to(ROOT)}: {name}'
-        for path in files
-        for name in imported(path)
-        if name.split('.')[0] in {*ROS, 'piezo_sim', 'piezo_hysteresis', 'piezo_kernels'}
-    ]
-    assert wrong == []
-
-
 @pytest.mark.component
-def test_the_core_never_imports_the_simulator() -> None:
+def test_only_the_papers_import_the_simulator() -> None:
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
         for path in files_of(CORE)
+        if (CORE / 'papers') not in path.parents
         for name in imported(path)
         if name.split('.')[0] == 'piezo_sim'
     ]
@@ -205,7 +205,8 @@ def test_the_core_never_imports_the_simulator() -> None:
 
 
 def test_the_simulator_imports_only_the_neutral_rooms() -> None:
-    allowed = ('piezo_hysteresis.records', 'piezo_hysteresis.waveforms')
+    rooms = ('common', 'kernels', 'ros', 'records', 'waveforms')
+    allowed = tuple(f'piezo_hysteresis.{room}' for room in rooms)
     files = files_of(ROOT / 'piezo_sim' / 'piezo_sim')
     assert files
     wrong = [
@@ -225,7 +226,7 @@ def test_the_simulator_knows_ros_only_in_its_nodes() -> None:
         for path in files_of(folder)
         if (folder / 'nodes') not in path.parents
         for name in imported(path)
-        if name.split('.')[0] in ROS
+        if knows_ros(name)
     ]
     assert wrong == []
 
@@ -256,16 +257,4 @@ def test_linear_algebra_that_can_fail_is_called_in_one_place() -> None:
             for name in imported(path)
             if name.startswith(('numpy.linalg', 'scipy.linalg'))
         ]
-    assert wrong == []
-
-
-def test_the_compiling_of_kernels_knows_nothing_of_the_rest() -> None:
-    files = files_of(ROOT / 'piezo_kernels' / 'piezo_kernels')
-    assert files
-    wrong = [
-        f'{path.relative_to(ROOT)}: {name}'
-        for path in files
-        for name in imported(path)
-        if name.split('.')[0] in {*ROS, 'piezo_sim', 'piezo_hysteresis'}
-    ]
     assert wrong == []

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_common.wording import OneLineParser, counted, near
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.common.wording import OneLineParser, counted, near
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
 from piezo_sim.cli import main as simulate

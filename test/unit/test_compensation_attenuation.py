@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_common.health import Level
-from piezo_common.settings import specs_of
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
+from piezo_hysteresis.common.health import Level
+from piezo_hysteresis.common.settings import specs_of
 from piezo_hysteresis.compensation.base import Limits, Measured
 from piezo_hysteresis.compensation.harmonics import rls
 from piezo_hysteresis.compensation.harmonics.afc import gains

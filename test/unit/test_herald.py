@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from piezo_kernels import watch
-from piezo_ros_common import herald
-from piezo_ros_common.herald import Herald, Readiness
-from piezo_ros_common.work_book import FRESH, WorkBook
+from piezo_hysteresis.kernels import watch
+from piezo_hysteresis.ros import herald
+from piezo_hysteresis.ros.herald import Herald, Readiness
+from piezo_hysteresis.ros.work_book import FRESH, WorkBook
 
 
 class Ear:

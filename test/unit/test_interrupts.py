@@ -30,7 +30,7 @@ def end():
 RUN = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from piezo_common.interrupts import run_command_line
+from piezo_hysteresis.common.interrupts import run_command_line
 sys.exit(run_command_line('tale'))
 """
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_common.ranges import range_refusal
+from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.investigation.limits import (
     ExperimentLimits,

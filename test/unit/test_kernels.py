@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 FRESH = """
-    from piezo_kernels.rehearse import forgotten, rehearsals, rehearse
+    from piezo_hysteresis.kernels.rehearse import forgotten, rehearsals, rehearse
     failed = [done.failed for done in map(rehearse, rehearsals()) if done.failed]
     print(failed + forgotten())
 """
@@ -39,12 +39,12 @@ def module(tmp_path: Path) -> Callable[..., Any]:
 
     def write(factor: float = 2.0) -> None:
         (tmp_path / 'piezo_inner.py').write_text(
-            'from piezo_kernels.compile import leaf\n'
+            'from piezo_hysteresis.kernels.compile import leaf\n'
             f'@leaf\ndef times(x):\n    return {factor} * x\n'
         )
         (tmp_path / 'piezo_outer.py').write_text(
             'from piezo_inner import times\n'
-            'from piezo_kernels.compile import jit\n'
+            'from piezo_hysteresis.kernels.compile import jit\n'
             '@jit\ndef outer(x):\n    return times(x) + 1\n'
         )
 
@@ -55,7 +55,7 @@ def module(tmp_path: Path) -> Callable[..., Any]:
 CALL = """
     import sys
     sys.path.insert(0, sys.argv[1])
-    from piezo_kernels import watch
+    from piezo_hysteresis.kernels import watch
     from piezo_outer import outer
     print(outer(eval(sys.argv[2])), watch.compiled())
 """
@@ -124,8 +124,8 @@ def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(
     module: Callable[..., Any], tmp_path: Path
 ) -> None:
     code = """
-    import piezo_kernels.cache as cache
-    import piezo_kernels.turns as turns
+    import piezo_hysteresis.kernels.cache as cache
+    import piezo_hysteresis.kernels.turns as turns
     from pathlib import Path
     cache.folders = turns.folders = lambda: (Path('/dev/null/a'), Path('/dev/null/b'))
     """
@@ -153,7 +153,7 @@ def test_a_folder_that_cannot_be_written_is_read(
 
 
 def test_kernels_lie_in_the_workspace_and_then_with_the_user() -> None:
-    code = 'from piezo_kernels.folders import folders; print(*folders(), sep="\\n")'
+    code = 'from piezo_hysteresis.kernels.folders import folders; print(*folders(), sep="\\n")'
     root = Path(__file__).parents[2].resolve()
     environment = {'XDG_CACHE_HOME': '/home/me/cache', 'NUMBA_CACHE_DIR': '/my'}
     assert python(code, **environment)[0] == [
@@ -164,8 +164,8 @@ def test_kernels_lie_in_the_workspace_and_then_with_the_user() -> None:
 
 
 def test_kernels_of_the_same_parts_in_another_order_are_two() -> None:
-    from piezo_kernels.compile import jit
-    from piezo_kernels.fresh import closure
+    from piezo_hysteresis.kernels.compile import jit
+    from piezo_hysteresis.kernels.fresh import closure
 
     def scaled(factor: Any) -> Any:
         @jit
@@ -189,7 +189,7 @@ def test_kernels_of_the_same_parts_in_another_order_are_two() -> None:
 
 
 TWINS = """
-    from piezo_kernels.compile import jit, leaf
+    from piezo_hysteresis.kernels.compile import jit, leaf
 
     def made(factor):
         @leaf
@@ -210,7 +210,7 @@ def test_kernels_of_one_text_that_other_processes_kept_stay_two(tmp_path: Path) 
     call = """
     import sys
     sys.path.insert(0, sys.argv[1])
-    from piezo_kernels import watch
+    from piezo_hysteresis.kernels import watch
     from piezo_twins import made
     print(*[made(float(factor))(1.0, 2) for factor in sys.argv[2:]], watch.compiled())
     """

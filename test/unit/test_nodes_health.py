@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from piezo_common.health import HOLD, CounterWatch, Level, judge
-from piezo_common.order import AHEAD, REORDERED, SequenceFilter, StampValidator
-from piezo_common.stamps import tick_nanoseconds
+from piezo_hysteresis.common.health import HOLD, CounterWatch, Level, judge
+from piezo_hysteresis.common.order import AHEAD, REORDERED, SequenceFilter, StampValidator
+from piezo_hysteresis.common.stamps import tick_nanoseconds
 from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.runtime.actuator_clock import ActuatorClock

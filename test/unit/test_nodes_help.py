@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from piezo_common.sheet import NodeSheet
-from piezo_common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.cli import loop
+from piezo_hysteresis.common.sheet import NodeSheet
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
 
@@ -32,7 +32,7 @@ def flat(text: str) -> str:
 def test_an_executable_tells_its_parameters(name: str, words: list[str]) -> None:
     package = ALL[name].package
     source = {
-        'piezo_sim': 'piezo_ros_common.starting',
+        'piezo_sim': 'piezo_hysteresis.ros.starting',
         'piezo_hysteresis': f'{package}.nodes.executables',
     }[package]
     code = (

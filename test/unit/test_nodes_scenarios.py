@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from piezo_common.table import ParameterTable
+from piezo_hysteresis.common.table import ParameterTable
 from piezo_hysteresis.parameters import tables
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from piezo_hysteresis.cli.main import main
-from piezo_papers import (
+from piezo_hysteresis.papers import (
     catalogue,
     flap,
     fujii,
@@ -18,8 +18,8 @@ from piezo_papers import (
     xiao,
     zhou,
 )
-from piezo_papers.bimorph import Length
-from piezo_papers.page import PAPERS, Exhibit, page, save
+from piezo_hysteresis.papers.bimorph import Length
+from piezo_hysteresis.papers.page import PAPERS, Exhibit, page, save
 
 ROOT = Path(__file__).resolve().parents[2]
 

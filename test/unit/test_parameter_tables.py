@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters import tables
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from piezo_common.table import ParameterTable
+from piezo_hysteresis.common.table import ParameterTable
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.compensation.feedback.pid import Pid
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation

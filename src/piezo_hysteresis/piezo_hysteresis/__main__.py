@@ -2,7 +2,7 @@
 
 import sys
 
-from piezo_common.interrupts import run_command_line
+from piezo_hysteresis.common.interrupts import run_command_line
 
 
 def run() -> None:

@@ -1,6 +1,6 @@
 """The ``jit`` decorator of every per-sample kernel, and the room it takes on its stack."""
 
-from piezo_kernels.compile import jit, jit_sums, leaf
-from piezo_kernels.scratch import scratch
+from piezo_hysteresis.kernels.compile import jit, jit_sums, leaf
+from piezo_hysteresis.kernels.scratch import scratch
 
 __all__ = ['jit', 'jit_sums', 'leaf', 'scratch']

@@ -1,7 +1,7 @@
 """What runs compiled kernels, once and briefly, so that set-up can compile them.
 
 What there is comes from the registries: blocks, models, methods, laws. A kernel that is reached by
-none of these shows in `piezo_kernels.rehearse.forgotten`, and a test holds that empty.
+none of these shows in `piezo_hysteresis.kernels.rehearse.forgotten`, and a test holds that empty.
 """
 
 from __future__ import annotations

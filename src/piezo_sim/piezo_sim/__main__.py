@@ -2,6 +2,6 @@
 
 import sys
 
-from piezo_common.interrupts import run_command_line
+from piezo_hysteresis.common.interrupts import run_command_line
 
 sys.exit(run_command_line('piezo_sim.cli'))

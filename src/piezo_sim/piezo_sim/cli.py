@@ -11,8 +11,8 @@ from typing import Any
 
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.wording import OneLineParser, counted
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.wording import OneLineParser, counted
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
 from piezo_sim.errors import SimulationError, SweepError

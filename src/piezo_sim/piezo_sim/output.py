@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from piezo_common.files import write_atomically
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.records import Record, write_bag, write_csv
 from piezo_sim.errors import SweepError
 from piezo_sim.plant import Plant

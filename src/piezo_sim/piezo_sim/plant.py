@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from piezo_common.wording import near
+from piezo_hysteresis.common.wording import near
 from piezo_sim import derive
 from piezo_sim.errors import PlantError
 from piezo_sim.layout import EFFECTS, PARAMETERS, STATE_TYPE

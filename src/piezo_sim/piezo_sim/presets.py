@@ -15,8 +15,8 @@ from typing import Any
 
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.wording import near
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.wording import near
 from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS

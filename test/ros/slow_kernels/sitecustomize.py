@@ -41,7 +41,7 @@ def forget(cache: Any) -> None:
     cache.KernelCache._read = known
 
 
-WAYS = {'numba.core.dispatcher': hold_up, 'piezo_kernels.cache': forget}
+WAYS = {'numba.core.dispatcher': hold_up, 'piezo_hysteresis.kernels.cache': forget}
 
 
 class Finder(importlib.abc.MetaPathFinder):

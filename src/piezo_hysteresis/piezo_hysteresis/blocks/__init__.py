@@ -9,10 +9,10 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from piezo_common.wording import near
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.parallel import SEPARATOR, side_by_side
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
 
 __all__ = ['BLOCKS', 'EFFECTS', 'Block', 'Effect', 'Parameter', 'Slot', 'named_block']

@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from piezo_common.wording import counted
 from piezo_hysteresis.cli import discover, identify, talk
 from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.threads import number_of_workers
 

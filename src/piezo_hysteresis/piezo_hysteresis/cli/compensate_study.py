@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from piezo_common import plain_yaml
 from piezo_hysteresis.cli.compensate_links import Builder, Feedback, Repetition
+from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
 from piezo_hysteresis.compensation.inverses.reach import require_reachable

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezo_common.wording import counted
 from piezo_hysteresis.cli import talk
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.records import Record, Survey
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
 

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _interrupt(*_: object) -> None:
-    processes = sys.modules.get('piezo_ros_common.processes')
+    processes = sys.modules.get('piezo_hysteresis.ros.processes')
     if processes is not None:
         processes.INTERRUPTED.set()
     raise KeyboardInterrupt

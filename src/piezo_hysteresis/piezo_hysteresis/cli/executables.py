@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from piezo_common.interrupts import run_command_line
+from piezo_hysteresis.common.interrupts import run_command_line
 
 
 def __getattr__(name: str) -> Callable[[], None]:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import yaml
 
-from piezo_common.files import write_atomically
-from piezo_common.wording import counted
 from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
+from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.records import Record, survey, write_csv
 from piezo_hysteresis.records.columns import LENGTHS

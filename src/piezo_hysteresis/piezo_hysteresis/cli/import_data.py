@@ -12,8 +12,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from piezo_common.wording import counted
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
 from piezo_hysteresis.records.bag_content import READERS

@@ -9,8 +9,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from piezo_common.wording import counted
 from piezo_hysteresis.cli.data_report import bag_lines, records_table, topics_table
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Survey, survey
 from piezo_hysteresis.records.bag_content import read_content

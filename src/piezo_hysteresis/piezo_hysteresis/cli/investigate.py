@@ -13,8 +13,8 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezo_common.ranges import range_refusal
 from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.threads import number_of_workers
 

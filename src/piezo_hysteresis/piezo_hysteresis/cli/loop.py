@@ -16,7 +16,7 @@ from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 if TYPE_CHECKING:
-    from piezo_ros_common.processes import NodeProcesses
+    from piezo_hysteresis.ros.processes import NodeProcesses
 
 HELP = 'the whole loop with its live page, in one terminal'
 
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Start every node and wait for the end."""
     model = _checked(arguments.model)
     with ros_needed():
-        from piezo_ros_common import processes
+        from piezo_hysteresis.ros import processes
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: processes.INTERRUPTED.set())
     end = time.monotonic() + (arguments.seconds or float('inf'))

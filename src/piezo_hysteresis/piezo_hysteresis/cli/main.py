@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import TextIO
 
-from piezo_common.wording import OneLineParser, near
 from piezo_hysteresis import __version__
 from piezo_hysteresis.cli import talk
+from piezo_hysteresis.common.wording import OneLineParser, near
 from piezo_hysteresis.errors import DataNote, PiezoError
 
 # Each file offers HELP (one line), configure(parser) and run(arguments) -> exit code.

@@ -13,7 +13,18 @@ _NOT_SOURCED = (
     'run `source setup.bash` at the root of the workspace first'
 )
 
-ROS_PACKAGES = ('rclpy', 'piezo_interfaces', 'piezo_ros_common')
+ROS_PACKAGES = (
+    'ament_index_python',
+    'builtin_interfaces',
+    'diagnostic_msgs',
+    'lifecycle_msgs',
+    'piezo_interfaces',
+    'rcl_interfaces',
+    'rclpy',
+    'rosgraph_msgs',
+    'std_msgs',
+    'std_srvs',
+)
 
 
 @contextmanager

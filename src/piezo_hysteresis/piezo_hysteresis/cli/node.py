@@ -11,8 +11,8 @@ import os
 import sys
 from pathlib import Path
 
-from piezo_common.wording import near
 from piezo_hysteresis.cli.need_ros import installed, ros_needed
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'run one node, as ros2 run does'
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     sys.stdout.flush()
     options = ros_words(arguments.words)
     with ros_needed():
-        from piezo_ros_common.starting import held_signals
+        from piezo_hysteresis.ros.starting import held_signals
     with held_signals():
         os.execv(sys.executable, [sys.executable, str(path), *options])  # never returns
     return 0

@@ -3,42 +3,69 @@
 from __future__ import annotations
 
 import argparse
-import importlib
-from types import ModuleType
+import json
+import time
+from pathlib import Path
 
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'figures and tables of the five papers, made again'
 
-# A package on top of this one and of the simulated actuators, found where it is installed.
-PACKAGE = 'piezo_papers'
+PAPERS = ('fujii2018', 'tatebatake2017', 'zhou2021', 'xiao2014', 'fang2019')
+_NO_PLANTS = (
+    'this verb needs the simulated actuators: run "make setup", or pip install src/piezo_sim'
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb, where its package is installed."""
-    try:
-        _command_line().configure(parser)
-    except PiezoError:
-        parser.add_argument('words', nargs='*', help=f'needs {PACKAGE}, which is not installed')
+    """Add the options of this verb."""
+    add = parser.add_argument
+    add('paper', choices=(*PAPERS, 'all'), help='the paper, or all five')
+    add('--figure', type=int, nargs='+', default=[], help='numbers; all figures by default')
+    add('--table', type=int, nargs='+', default=[], help='numbers; all tables by default')
+    add('--out', type=Path, metavar='DIR', default=Path('out/papers'), help='folder of results')
+    add('--page', type=Path, metavar='FILE', help='write the page there, too, with its pictures')
+    add('--short', action='store_true', help='short runs, one seed, few frequencies')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make what was asked for.
+    """Make what was asked for and write it; the numbers go to the terminal as well.
 
     Raises
     ------
     PiezoError
-        If the package of the papers is not installed.
+        If the package `piezo_sim` is not installed.
     """
-    return int(_command_line().run(arguments))
-
-
-def _command_line() -> ModuleType:
     try:
-        return importlib.import_module(f'{PACKAGE}.cli')
+        from piezo_hysteresis.papers import catalogue
+        from piezo_hysteresis.papers.page import page, save
     except ModuleNotFoundError as error:
-        if error.name not in (PACKAGE, f'{PACKAGE}.cli'):
+        if error.name != 'piezo_sim':
             raise
-        raise PiezoError(
-            f'this verb needs {PACKAGE}: run "make setup", or pip install src/{PACKAGE}'
-        ) from None
+        raise PiezoError(_NO_PLANTS) from None
+
+    started = time.perf_counter()
+    chosen = PAPERS if arguments.paper == 'all' else (arguments.paper,)
+    names = [f'Figure {k}' for k in arguments.figure] + [f'Table {k}' for k in arguments.table]
+    if names and arguments.paper == 'all':
+        raise PiezoError('--figure and --table need one paper, not all')
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    found = []
+    for paper in chosen:
+        for entry in catalogue.entries(paper, names, arguments.short):
+            print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)
+            save(entry, out)
+            found.append(entry)
+    (out / 'papers.md').write_text(page(found, '.'))
+    numbers = {f'{entry.paper} {entry.name}': entry.numbers for entry in found}
+    (out / 'summary.json').write_text(json.dumps(numbers, indent=2) + '\n')
+    if arguments.page is not None:
+        pictures = arguments.page.parent / 'pictures' / 'papers'
+        pictures.mkdir(parents=True, exist_ok=True)
+        for entry in found:
+            save(entry, pictures, dpi=75)
+        arguments.page.write_text(page(found, 'pictures/papers'))
+    seconds = time.perf_counter() - started
+    print(f'{len(found)} figures and tables in {seconds:.0f} s, in {out}')
+    return 0

@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 
 import yaml
 
-from piezo_common.wording import counted
 from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.drivers.gcs import Connection, DriveLimits, DriverError, GcsController, sweep
 from piezo_hysteresis.drivers.gcs.connection import PORT
 from piezo_hysteresis.errors import PiezoError, RecordError

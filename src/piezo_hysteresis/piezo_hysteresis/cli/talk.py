@@ -6,7 +6,7 @@ import argparse
 import sys
 from enum import IntEnum
 
-from piezo_common.wording import OneLineParser
+from piezo_hysteresis.common.wording import OneLineParser
 
 
 class Verbosity(IntEnum):

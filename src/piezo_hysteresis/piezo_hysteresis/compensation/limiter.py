@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from piezo_common.ranges import range_refusal
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits, largest_change, packed_energy
 from piezo_hysteresis.errors import CompensationError

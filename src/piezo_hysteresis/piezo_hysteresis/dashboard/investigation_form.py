@@ -8,7 +8,7 @@ from typing import Any
 
 from bokeh.models import Column, ColumnDataSource, Legend, LegendItem, NumericInput, Range1d, Row
 
-from piezo_common.ranges import range_refusal
+from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.dashboard.axes import live_axes
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
 from piezo_hysteresis.dashboard.forms import JobBox

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares

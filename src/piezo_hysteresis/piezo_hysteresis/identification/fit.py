@@ -7,9 +7,9 @@ from math import inf
 
 import numpy as np
 
-from piezo_common.wording import near
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
 from piezo_hysteresis.identification.result import FitResult, pooled_noise, result_of

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from piezo_common.wording import counted
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from piezo_common.wording import near
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.online import ONLINE_METHODS
 from piezo_hysteresis.identification.search import METHODS as SEARCHES

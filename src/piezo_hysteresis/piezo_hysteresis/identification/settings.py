@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 
-from piezo_common.wording import near
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record

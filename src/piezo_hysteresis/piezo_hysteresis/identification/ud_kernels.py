@@ -13,7 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import play
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit
-from piezo_kernels.forward import jacobian
+from piezo_hysteresis.kernels.forward import jacobian
 
 SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)
 ERROR_SUM, WEIGHT_SUM, LEARNT, PROJECTED, PLAYS = 8, 9, 10, 11, 12

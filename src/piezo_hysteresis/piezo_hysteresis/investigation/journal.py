@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from piezo_common.files import write_atomically
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.investigation.belief import Belief
 from piezo_hysteresis.investigation.choose import ExperimentChoice
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError

@@ -7,8 +7,8 @@ from math import inf, isfinite
 
 import numpy as np
 
-from piezo_common.ranges import range_refusal
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 

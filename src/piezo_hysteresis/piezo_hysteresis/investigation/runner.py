@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from piezo_common.files import write_atomically
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from piezo_common.wording import near
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.simulation.plan import Stage, stages_of
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from piezo_common.wording import near
 from piezo_hysteresis.blocks import EFFECTS, Effect, Slot
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.scaling import (

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation

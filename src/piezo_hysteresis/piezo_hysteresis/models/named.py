@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from piezo_common.wording import near
 from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 

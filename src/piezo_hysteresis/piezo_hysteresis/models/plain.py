@@ -8,9 +8,9 @@ from typing import Any
 
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.files import write_atomically
-from piezo_common.wording import near
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.ros.flat import FlatCodec
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
-from piezo_ros_common.flat import FlatCodec
 
 REFERENCE = FlatCodec(Reference)
 STATE = FlatCodec(ActuatorState)

@@ -10,7 +10,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
 
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled
@@ -18,11 +18,11 @@ from piezo_hysteresis.nodes.investigation.server import InvestigationServer
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.tables import DISCOVERY
 from piezo_hysteresis.reporting.folder import check_folder
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Discover
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.running import run_node
 
 SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'a discovery was refused: its log says why')

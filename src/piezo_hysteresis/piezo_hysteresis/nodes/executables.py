@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from piezo_ros_common.starting import node_executable
+from piezo_hysteresis.ros.starting import node_executable
 
 # Folder of each node; a node is imported only by its own process.
 _FOLDERS = {

@@ -8,23 +8,23 @@ from math import isfinite
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from piezo_common import topics
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_common.order import SequenceFilter, StampValidator
-from piezo_common.stamps import nanoseconds_of
-from piezo_common.table import Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.order import SequenceFilter, StampValidator
+from piezo_hysteresis.common.stamps import nanoseconds_of
+from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.tables import GAP_MONITOR
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import ActuatorState, Gap
 from piezo_interfaces.srv import LoadModel
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import run_node
 
 SENTENCES: dict[str, Finding] = {
     'refused': (Level.WARN, 'the sensor answers what is not a number'),

@@ -7,15 +7,20 @@ import sys
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from piezo_common import topics
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_common.stamps import nanoseconds_of
-from piezo_common.table import Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.stamps import nanoseconds_of
+from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.online import OnlineMethod
 from piezo_hysteresis.nodes.messages import estimate_into
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.tables import IDENTIFICATION
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.identification_plan import (
     SETTINGS,
     RecordSegmenter,
@@ -25,11 +30,6 @@ from piezo_hysteresis.runtime.identification_plan import (
 )
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
 from piezo_interfaces.srv import SaveModel
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import run_node
-from piezo_ros_common.timers import wall_timer
 
 # Samples, and seconds, between two messages that tell a player how far the node is.
 CONFIRM_EVERY = 64

@@ -15,16 +15,16 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, read_bag
+from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses, ProcessError
+from piezo_hysteresis.ros.qos import LATCHED
+from piezo_hysteresis.ros.running import destroy
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import LoopStatus
-from piezo_ros_common.middleware import joined
-from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.processes import NodeProcess, NodeProcesses, ProcessError
-from piezo_ros_common.qos import LATCHED
-from piezo_ros_common.running import destroy
 
 Progress = Callable[[float, str], None]
 

@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping
 
 from rclpy.node import Node
 
-from piezo_common.table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import Model, ModelFile
-from piezo_ros_common.parameters import NodeParameters
+from piezo_hysteresis.ros.parameters import NodeParameters
 
 PREFIX = 'model.'
 

@@ -15,10 +15,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from piezo_common import plain_yaml
-from piezo_common.wording import counted, near
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.wording import counted, near
 from piezo_hysteresis.errors import PiezoError
-from piezo_ros_common.middleware import prepare
+from piezo_hysteresis.ros.middleware import prepare
 
 # So long nobody new must come before those who are there are all [s].
 QUIET = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 
 # Of the page and of the discovery node, wherever they are started: no folder of sources fills up.
 RESULTS = '~/piezo_hysteresis'

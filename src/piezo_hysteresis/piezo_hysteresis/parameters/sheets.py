@@ -5,9 +5,9 @@ This file knows no ROS, so that a node answers ``--help`` without starting.
 
 from __future__ import annotations
 
-from piezo_common import topics
-from piezo_common.sheet import NodeSheet
-from piezo_common.table import ParameterTable
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.sheet import NodeSheet
+from piezo_hysteresis.common.table import ParameterTable
 from piezo_hysteresis.parameters import dashboard, tables
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.dashboard import DASHBOARD, RESULTS
 from piezo_hysteresis.parameters.links import (
     ATTENUATION,

@@ -11,8 +11,8 @@ from zlib import crc32
 
 import numpy as np
 
-from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
 from piezo_hysteresis.records.bag_content import CHECKSUM_KEY

@@ -20,8 +20,8 @@ from zlib import crc32
 
 import numpy as np
 
-from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.mcap_index import chunk_indexes
 from piezo_hysteresis.records.storage import Topic

@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.files import write_atomically
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Topic
 

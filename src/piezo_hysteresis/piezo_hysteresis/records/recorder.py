@@ -19,8 +19,8 @@ from typing import Self
 import numpy as np
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.files import write_atomically
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, RECORDING, STATE_KEY

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from piezo_common.order import REORDERED
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
+from piezo_hysteresis.common.order import REORDERED
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from piezo_common import plain_yaml
-from piezo_common.files import write_atomically
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import LENGTHS, UNITS
 from piezo_hysteresis.records.damage import DamageLog

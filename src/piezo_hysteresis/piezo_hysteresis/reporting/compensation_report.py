@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from piezo_common.wording import short
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import short
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plot_parts import ROLES

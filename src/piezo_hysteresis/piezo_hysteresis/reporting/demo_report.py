@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from piezo_common.wording import short
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import short
 from piezo_hysteresis.compensation.loop import TrackingMetrics
 from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.identification.identify import Identification

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from piezo_common.order import StampValidator
-from piezo_common.stamps import NANOSECONDS, tick_nanoseconds
+from piezo_hysteresis.common.order import StampValidator
+from piezo_hysteresis.common.stamps import NANOSECONDS, tick_nanoseconds
 
 
 class ActuatorClock:

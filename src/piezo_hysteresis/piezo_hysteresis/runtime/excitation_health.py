@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 
 _SENTENCES: dict[str, Finding] = {
     'missed': (Level.WARN, 'ticks of the actuator were not heard: they had no reference'),

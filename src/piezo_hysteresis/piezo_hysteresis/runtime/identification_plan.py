@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezo_common.order import AHEAD, SequenceFilter, StampValidator
+from piezo_hysteresis.common.order import AHEAD, SequenceFilter, StampValidator
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.online import OnlineMethod, online, settled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.runtime.watchdog import Watchdog
 
 # Counters that are not 0 while a law has switched itself off.

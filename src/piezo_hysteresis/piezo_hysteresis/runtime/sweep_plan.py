@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import yaml
 
-from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import RecordInfo
 from piezo_hysteresis.waveforms import Waveform, WaveformError, from_spec, has_setting

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_common.wording import near
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.waveforms import corners
 from piezo_hysteresis.waveforms.base import Waveform, WaveformError
 from piezo_hysteresis.waveforms.chirp import LAWS, Chirp

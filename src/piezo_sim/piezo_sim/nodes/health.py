@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_sim.nodes.pacing import CommandQueue
 
 _SENTENCES: dict[str, Finding] = {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from piezo_common import topics
-from piezo_common.sheet import NodeSheet
-from piezo_common.table import ParameterTable
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.sheet import NodeSheet
+from piezo_hysteresis.common.table import ParameterTable
 from piezo_sim.nodes.tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 

@@ -13,20 +13,20 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from piezo_common import topics
-from piezo_common.health import Health
-from piezo_common.order import StampValidator
-from piezo_common.stamps import NANOSECONDS, tick_nanoseconds
-from piezo_common.table import Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import Health
+from piezo_hysteresis.common.order import StampValidator
+from piezo_hysteresis.common.stamps import NANOSECONDS, tick_nanoseconds
+from piezo_hysteresis.common.table import Value
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.flat import FlatCodec, head_of, nanoseconds_of_head
+from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.flat import FlatCodec, head_of, nanoseconds_of_head
-from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import run_node
-from piezo_ros_common.timers import wall_timer
 from piezo_sim.errors import SimulationError
 from piezo_sim.nodes.health import ActuatorHealth
 from piezo_sim.nodes.pacing import CommandQueue, Pace

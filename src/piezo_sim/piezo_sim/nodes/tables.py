@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_sim.plant import Plant
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_kernels.compile import jit, leaf
+from piezo_hysteresis.kernels.compile import jit, leaf
 from piezo_sim.parts import amplifier, drive, sensor, slow, structure
 
 LEVELS = 14

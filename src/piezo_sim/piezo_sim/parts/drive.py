@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.parts import bouc_wen, play, preisach
 from piezo_sim.table import PlantEffect, PlantParameter
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from piezo_kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.table import PlantEffect, PlantParameter
 
 OPERATORS = 12

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.parts.amplifier import FAR
 from piezo_sim.parts.noise import normal, uniform
 from piezo_sim.table import PlantEffect, PlantParameter

@@ -8,8 +8,8 @@ from typing import TypedDict
 import numpy as np
 import yaml
 
-from piezo_common import plain_yaml
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import LEVELS
 from piezo_hysteresis.errors import CompensationError
 

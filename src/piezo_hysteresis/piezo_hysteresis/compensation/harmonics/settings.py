@@ -7,8 +7,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from piezo_common.settings import documented, judge, setting
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.settings import documented, judge, setting
 from piezo_hysteresis.errors import CompensationError
 
 Method = Literal['afc', 'rls', 'filtered_rls']

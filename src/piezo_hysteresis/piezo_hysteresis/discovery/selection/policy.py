@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from piezo_common.wording import near
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.clock import JITTER
 

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.blocks.parallel import parts_of
-from piezo_kernels.forward import directional
+from piezo_hysteresis.kernels.forward import directional
 
 _VALUES = 1 << 15  # values of derivatives that are carried at a time: what a cache holds
 _BESIDE = 1e-6  # in units of what is usual

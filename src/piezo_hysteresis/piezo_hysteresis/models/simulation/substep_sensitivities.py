@@ -16,6 +16,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import shift
+from piezo_hysteresis.kernels.forward import directions_of
 from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.intersample import moments, with_turns, without_turns
 from piezo_hysteresis.models.simulation.state_layout import systems_of
@@ -32,7 +33,6 @@ from piezo_hysteresis.models.simulation.substep_run import (
     PathRun,
     read_ticks,
 )
-from piezo_kernels.forward import directions_of
 
 _VALUES = 1 << 15  # values of path and derivatives that are followed at a time
 

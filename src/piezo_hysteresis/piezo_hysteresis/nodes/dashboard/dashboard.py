@@ -12,8 +12,8 @@ from pathlib import Path
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 
-from piezo_common import topics
-from piezo_common.health import CounterWatch, Health, Level, judge
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Health, Level, judge
 from piezo_hysteresis.dashboard.backend import (
     Answer,
     DiscoveryOrder,
@@ -30,10 +30,10 @@ from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
 from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
 from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
 from piezo_hysteresis.parameters.dashboard import DASHBOARD, configure
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.running import run_node
-from piezo_ros_common.timers import wall_timer
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
 
 LISTEN_EVERY = 0.03
 LAG = 1.0  # without listening, which is counted [s]

@@ -14,7 +14,7 @@ from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.live import BackgroundJob, Live
 from piezo_hysteresis.errors import PiezoError
@@ -23,8 +23,8 @@ from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
 from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import Discover, Investigate, RunSweep
-from piezo_ros_common.qos import LOOP
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
 LAST_WORDS = 0.4  # what is still on its way when a sweep ends [s]

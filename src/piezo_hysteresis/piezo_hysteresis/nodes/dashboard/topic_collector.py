@@ -16,10 +16,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from piezo_common import topics
-from piezo_common.stamps import nanoseconds_of
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.dashboard.live import Counters, Gap, Live, LogLine, ShownEstimate
 from piezo_hysteresis.dashboard.signals import State
+from piezo_hysteresis.ros.diagnostics import state_of
+from piezo_hysteresis.ros.herald import WORKS
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.runtime.confirmation import PLACES
 from piezo_interfaces.msg import (
     ActuatorState,
@@ -29,9 +32,6 @@ from piezo_interfaces.msg import (
     Reference,
 )
 from piezo_interfaces.msg import Gap as GapMessage
-from piezo_ros_common.diagnostics import state_of
-from piezo_ros_common.herald import WORKS
-from piezo_ros_common.qos import LATCHED, LOOP
 
 Message = TypeVar('Message')
 Sink = Callable[[bytes, int], object]

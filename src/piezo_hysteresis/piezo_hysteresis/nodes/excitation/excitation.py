@@ -11,16 +11,23 @@ from rclpy.publisher import Publisher
 from rclpy.task import Future
 from std_msgs.msg import Float64
 
-from piezo_common import topics
-from piezo_common.health import Health
-from piezo_common.order import SequenceFilter
-from piezo_common.stamps import NANOSECONDS
-from piezo_common.table import Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import Health
+from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.stamps import NANOSECONDS
+from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation.sweep_audience import missing_subscribers
 from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
 from piezo_hysteresis.parameters.tables import EXCITATION
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
+from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
 from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, ExcitationHealth
 from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
@@ -29,13 +36,6 @@ from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.runtime.sweep_run import Pause
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.flat import head_of, nanoseconds_of_head
-from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import run_node
-from piezo_ros_common.timers import wall_timer
 
 # The last message is repeated after so much silence [s].
 REPEAT_AFTER = 0.2

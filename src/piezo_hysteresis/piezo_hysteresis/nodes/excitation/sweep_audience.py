@@ -8,17 +8,17 @@ from collections.abc import Callable, Mapping
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from piezo_common import topics
-from piezo_common.stamps import nanoseconds_of, stamp_into
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.stamps import nanoseconds_of, stamp_into
 from piezo_hysteresis.nodes.recording.reports import QUIET, Reports
 from piezo_hysteresis.records.markers import sample_text
+from piezo_hysteresis.ros.diagnostics import TOPIC as DIAGNOSTICS
+from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.confirmation import Progress
 from piezo_hysteresis.runtime.sweep_plan import SweepRecord
 from piezo_interfaces.msg import RecordMarker
-from piezo_ros_common.diagnostics import TOPIC as DIAGNOSTICS
-from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LOOP
 
 # Nodes that come and go all the time hold a sweep up no longer than this [s].
 LONGEST_QUIET = 4.0

@@ -13,12 +13,12 @@ from rclpy.task import Future
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation.sweep_audience import SweepAudience
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
+from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.sweep_plan import Sweep, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import Kept, Pause, SweepRun, kept_message
 from piezo_interfaces.action import RunSweep
-from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.timers import wall_timer
 
 # Time between two feedback messages [s].
 FEEDBACK_EVERY = 0.2

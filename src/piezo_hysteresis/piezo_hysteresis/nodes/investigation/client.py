@@ -14,9 +14,9 @@ from rclpy.node import Node
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
+from piezo_hysteresis.ros.middleware import prepare
+from piezo_hysteresis.ros.running import destroy
 from piezo_interfaces.action import Investigate
-from piezo_ros_common.middleware import prepare
-from piezo_ros_common.running import destroy
 
 # For a discovery node to be found, and to come back after a restart [s].
 FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0

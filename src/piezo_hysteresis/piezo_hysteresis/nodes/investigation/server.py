@@ -12,7 +12,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.investigation.neighbours_asked import (
@@ -22,11 +22,11 @@ from piezo_hysteresis.nodes.investigation.neighbours_asked import (
 )
 from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
 from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED
 from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import LoopStatus
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED
 
 if TYPE_CHECKING:
     from piezo_hysteresis.investigation.experiments import PlannedExperiment

@@ -11,15 +11,15 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.nodes.codecs import STATE as CODEC
 from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
 from piezo_hysteresis.nodes.recording.recorder_report import CONFIRM_AFTER, RecorderReport
 from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_interfaces.msg import ActuatorState, RecordMarker
-from piezo_ros_common.qos import LOOP
-from piezo_ros_common.timers import wall_timer
 
 
 class SweepBag:

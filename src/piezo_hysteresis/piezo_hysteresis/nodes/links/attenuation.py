@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import sys
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
 from piezo_hysteresis.nodes.links.tracking_node import TrackingNode
 from piezo_hysteresis.parameters.links import ATTENUATION
+from piezo_hysteresis.ros.flat import stamp_of
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.runtime.harmonic_laws import HarmonicLaws
 from piezo_hysteresis.runtime.synchronizer import Tick
 from piezo_interfaces.msg import HarmonicState
-from piezo_ros_common.flat import stamp_of
-from piezo_ros_common.qos import LOOP
-from piezo_ros_common.running import run_node
 
 # Ticks between two reports of the harmonics.
 REPORT_EVERY = 100

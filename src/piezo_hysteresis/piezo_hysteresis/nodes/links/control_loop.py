@@ -6,14 +6,14 @@ import sys
 
 from rclpy.node import Node
 
-from piezo_common import topics
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.nodes.codecs import measured_of, point_of
 from piezo_hysteresis.nodes.links.attenuation import attenuation
 from piezo_hysteresis.nodes.links.feedback import feedback
 from piezo_hysteresis.nodes.links.feedforward import Feedforward
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import run_nodes
 from piezo_interfaces.msg import ActuatorState, Reference
-from piezo_ros_common.qos import LOOP
-from piezo_ros_common.running import run_nodes
 
 
 class ControlLoop:

@@ -7,9 +7,9 @@ import sys
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
-from piezo_common import topics
-from piezo_common.order import SequenceFilter
-from piezo_common.table import Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
@@ -19,13 +19,13 @@ from piezo_hysteresis.nodes.messages import model_from
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.links import FEEDFORWARD
+from piezo_hysteresis.ros.flat import nanoseconds_of_head
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.inversion import Inversion
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
-from piezo_ros_common.flat import nanoseconds_of_head
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import run_node
-from piezo_ros_common.timers import wall_timer
 
 # How often silence of the reference is looked for [s].
 LOOK = 0.1

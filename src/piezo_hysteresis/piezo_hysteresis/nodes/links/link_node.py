@@ -12,22 +12,22 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
-from piezo_common import topics
-from piezo_common.health import Health
-from piezo_common.order import SequenceFilter, StampValidator
-from piezo_common.table import ParameterTable, Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import Health
+from piezo_hysteresis.common.order import SequenceFilter, StampValidator
+from piezo_hysteresis.common.table import ParameterTable, Value
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.nodes.codecs import voltage_bytes
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.link_health import ALARMS, LinkHealth
 from piezo_hysteresis.runtime.watchdog import Watchdog
 from piezo_interfaces.msg import LoopStatus, VoltageCommand
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.timers import wall_timer
 
 _ENERGY = ('energy_limit', 'energy_window', 'capacitance')
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from std_srvs.srv import Trigger
 
-from piezo_common import topics
-from piezo_common.order import SequenceFilter
-from piezo_common.table import ParameterTable, Value
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.table import ParameterTable, Value
 from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
@@ -17,12 +17,12 @@ from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
 from piezo_hysteresis.nodes.paths import requested_model
+from piezo_hysteresis.ros.flat import nanoseconds_of_head
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.laws import Law, LawMaker
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel
-from piezo_ros_common.flat import nanoseconds_of_head
-from piezo_ros_common.qos import LOOP
 
 
 class TrackingNode(LinkNode):

@@ -11,8 +11,8 @@ from rclpy.publisher import Publisher
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.reports import QUIET, Reports, subscribers
+from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.runtime.confirmation import Progress
-from piezo_ros_common.neighbours import Neighbours
 
 
 class Ended(Exception):

@@ -15,21 +15,21 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
-from piezo_common import topics
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_common.stamps import stamp_into
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.stamps import stamp_into
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners
 from piezo_hysteresis.nodes.recording.message_types import message_type
 from piezo_hysteresis.parameters.tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
 from piezo_hysteresis.records.storage import Topic
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import RecordMarker
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.neighbours import Neighbours
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LATCHED, LOOP
-from piezo_ros_common.running import run_node
 
 # Samples that may be under way in lock-step; listeners confirm more often than that.
 WINDOW = 256

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from piezo_common import topics
-from piezo_common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.message_types import message_type
 from piezo_hysteresis.nodes.recording.offered_qos import matching, offered_as_yaml
@@ -20,11 +20,11 @@ from piezo_hysteresis.nodes.recording.recorder_report import CONFIRM_AFTER, Reco
 from piezo_hysteresis.parameters.tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
-from piezo_ros_common.diagnostics import Diagnostics
-from piezo_ros_common.parameters import NodeParameters
-from piezo_ros_common.qos import LOOP
-from piezo_ros_common.running import run_node
-from piezo_ros_common.timers import wall_timer
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
 
 # What is recorded where nothing is asked for.
 DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)

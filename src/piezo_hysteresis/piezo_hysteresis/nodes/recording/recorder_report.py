@@ -9,12 +9,12 @@ from dataclasses import replace
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-from piezo_common.stamps import nanoseconds_of
+from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.nodes.codecs import STATE
 from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.ros.qos import LATCHED
 from piezo_hysteresis.runtime.confirmation import Taken
 from piezo_interfaces.msg import LoopStatus, RecordMarker
-from piezo_ros_common.qos import LATCHED
 
 # Samples between two confirmations, and the longest time to the next one [s].
 CONFIRM_EVERY = 64

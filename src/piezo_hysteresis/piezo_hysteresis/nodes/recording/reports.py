@@ -10,9 +10,9 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from piezo_hysteresis.ros.qos import LATCHED
 from piezo_hysteresis.runtime.confirmation import Progress
 from piezo_interfaces.msg import LoopStatus
-from piezo_ros_common.qos import LATCHED
 
 # So long nothing may change among the nodes before they count as all there [s]. Two processes find
 # each other within 0.3 s on an idle machine; with four busy ones to a core that was too short for

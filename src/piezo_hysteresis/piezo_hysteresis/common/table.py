@@ -1,0 +1,226 @@
+"""One table states every parameter of a node; declaration, checks and documents come from it.
+
+This file knows no ROS, so that parameter files are checked without starting a node.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from piezo_hysteresis.common.wording import near
+
+Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str]
+Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
+
+EXPONENT = re.compile(r'[-+]?\d+[eE][-+]?\d+')
+LIST = re.compile(r'\[[^\[\]]*\]')
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One parameter of a node.
+
+    Attributes
+    ----------
+    name : str
+        Full name; dots group.
+    default : bool, int, float, str or list
+        Also fixes the type. An integer is accepted for a float and converted.
+    description : str
+        One sentence.
+    unit : str
+        SI unit, ``1`` for numbers without one, '' for what is not a number.
+    low, high : float
+        Smallest and largest value allowed, edges included.
+    above : float
+        The value must be strictly larger than this.
+    choices : tuple of str
+        The words allowed; empty for any.
+    read_only : bool
+        Fixed once the node runs; all others are tunable while it runs.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    def coerce(self, value: object) -> object:
+        """Return `value` with what is meant as a float made one.
+
+        That are integers, and ``5e-05``: to YAML 1.1 a text, as it has no point, but what
+        ``ros2 param set`` is given and ``ros2 param load`` makes of a file that says 5.0e-05.
+        """
+        if isinstance(self.default, float) and type(value) is int:
+            return float(value)
+        if (
+            isinstance(self.default, float)
+            and isinstance(value, str)
+            and EXPONENT.fullmatch(value)
+        ):
+            return float(value)
+        if isinstance(self.default, list):
+            return self._coerce_list(value)
+        return value
+
+    def _coerce_list(self, value: object) -> object:
+        """Return the list that is meant: ``ros2 param set`` sends ``[1, 2.5]`` as a text."""
+        if isinstance(value, str) and LIST.fullmatch(value.strip()) and self.element is not str:
+            items = value.strip()[1:-1].split(',')
+            try:
+                found = [_number(item) for item in items if item.strip()]
+            except ValueError:
+                return value
+            if self.element is int and any(type(each) is float for each in found):
+                return value
+            value = found
+        if self.element is float and _is_list(value):
+            return [float(v) if type(v) is int else v for v in value]  # type: ignore[attr-defined]
+        return value
+
+    @property
+    def element(self) -> type:
+        """Type of what is in the list."""
+        assert isinstance(self.default, list)
+        return type(self.default[0]) if self.default else float
+
+    def judge(self, value: object) -> str:
+        """Return '' where `value` is allowed, else the reason and what is allowed."""
+        if isinstance(self.default, list):
+            if not _is_list(value):
+                return f'{self.name} must be a list of {self.element.__name__}, got {value!r}'
+            reasons = (self._judge_one(v, self.element) for v in value)  # type: ignore[attr-defined]
+            return next((reason for reason in reasons if reason), '')
+        return self._judge_one(value, type(self.default))
+
+    def _judge_one(self, value: object, kind: type) -> str:
+        if type(value) is not kind:
+            return (
+                f'{self.name} must be of type {kind.__name__}, got {value!r}; '
+                f'{"write for example " + repr(self.default)}'
+            )
+        if isinstance(value, str):
+            if self.choices and value not in self.choices:
+                return f'{self.name} must be one of {", ".join(self.choices)}, got {value!r}'
+            return ''
+        if isinstance(value, bool):
+            return ''
+        assert isinstance(value, int | float)
+        if not math.isfinite(value):
+            return f'{self.name} must be a finite number, got {value}'
+        if not (self.low <= value <= self.high and value > self.above):
+            what = 'its range, ' if math.isfinite(self.above) else ''  # not "outside above"
+            given = f'{self.name} = {value:g}{self._unit_words}'
+            return f'{given} is outside {what}{self.range_text()}'
+        return ''
+
+    def range_text(self) -> str:
+        """Say the range in words."""
+        if math.isfinite(self.above):
+            low = f'above {self.above:g}'
+        else:
+            low = f'{self.low:g}' if math.isfinite(self.low) else 'any'
+        high = f'{self.high:g}' if math.isfinite(self.high) else 'any'
+        return f'{low} .. {high}{self._unit_words}'
+
+    @property
+    def _unit_words(self) -> str:
+        """The unit behind a number; none where it is 1, which would read as another number."""
+        return f' {self.unit}' if self.unit not in ('', '1') else ''
+
+
+def _number(text: str) -> int | float:
+    try:
+        return int(text)
+    except ValueError:
+        return float(text)
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, Sequence | Iterable) and not isinstance(value, str | bytes | Mapping)
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Every parameter of a node, and the rules that bind several of them.
+
+    Attributes
+    ----------
+    specs : tuple of ParameterSpec
+        One row per parameter.
+    rules : tuple of callable
+        Each takes all values, merged with the new ones, and returns '' or why they are impossible
+        together.
+    """
+
+    specs: tuple[ParameterSpec, ...]
+    rules: tuple[Rule, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        names = [spec.name for spec in self.specs]
+        double = {name for name in names if names.count(name) > 1}
+        if double:
+            raise ValueError(f'parameters stated twice: {sorted(double)}')
+
+    def spec(self, name: str) -> ParameterSpec | None:
+        """Return the row of `name`, or None."""
+        return next((spec for spec in self.specs if spec.name == name), None)
+
+    def defaults(self) -> dict[str, Value]:
+        """Return every parameter at its default."""
+        return {spec.name: spec.default for spec in self.specs}
+
+    def judge(self, current: Mapping[str, Value], changes: Mapping[str, object]) -> str:
+        """Return '' where `changes` may be made to `current`, else the reason."""
+        merged: dict[str, Value] = dict(current)
+        for name, value in changes.items():
+            spec = self.spec(name)
+            if spec is None:
+                continue  # parameters that ROS itself declares
+            reason = spec.judge(value)
+            if reason:
+                return reason
+            merged[name] = value  # type: ignore[assignment]
+        return next((reason for rule in self.rules if (reason := rule(merged))), '')
+
+    def check_file(self, values: Mapping[str, object]) -> list[str]:
+        """Return every reason why `values` (of a parameter file) would be refused or ignored."""
+        reasons = [
+            f'{name} is no parameter of this node{near(name, self.defaults())}'
+            for name in values
+            if self.spec(name) is None
+        ]
+        known = {
+            name: spec.coerce(value)
+            for name, value in values.items()
+            if (spec := self.spec(name)) is not None
+        }
+        reason = self.judge(self.defaults(), known)
+        return [*reasons, reason] if reason else reasons
+
+    def markdown(self) -> str:
+        """Return the reference table of the parameters."""
+        lines = [
+            '| parameter | default | range | changes while running | what it is |',
+            '|---|---|---|---|---|',
+        ]
+        for spec in self.specs:
+            allowed = ', '.join(spec.choices) if spec.choices else spec.range_text()
+            if not spec.choices and not isinstance(spec.default, int | float | list):
+                allowed = ''
+            if isinstance(spec.default, bool):
+                allowed = 'true, false'
+            lines.append(
+                f'| `{spec.name}` | `{spec.default}` | {allowed} | '
+                f'{"no" if spec.read_only else "yes"} | {spec.description} |'
+            )
+        return '\n'.join(lines)

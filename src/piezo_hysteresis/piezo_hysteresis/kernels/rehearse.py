@@ -1,0 +1,126 @@
+"""Runs everything that has kernels once, so that set-up compiles them and nobody waits later.
+
+A package with kernels has a module ``rehearsal`` with ``REHEARSALS``: functions that do briefly
+what its users do at length. The signatures are so those that are really called.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import pkgutil
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from piezo_hysteresis.kernels import fresh, watch
+from piezo_hysteresis.kernels.compile import MADE
+
+PACKAGES = ('piezo_sim', 'piezo_hysteresis')
+
+
+@dataclass(frozen=True)
+class Done:
+    """One rehearsal that is over.
+
+    Attributes
+    ----------
+    name : str
+        Package and function.
+    compiled : int
+        Kernels that had to be compiled.
+    seconds : float
+        Wall time it took [s].
+    failed : str
+        Why it did not come to its end; empty where it did.
+    """
+
+    name: str
+    compiled: int
+    seconds: float
+    failed: str = ''
+
+
+def rehearsals(packages: Sequence[str] = PACKAGES) -> list[tuple[str, str]]:
+    """Return package and name of every rehearsal, longest first."""
+    found = []
+    for package in packages:
+        module = importlib.import_module(f'{package}.rehearsal')
+        found += [(package, each.__name__) for each in module.REHEARSALS]
+    return found
+
+
+def rehearse(which: tuple[str, str]) -> Done:
+    """Run one rehearsal."""
+    package, name = which
+    started, before, failed = time.perf_counter(), watch.compiled(), ''
+    try:
+        getattr(importlib.import_module(f'{package}.rehearsal'), name)()
+    except Exception as error:  # its kernels are compiled later; nothing else is lost
+        failed = f'{type(error).__name__}: {error}'
+    seconds = time.perf_counter() - started
+    return Done(f'{package}: {name}', watch.compiled() - before, seconds, failed)
+
+
+def rehearse_all(packages: Sequence[str], workers: int) -> Iterator[Done]:
+    """Run every rehearsal, several at a time in processes of their own."""
+    found = rehearsals(packages)
+    # forked: numba is imported once, and nothing has been started that a fork would break
+    with multiprocessing.get_context('fork').Pool(workers) as pool:
+        yield from pool.imap_unordered(rehearse, found)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compile every kernel of the packages that are named, of all where none is."""
+    packages = list(sys.argv[1:] if arguments is None else arguments) or list(PACKAGES)
+    workers = max(1, min(4, len(os.sched_getaffinity(0))))
+    started, compiled, total = time.perf_counter(), 0, len(rehearsals(packages))
+    live = sys.stderr.isatty()
+    for k, done in enumerate(rehearse_all(packages, workers), 1):
+        compiled += done.compiled
+        if done.failed:
+            print(f'note: {done.name} could not be rehearsed: {done.failed}', file=sys.stderr)
+        if live:
+            print(f'\r  kernels: {k} of {total}, {done.name}\x1b[K', end='', file=sys.stderr)
+    if live:
+        print('\r\x1b[K', end='', file=sys.stderr)
+    seconds = time.perf_counter() - started
+    print(f'{compiled} kernels compiled in {seconds:.0f} s' if compiled else 'all compiled before')
+    return 0
+
+
+# --- what a test asks --------------------------------------------------------------------------
+
+
+# Packages that need ROS, one whose kernels are compiled for other machines only, and one without.
+_ELSEWHERE = ('.nodes', '.ros', '.export.', '.papers')
+
+
+def kernels(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
+    """Return every kernel of the packages by its name; all their modules are imported."""
+    found = {}
+    for package in packages:
+        root = importlib.import_module(package)
+        for info in pkgutil.walk_packages(root.__path__, f'{package}.'):
+            if info.name.endswith('__main__') or any(each in info.name for each in _ELSEWHERE):
+                continue
+            module = importlib.import_module(info.name)
+            for value in vars(module).values():
+                function = getattr(value, 'py_func', None)
+                if function is not None and function.__module__ == info.name:
+                    found[f'{info.name}.{function.__qualname__}'] = value
+    return found
+
+
+def forgotten(packages: Iterable[str] = PACKAGES) -> list[str]:
+    """Return the kernels that were neither run in this process nor lie within one that was."""
+    everything = kernels(packages)
+    reached: set[Callable[..., Any]] = set()
+    # those that were made of others while the program ran stand in no module
+    for kernel in (*everything.values(), *MADE):
+        if kernel.signatures:
+            reached |= fresh.within(kernel.py_func)
+    return sorted(name for name, kernel in everything.items() if kernel.py_func not in reached)

@@ -1,0 +1,1 @@
+"""The figures and tables of five papers, made again on the simulated actuators."""

@@ -1,0 +1,227 @@
+"""What a reproduced figure is, how it is drawn, and the page that shows all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator, MaxNLocator
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.papers.commands import COMMANDS
+
+PAPERS = {
+    'Fujii 2018': 'Fujii, Tatebatake, Morita, Shiinoki 2018 (bimorph, odd harmonic oscillation)',
+    'Tatebatake 2017': 'Tatebatake and Fujii 2017 (bimorph, extended model)',
+    'Zhou 2021': 'Zhou, Dong and Yang 2021 (actuator of a rotor flap)',
+    'Xiao 2014': 'Xiao and Li 2014 (stack, inverse Bouc-Wen)',
+    'Fang 2019': 'Fang, Li, Zhong and Long 2019 (stage, fuzzy PID)',
+}
+
+# What no run of a simulated actuator answers, and why.
+MISSING: dict[str, tuple[str, ...]] = {
+    'Fujii 2018': ('Figures 1, 9, 12, 14: photograph and block diagrams.',),
+    'Tatebatake 2017': ('Figures 4, 9, 10: block diagrams.',),
+    'Zhou 2021': (
+        'Figures 1, 2, 4, 8, 10: photographs and block diagrams.',
+        'Figure 5: flow chart of the swarm; it is `identify --method zhou2021`.',
+        'Table 1: data of the actuator; they are the preset.',
+    ),
+    'Xiao 2014': ('Figures 1, 2, 6, 9, 10, 11, 13: photographs and block diagrams.',),
+    'Fang 2019': (
+        'Figures 1, 2, 5, 6: drawings and block diagrams.',
+        'The guide, 47.52 N/um: `python -m piezo_sim stage --preset fang_p845_stage`, 47.53 N/um.',
+        'Table 2: its rules are missing; ours are a file, `compensate --fuzzy-tables`.',
+    ),
+}
+
+VERDICTS = ('better', 'equal', 'worse', 'as stated', 'not as stated')
+_EQUAL = 0.05  # errors within this share of each other count as equal
+
+_TICKS = 9  # that fit below a picture of one panel
+
+Draw = Callable[[Figure], None]
+Builders = Sequence[tuple[Sequence[str], Callable[[bool], Sequence['Exhibit']]]]
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """One figure or table of a paper, reproduced.
+
+    Attributes
+    ----------
+    paper : str
+        Fujii 2018 to Fang 2019.
+    name : str
+        ``Figure 10``, ``Table 1``.
+    shows : str
+        What it is about.
+    stated : str
+        The paper's statement or numbers; what stands in quotation marks is in its text.
+    ours : str
+        What came out here.
+    reason : str
+        Why the two differ, or '' where they agree.
+    draw : callable
+        Draws it on a figure.
+    numbers : dict of str to float
+        The figures behind `ours`, for tests.
+    deviating : str
+        What came out with methods that are not the paper's, or '' where there are none.
+    compared : sequence of tuple of float
+        Errors that the paper prints, each with the one that came out here by its method.
+    holds : bool
+        Whether a statement of the paper without a number holds here.
+    """
+
+    paper: str
+    name: str
+    shows: str
+    stated: str
+    ours: str
+    draw: Draw
+    reason: str = ''
+    numbers: dict[str, float] = field(default_factory=dict)
+    deviating: str = ''
+    compared: Sequence[tuple[float, float]] = ()
+    holds: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """One of `VERDICTS`: how the errors here compare with the printed ones."""
+        if not self.compared:
+            return 'as stated' if self.holds else 'not as stated'
+        ratios = [here / printed for printed, here in self.compared]
+        if max(ratios) < 1.0 - _EQUAL:
+            return 'better'
+        if max(ratios) <= 1.0 + _EQUAL:
+            return 'equal'
+        return 'worse'
+
+    @property
+    def picture(self) -> str:
+        """Name of the file of the picture."""
+        key = self.paper.lower().replace(' ', '')
+        return f'{key}_{self.name.lower().replace(" ", "_").replace(",", "")}.png'
+
+
+def save(entry: Exhibit, folder: Path, dpi: int = 100) -> None:
+    """Draw `entry` into `folder`."""
+    figure = Figure(figsize=(7.5, 3.5), layout='constrained')
+    entry.draw(figure)
+    _spare_ticks(figure)
+    figure.suptitle(f'{entry.paper}, {entry.name}: {entry.shows}', fontsize=10)
+    figure.savefig(folder / entry.picture, dpi=dpi)
+
+
+def _spare_ticks(figure: Figure) -> None:
+    """Let panels have as many ticks below them as their width has room for."""
+    columns = max(len({round(each.get_position().x0, 2) for each in figure.axes}), 1)
+    for axes in figure.axes:
+        if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
+            axes.xaxis.set_major_locator(MaxNLocator(max(_TICKS // columns, 2)))
+
+
+def page(entries: Sequence[Exhibit], pictures: str = '') -> str:
+    """Return the page, Markdown; with `pictures`, a path to their folder, they are shown."""
+    lines = [
+        '# The five papers, reproduced',
+        '',
+        'Every figure and table of the papers, ours beside theirs in their metric. "Here" is the',
+        "paper's own method on a simulated actuator; what other methods of this project do is",
+        'said apart. The actuators are the presets of `piezo_sim`; where a paper does not give a',
+        'number the preset says what was assumed. Nothing is fitted to the figures below: models',
+        'are identified from sweeps of the simulated actuator, as the papers do from theirs. A',
+        'smaller error on a simulated actuator is no proof that a real one would show it.',
+        '',
+        'Made by `piezo paper all --page docs/papers.md`, in a few minutes; one figure by',
+        '`piezo paper fujii2018 --figure 16`. [Where each equation is](equations.md) in the code.',
+        '',
+        *summary(entries),
+    ]
+    for paper, title in PAPERS.items():
+        own = [entry for entry in entries if entry.paper == paper]
+        if not own:
+            continue
+        lines += [f'## {paper}: {title}', '']
+        for entry in own:
+            lines += [f'### {entry.name}: {entry.shows}', '']
+            if pictures:
+                lines += [f'![{entry.name}]({pictures}/{entry.picture})', '']
+            lines += [f'- Paper: {entry.stated}', f'- Here: {entry.ours}']
+            if entry.deviating:
+                lines.append(f'- With other methods: {entry.deviating}')
+            if entry.reason:
+                lines.append(f'- Why they differ: {entry.reason}')
+            lines.append('')
+        if len(own) > 1:
+            lines += by_verbs(paper)
+        if MISSING.get(paper):
+            lines += ['### Not made', '', *(f'- {each}' for each in MISSING[paper]), '']
+    return '\n'.join(lines)
+
+
+def by_verbs(paper: str) -> list[str]:
+    """Return the lines that say what a user types for the main figures of a paper."""
+    lines = ['### By the plain verbs', '', '```bash']
+    for each in COMMANDS[paper]:
+        program = 'python -m' if each.words.startswith('piezo_sim') else 'piezo'
+        lines.append(f'{program} {each.words}' + (f'  # {each.figures}' if each.figures else ''))
+    outcomes = [each.outcome for each in COMMANDS[paper] if each.outcome]
+    return [*lines, '```', '<!-- expect:', '\n'.join(outcomes) + ' -->', '']
+
+
+def summary(entries: Sequence[Exhibit]) -> list[str]:
+    """Return the lines of a table: figures by paper and verdict."""
+    lines = [
+        '"Better", "equal" (within 5 %) and "worse" compare the errors that a paper prints with',
+        'those of its own method here, by the largest ratio; where several seeds were run, by',
+        'their median. Without a printed number, "as stated" means that what the paper states of',
+        'a figure holds here. "Better" says little where the simulated actuator is of the kind of',
+        'the model (Zhou 2021) or of numbers that are not printed; each figure says what was',
+        'assumed.',
+        '',
+        f'| Paper | {" | ".join(VERDICTS)} |',
+        f'|---|{"---|" * len(VERDICTS)}',
+    ]
+    for paper in PAPERS:
+        own = [entry for entry in entries if entry.paper == paper]
+        cells = [_numbers([e.name for e in own if e.verdict == verdict]) for verdict in VERDICTS]
+        if own:
+            lines.append(f'| {paper} | {" | ".join(cells)} |')
+    return [*lines, '']
+
+
+def _numbers(names: Sequence[str]) -> str:
+    """Return names of figures and tables, shortened."""
+    figures = [name.removeprefix('Figure ') for name in names if name.startswith('Figure')]
+    tables = [name.lower() for name in names if not name.startswith('Figure')]
+    return ', '.join([*(['figure ' + ', '.join(figures)] if figures else []), *tables])
+
+
+def panels(figure: Figure, count: int) -> list[Axes]:
+    """Return axes side by side, in two rows where there are many; the figure grows with them."""
+    rows = 1 if count <= 4 else 2
+    figure.set_size_inches(9, 4.2 if rows == 1 else 6.4)
+    axes = figure.subplots(rows, -(-count // rows), squeeze=False)
+    return list(axes.flat)[:count]
+
+
+def loop(
+    axis: Axes, voltage: FloatArray, displacement: FloatArray, label: str, style: str = '-'
+) -> None:
+    """Draw a hysteresis loop in micrometres."""
+    axis.plot(voltage, displacement * 1e6, style, label=label, lw=1.0)
+    axis.set(xlabel='input [V]', ylabel='displacement [µm]')
+    axis.grid(alpha=0.3)
+
+
+def finish(axis: Axes, x: str, y: str, title: str = '') -> None:
+    """Label an axis and show its legend."""
+    axis.set(xlabel=x, ylabel=y, title=title)
+    axis.grid(alpha=0.3)
+    if axis.get_legend_handles_labels()[1]:
+        axis.legend(fontsize=7)

@@ -1,0 +1,100 @@
+"""Publishes the health of a node on ``/diagnostics``: every second and when the level changes.
+
+While the node starts or compiles kernels it is said just as often that it does, in the value
+``state``; who waits for it counts no time meanwhile (`neighbours`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from piezo_hysteresis.common.health import Health, Level
+from piezo_hysteresis.ros.herald import Herald, Readiness
+from piezo_hysteresis.ros.timers import wall_timer
+
+TOPIC = '/diagnostics'
+
+# How often a change of level is looked for, and the longest time between two messages [s].
+LOOK = 0.2
+PERIOD = 1.0
+
+# How long the last word of a node that ends may take to be heard.
+LAST_WORD = Duration(seconds=1)
+
+
+# The value that says whether the node can answer.
+STATE = 'state'
+
+
+class Diagnostics:
+    """Asks a node how it is and publishes the answer; make it before whatever takes time.
+
+    Parameters
+    ----------
+    node : Node
+        Whose health it is; a managed node reports while it is inactive too.
+    ask : callable
+        Returns the health of the node; called five times a second once the node is served.
+    """
+
+    def __init__(self, node: Node, ask: Callable[[], Health]) -> None:
+        self._node = node
+        self._ask = ask
+        self._level: Level | None = None
+        self._reported = 0.0
+        # That of a managed node would be mute while the node is inactive.
+        self._publisher = Node.create_publisher(node, DiagnosticArray, TOPIC, 10)
+        self._herald = Herald(self._starts, self._compiles)
+        node.context.on_shutdown(self._herald.close)
+        wall_timer(node, LOOK, self.look)
+
+    def look(self) -> None:
+        """Publish where the level has changed or a second is over."""
+        self._herald.ready()
+        health = self._ask()
+        now = time.monotonic()
+        if health.level == self._level and now - self._reported < PERIOD - 0.5 * LOOK:
+            return
+        self._level, self._reported = health.level, now
+        self._publish(Readiness.READY, health)
+
+    def _starts(self, state: Readiness, message: str) -> None:
+        self._publish(state, Health(Level.OK, message))
+
+    def _compiles(self) -> None:
+        self._node.get_logger().info(
+            'compiles its kernels, once; nodes that wait for it go on waiting'
+        )
+
+    def _publish(self, state: Readiness, health: Health) -> None:
+        values = {STATE: state.value, **health.values}
+        status = DiagnosticStatus(
+            level=bytes([health.level]),
+            name=self._node.get_fully_qualified_name(),
+            message=health.message,
+            hardware_id=self._node.get_namespace().strip('/'),
+            values=[KeyValue(key=key, value=_text(v)) for key, v in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def last_word(self) -> None:
+        """Say how the node is for the last time, and wait until that was heard."""
+        self._level = None
+        self.look()
+        self._publisher.wait_for_all_acked(LAST_WORD)
+
+
+def state_of(status: DiagnosticStatus) -> str:
+    """Return the state that a node gives, empty where it gives none."""
+    return next((str(each.value) for each in status.values if each.key == STATE), '')
+
+
+def _text(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

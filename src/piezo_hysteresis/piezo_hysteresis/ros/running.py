@@ -1,0 +1,231 @@
+"""Starts, spins and stops a node: one helper for all of them."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from piezo_hysteresis.ros.deadline import EndsWithin
+from piezo_hysteresis.ros.middleware import prepare
+from piezo_hysteresis.ros.timers import wall_timer
+
+# How long a signal may wait to be seen [s].
+LOOK = 0.1
+
+# EventsExecutor never wakes from an endless wait on some builds; a finite one always does. Every
+# wait costs 32 bytes that it never gives back, so they are long [s].
+LONGEST_WAIT = 60.0
+
+# Fast DDS 2.14 waits for ever where it learns of another's end while it ends itself: about one in
+# a thousand, where many nodes end at once. By then all that a node has is written and said [s].
+LONGEST_END = 5.0
+
+RCLError = rclpy_implementation.RCLError
+
+EXECUTORS = ('auto', 'events', 'default')
+
+
+def make_executor(choice: str, context: Context | None = None) -> Executor:
+    """Return the executor for `choice`: the events executor where it works, else the default.
+
+    Raises
+    ------
+    ValueError
+        If `choice` is not one of `EXECUTORS`.
+    """
+    if choice not in EXECUTORS:
+        raise ValueError(f'executor must be one of {", ".join(EXECUTORS)}, got {choice!r}')
+    if choice != 'default':
+        executor = _working_events_executor(context)
+        if executor is not None:
+            return executor
+        if choice == 'events':
+            raise ValueError('the events executor of this rclpy does not tick; use executor:=auto')
+    return SingleThreadedExecutor(context=context)
+
+
+def _working_events_executor(context: Context | None) -> Executor | None:
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return None
+    executor: Executor = EventsExecutor(context=context)
+    return executor if _ticks(executor, context) else None
+
+
+def _ticks(executor: Executor, context: Context | None) -> bool:
+    """Return whether `executor` runs a timer at all (a self-test at start, some milliseconds)."""
+    # Without the arguments of the process: they would give the probe the name of the node.
+    probe = Node(
+        'executor_probe',
+        context=context,
+        enable_rosout=False,
+        start_parameter_services=False,
+        use_global_arguments=False,
+        parameter_overrides=[Parameter('start_type_description_service', value=False)],
+    )
+    ticked = Future()
+    timer = probe.create_timer(0.001, lambda: ticked.done() or ticked.set_result(True))
+    executor.add_node(probe)
+    executor.spin_until_future_complete(ticked, timeout_sec=0.5)
+    executor.remove_node(probe)
+    timer.cancel()
+    probe.destroy_node()
+    return bool(ticked.done())
+
+
+class Interrupt:
+    """Notes the signals that end a process; nothing is cut short by them.
+
+    With its own handlers rclpy would shut down at once, and the callback that is under way could
+    not even publish its result.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, *_: object) -> None:
+        self.requested = True
+
+    @staticmethod
+    def ignore() -> None:
+        """Let further signals do nothing: the process is about to end.
+
+        While it ends Python would have them kill it, and its exit code would say so; `ros2 launch`
+        sends one after the other.
+        """
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def spin(
+    nodes: Sequence[Node],
+    executor: Executor,
+    stop: Future | None = None,
+    interrupt: Interrupt | None = None,
+) -> None:
+    """Serve `nodes` by `executor` until they are shut down, interrupted or `stop` is done."""
+    for node in nodes:
+        executor.add_node(node)
+    ended = Future()
+
+    def look() -> None:
+        due = stop is not None and stop.done()
+        if (due or (interrupt is not None and interrupt.requested)) and not ended.done():
+            ended.set_result(True)
+
+    timer = wall_timer(nodes[0], LOOK, look)
+    try:
+        while nodes[0].context.ok() and not ended.done():
+            executor.spin_until_future_complete(ended, timeout_sec=LONGEST_WAIT)
+    finally:
+        timer.cancel()
+        for node in nodes:
+            executor.remove_node(node)
+        executor.shutdown()
+
+
+def run_node(create: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Run one node as a process: start, spin, and stop without a traceback on any signal.
+
+    A node may have ``stop`` (a Future that ends it), ``exit_code`` and ``close()`` (called before
+    it is destroyed).
+
+    Returns
+    -------
+    int
+        Exit code of the process.
+    """
+    return run_nodes(lambda: (create(),), arguments)
+
+
+def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None) -> int:
+    """Run several nodes as one process with one executor; the first one decides when it ends."""
+    interrupt = Interrupt()
+    nodes: Sequence[Node] = ()
+    try:
+        _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
+        nodes = _create(create)
+        # What was imported stays for good: collections need not look through it at every turn.
+        gc.collect()
+        gc.freeze()
+        choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
+        spin(nodes, make_executor(choice), getattr(nodes[0], 'stop', None), interrupt)
+    except ExternalShutdownException:
+        pass
+    except SystemExit as wanted:
+        return int(wanted.code or 0)
+    finally:
+        _close(nodes)
+        interrupt.ignore()
+    return exit_code(nodes)
+
+
+def _init(options: list[str]) -> None:
+    prepare()
+    try:
+        rclpy.init(args=options, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy does not export the class of this error
+        _refuse(error, 'mend the arguments or the parameter file')
+
+
+def _create(create: Callable[[], Sequence[Node]]) -> Sequence[Node]:
+    try:
+        return create()
+    except RCLError as error:
+        _refuse(error, 'mend the names, or the ROS_SECURITY settings where they are set')
+
+
+def _refuse(error: Exception, remedy: str) -> NoReturn:
+    print(f'error: {" ".join(str(error).split())} ({remedy})', file=sys.stderr)
+    raise SystemExit(2) from None
+
+
+def finish(nodes: Sequence[Node]) -> None:
+    """Let nodes end what they do, before they are destroyed."""
+    for node in nodes:
+        close = getattr(node, 'close', None)
+        if close is not None:
+            close()
+
+
+def _close(nodes: Sequence[Node]) -> None:
+    finish(nodes)
+    sys.stdout.flush()
+    with EndsWithin(LONGEST_END, exit_code(nodes)):
+        for node in nodes:
+            destroy(node)
+        rclpy.try_shutdown()
+
+
+def exit_code(nodes: Sequence[Node]) -> int:
+    """Return the exit code that the first node asks for."""
+    return int(getattr(nodes[0], 'exit_code', 0)) if nodes else 0
+
+
+def destroy(node: Node) -> None:
+    """Destroy a node with its actions, which `destroy_node` leaves.
+
+    Whatever is left holds the participant of the middleware. That then ends while the process
+    does, among threads of its own: some die in it, some wait for ever.
+    """
+    for waitable in tuple(node.waitables):
+        end = getattr(waitable, 'destroy', None)
+        if end is not None:
+            end()
+    node.destroy_node()
