@@ -1,4 +1,4 @@
-"""Known effects hidden in actuators that somebody else described: Maxwell, Duhem, LuGre, leakage.
+"""Discovery test: effects in actuators from the literature (Maxwell, Duhem, LuGre, leakage).
 
     python studies/discovery_foreign.py --seed 21 --page docs/discovery_foreign.md
 
@@ -31,26 +31,26 @@ SECONDS = 5.0
 BASELINES = {
     'elastoslides': 'bouc_wen_mode',
     'Duhem': 'bouc_wen_mode',
-    'two modes, one rubs': 'linear_mode',
+    'two modes, friction': 'linear_mode',
     'leaking charge': 'bouc_wen_mode',
 }
 HEAD = (
-    '# Effects hidden in foreign actuators',
+    '# Discovery test: actuators from the literature',
     '',
-    'Four actuators from textbook equations (elastoslides after Goldfarb and Celanovic 1997,',
-    'Duhem after Coleman and Hodgson 1986, two modes with friction after Canudas de Wit 1995,',
-    'leaking charge), in continuous time by SciPy, share nothing with the suite',
-    '(`studies/foreign_worlds.py`). A baseline that cannot be exact was identified on six sines;',
-    'an effect of random size was put into six others, and `discover` got these and the',
-    '`model.yaml`. The search was frozen before any of these records existed; this is how it came',
-    'out.',
+    'Four actuators from textbook equations, integrated in continuous time by SciPy, share',
+    'nothing with the models (`studies/foreign_worlds.py`): elastoslides (Goldfarb and',
+    'Celanovic 1997), Duhem (Coleman and Hodgson 1986), two modes with friction (Canudas de',
+    'Wit 1995), and leaking charge. A baseline that cannot be exact is identified on six',
+    'sines. An effect of random size is added to six others; `discover` gets these and the',
+    '`model.yaml`. The search is frozen before any of these records exists.',
+    '[validation.md](validation.md) has the summary and the earlier draws.',
     '',
     '    python studies/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
 )
 SIZES = (
-    'Sizes run from 0.25 to 1, where 1 is a delay or lag of 4 ms, a curve of 2.5 % at the ends,',
-    'a tone of 1.5 % of the stroke, a drift of 15 % and a loss of 16 % in 5 s. Noise is 0.2 % of',
-    'the stroke.',
+    'Sizes are 0.25 to 1. Size 1 is a delay or lag of 4 ms, a sensor nonlinearity of 2.5 % at',
+    'the ends, a tone of 1.5 % of the stroke, a drift of 15 % of the stroke and a gain loss of',
+    '16 % in 5 s. Noise is 0.2 % of the stroke.',
 )
 
 

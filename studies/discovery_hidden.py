@@ -1,4 +1,4 @@
-"""Known effects hidden in measured records: the model fitted before, its name told after.
+"""Discovery test: effects added to measured records of an identified actuator.
 
     python studies/discovery_hidden.py --data ../shared/data --page docs/discovery_hidden.md
 
@@ -38,7 +38,7 @@ from piezo_hysteresis.records import Record, load
 from studies.discovery_scores import in_a_cell
 from studies.stand_ins import records_in
 
-#: Held-out error, over that of the control, up to which an effect was taken out again.
+#: Held-out error, relative to the unchanged actuator, up to which an effect counts as removed.
 AS_CONTROL = 1.2
 
 
@@ -70,8 +70,7 @@ CASES = (
         20.0,
     ),
     Case(
-        '150 V',
-        'piezo_150v_1hz/piezo_150V_1Hz.csv',
+        '150 V piezo_150v_1hz/piezo_150V_1Hz.csv',
         7.0,
         ('piezo_150v_1hz/piezo_150V_1Hz.csv',),
         ('prandtl_ishlinskii+creep', 'classical'),
@@ -282,14 +281,14 @@ def examined(
 
 
 HEAD = (
-    '# Effects hidden in measured records',
+    '# Discovery test: effects added to measured records',
     '',
-    'A baseline was identified on untouched records of a measured actuator. Then an effect of',
-    'random size was put into the displacement, and `discover` got the changed records and',
-    'the `model.yaml`. The numbers that decide had been set on other sizes in these very',
-    'records, with three of these four baselines: the sizes are new, the actuators are not.',
-    'A draw before it was stopped, see [discovery](discovery.md). What hides is in',
-    '`studies/discovery_hidden.py` and uses no block of the suite.',
+    'A baseline is identified on unchanged records of a measured actuator. An effect of random',
+    'size is then added to the measured displacement by code that shares nothing with the',
+    'models (`studies/discovery_hidden.py`). `discover` gets the changed records and the',
+    '`model.yaml`. The effect sizes are new. The records, and three of the four baselines, are',
+    'those on which thresholds were set. [validation.md](validation.md) has the summary and',
+    'the earlier draws.',
     '',
     '    python studies/discovery_hidden.py --data DATA --seed {seed} \\',
     '        --page docs/discovery_hidden.md',
@@ -298,26 +297,26 @@ REFERENCE_HEADS = {
     'repeated': (
         '## With `--reference`: the same experiments again',
         '',
-        'The untouched records were the reference. An effect was put into the same records with',
-        'white noise of their own, as large as that at rest: what an actuator does otherwise',
-        'from one day to the next is not in it. `discover` got both, and the name of a baseline.',
+        'The reference is the set of unchanged records. The effect is added to the same',
+        'records with new white noise of the size at rest; day-to-day changes of an actuator',
+        'are not included. `discover` gets both sets and the name of a baseline.',
         '',
         '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
     ),
     'parts': (
-        '## With `--reference`: the beginning of a record',
+        '## With `--reference`: the first part of a record',
         '',
-        'The beginning of the sine of each actuator was the reference (20 s; 7 s at 150 V), and',
-        'an effect was put into the rest of it, which begins in motion with a memory that nobody',
-        'knows. A drift and a loss reach their size at its end.',
+        'The reference is the first part of the sine of each actuator (20 s; 7 s at 150 V).',
+        'The effect is added to the rest, which starts in motion with an unknown memory. A',
+        'drift and a loss reach their full size at its end.',
         '',
         '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference parts',
     ),
 }
 SIZES = (
-    'Sizes run from 0.25 to 1, where 1 is a delay or lag of 40 ms (8 ms at 150 V), a curve of',
-    '2.5 % at the ends, a tone of 1.5 % of the stroke, a drift of 15 % and a loss of 16 % in',
-    '70 s (10 s at 150 V).',
+    'Sizes are 0.25 to 1. Size 1 is a delay or lag of 40 ms (8 ms at 150 V), a sensor',
+    'nonlinearity of 2.5 % at the ends, a tone of 1.5 % of the stroke, a drift of 15 % of the',
+    'stroke and a gain loss of 16 % in 70 s (10 s at 150 V).',
 )
 
 
@@ -338,15 +337,17 @@ def page(
     lines = [
         *(line.format(seed=seed) for line in head),
         '',
-        f'- right name first: {right} of {len(hidden)}; first or among the alternatives: {among}',
-        f'- a wrong name, alone or besides: {besides} of {len(hidden)}',
-        f'- untouched control `none`: {sum(r.right for r in controls)} of {len(controls)}',
-        f'- held-out error within {AS_CONTROL} of the control: {back} of {len(hidden)}',
+        f'- right effect ranked first: {right} of {len(hidden)}; '
+        f'first or among the alternatives: {among}',
+        f'- sets with a wrong name: {besides} of {len(hidden)}',
+        f'- unchanged actuator reported as `none`: {sum(r.right for r in controls)} '
+        f'of {len(controls)}',
+        f'- held-out error within {AS_CONTROL} of the unchanged actuator: {back} of {len(hidden)}',
         f'- longest run: {max(r.seconds for r in rows):.0f} s on a busy machine',
         '',
         *sizes,
         '',
-        '| actuator | baseline | hidden | size | told | held-out um | over control |',
+        '| actuator | baseline | hidden | size | reported | held-out um | over unchanged |',
         '|---|---|---|---:|---|---:|---:|',
     ]
     for row in rows:

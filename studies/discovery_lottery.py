@@ -1,4 +1,4 @@
-"""Effects hidden in an actuator of its own, recorded under conditions that are drawn by lot.
+"""Discovery test: effects in an independent simulation with random recording conditions.
 
     python studies/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
 
@@ -42,14 +42,14 @@ from studies.lottery_world import (
 BASELINE = 'bouc_wen_mode'
 SINGLES, PAIRS, NULLS, OTHERS = 33, 10, 20, 6
 HEAD = (
-    '# Effects under conditions drawn by lot',
+    '# Discovery test: random recording conditions',
     '',
-    'An actuator with a hysteresis of Bouc and Wen and one mode, with one effect, two, none, or',
-    'one that no block describes. Start (rest, step, mid-period, remanent), noise (white or',
-    'coloured, equal or with the amplitude), zeros, 8 to 16 bits, 0.2 to 20 kHz, kinds of',
-    'records and what they cover are drawn by seed; the world shares no code with the suite',
-    '(`studies/lottery_world.py`). `discover` got the records and the name `bouc_wen_mode`. The',
-    'search was frozen before; this is how it came out.',
+    'The actuator is a Bouc-Wen hysteresis with one mode. It has one additional effect, two,',
+    'none, or one that is not in the library. The initial condition (rest, step, mid-period,',
+    'remanent), noise (white or coloured, constant or growing with the amplitude), zeros, 8 to',
+    '16 bits, 0.2 to 20 kHz and the kinds of records are drawn by seed. The simulation shares',
+    'no code with the models (`studies/lottery_world.py`). `discover` gets the records and the',
+    'name `bouc_wen_mode`. The search is frozen before the draw.',
     '',
     '    python studies/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
 )
@@ -142,7 +142,7 @@ def calibration(rows: Sequence[Row]) -> list[str]:
         if row.verdict
         for effect in row.verdict.effects
     ]
-    lines = ['| said with | names | hidden there |', '|---|---:|---:|']
+    lines = ['| probability | names | right |', '|---|---:|---:|']
     for low, high in ((0.0, 0.5), (0.5, 0.9), (0.9, 0.99), (0.99, 1.01)):
         hits = [right for probability, right in said if low <= probability < high]
         if hits:
@@ -170,20 +170,21 @@ def page(rows: Sequence[Row], seed: int) -> str:
     lines = [
         *(line.format(seed=seed) for line in HEAD),
         '',
-        f'- singles, the right name first: {counted("single")}; among what was said: {among}',
-        f'- pairs, both first: {counted("pair")}',
-        f'- a name of nothing that is there, alone or besides: {besides} of {len(named_sets)}',
-        f'- nothing hidden and `none`: {counted("null")}',
-        f'- outsiders `unknown`, or said to leave something: {counted("outsider")}',
-        f'- worse on held-out records by more than 2 %: {worse} of {len(rows)}',
+        f'- single effects ranked first: {counted("single")}; among all reported: {among}',
+        f'- pairs, both ranked first: {counted("pair")}',
+        f'- sets with a false positive: {besides} of {len(named_sets)}',
+        f'- no effect, reported as `none`: {counted("null")}',
+        f'- effects outside the library, `unknown` or with a stated residual: '
+        f'{counted("outsider")}',
+        f'- held-out error increased by more than 2 %: {worse} of {len(rows)}',
         f'- longest run: {max(row.seconds for row in rows):.0f} s on a busy machine',
         '',
-        'Probabilities, on sets that decided nothing:',
+        'Probabilities:',
         '',
         *calibration(rows),
         '',
-        '| hidden | start | noise | bits | rate Hz | told | held-out, in noise |',
-        '|---|---|---|---:|---:|---|---:|',
+        '| hidden | initial condition | noise | bits | rate Hz | reported | held-out, noise',
+        'floors | |---|---|---|---:|---:|---|---:|',
     ]
     for row in rows:
         c = row.conditions

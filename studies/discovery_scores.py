@@ -1,4 +1,4 @@
-"""What the blind proof of the discovery counts, and the table it prints."""
+"""Scores and tables of the discovery test on simulated actuators."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def calibration(rows: Sequence[Row]) -> list[str]:
         every = {name for names in row['names'] for name in names}
         if row['verdict'] == 'named':
             told += [(e['probability'], e['name'] in every) for e in row['effects']]
-    lines = ['calibration: probability given, and how often the name was right']
+    lines = ['calibration: stated probability, and fraction of right names']
     edges = (0.0, 0.5, 0.8, 0.95, 0.999, 1.01)
     for low, high in pairwise(edges):
         inside = [right for chance, right in told if low <= chance < high]
@@ -146,8 +146,8 @@ def confusion(rows: Sequence[Row]) -> list[str]:
     """Return what was said for every hidden effect, pairs by themselves."""
     lines = []
     for kinds, title in (
-        (('single', 'null', 'unknown'), 'confusion: hidden -> said (sets)'),
-        (('pair',), 'pairs: hidden -> said (sets)'),
+        (('single', 'null', 'unknown'), 'confusion: hidden -> reported (sets)'),
+        (('pair',), 'pairs: hidden -> reported (sets)'),
     ):
         table: dict[str, Counter[str]] = {}
         for row in rows:
@@ -166,9 +166,9 @@ def page(rows: Sequence[Row], table: str) -> str:
     seeds = sorted({row['key'].split('-')[2] for row in rows})
     commits = sorted({row.get('commit', '') for row in rows} - {''})
     return (
-        '# Blind proof of the discovery\n\n'
+        '# Discovery test: simulated actuators\n\n'
         f'{len(rows)} sets, seed {", ".join(seeds)}, commit {", ".join(commits) or "unknown"}; '
-        'made by `studies/discovery.py --page`. What the words mean and what the worlds are is '
-        'told in [discovery.md](discovery.md).\n\n'
+        'written by `studies/discovery.py --page`. [validation.md](validation.md) describes the '
+        'protocol and summarises the results.\n\n'
         f'```text\n{table}\n```\n'
     )

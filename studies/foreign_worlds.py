@@ -99,7 +99,7 @@ def leaking(drive: Drive, times: Array) -> Array:
 WORLDS: dict[str, World] = {
     'elastoslides': maxwell,
     'Duhem': duhem,
-    'two modes, one rubs': two_modes,
+    'two modes, friction': two_modes,
     'leaking charge': leaking,
 }
 

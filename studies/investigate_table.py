@@ -8,13 +8,13 @@ from typing import Any
 
 Rows = Sequence[dict[str, Any]]
 HEAD = (
-    '| way | actuators | right | wrong besides or instead | median time at the end | median time '
-    'to the right name |\n|---|---:|---:|---:|---:|---:|'
+    '| method | actuators | right | false names | median time at the end | median time to the '
+    'right name |\n|---|---:|---:|---:|---:|---:|'
 )
 
 
 def table(rows: Rows) -> str:
-    """Return what came out, a line per kind and way."""
+    """Return the results, a line per kind and method."""
     lines = [HEAD]
     for kind in ('single', 'null'):
         for way in ('designed', 'random', 'battery'):
@@ -29,18 +29,18 @@ def _line(kind: str, way: str, rows: Rows) -> str:
     wrong = sum(bool(row['found']) and not row['right'] for row in rows)
     to_right = [row['right_after'] for row in rows if row['right_after'] is not None]
     first = f'{median(to_right):.1f} s' if to_right and kind != 'null' else ''
-    name = f'{way}, nothing hidden' if kind == 'null' else way
+    name = f'{way}, no effect' if kind == 'null' else way
     spent = median(row['seconds'] for row in rows)
     return f'| {name} | {len(rows)} | {right} | {wrong} | {spent:.1f} s | {first} |'
 
 
 def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
-    """Return what was aimed at beside what came out.
+    """Return the goals with the results.
 
     Parameters
     ----------
     rows : sequence of dict
-        What came out.
+        Results of the study.
     budget : float
         Actuator time that might be spent [s].
     limits : (float, float, float)
@@ -61,19 +61,19 @@ def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
     worst = min(e[0] for e in driven), max(e[1] for e in driven), max(e[2] for e in driven)
     return '\n'.join(
         (
-            '| goal | came out |',
+            '| goal | result |',
             '|---|---|',
             (
-                f'| a third of the time of the battery | {spent[0]:.1f} s of {spent[1]:.1f} s: '
-                f'{spent[0] / spent[1]:.0%}, median over {len(both)} actuators |'
+                f'| at most a third of the time of the battery | {spent[0]:.1f} s of '
+                f'{spent[1]:.1f} s: {spent[0] / spent[1]:.0%}, median over {len(both)} actuators |'
             ),
             (
-                f'| as often right as the battery, or more often | {right[0]} of {len(both)}; the '
+                f'| right at least as often as the battery | {right[0]} of {len(both)}; the '
                 f'battery {right[1]} |'
             ),
             (
-                f'| nothing hidden: over in the first tenth of {budget:g} s | {early} of '
-                f'{len(nulls)}; the longest took {max(nulls):.1f} s |'
+                f'| no effect: ends within a tenth of {budget:g} s | {early} of '
+                f'{len(nulls)}; longest {max(nulls):.1f} s |'
             ),
             (
                 f'| commands within {limits[0]:g} .. {limits[1]:g} V and {limits[2]:g} V/s | '
@@ -86,7 +86,7 @@ def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
 def page(rows: Rows, seed: int, aims: str, remarks: str = '') -> str:
     """Return the page of documentation: what was aimed at, every row, and remarks."""
     each = [
-        '| hidden | way | named | time | end |\n|---|---|---|---:|---|',
+        '| hidden | method | reported | time | end |\n|---|---|---|---:|---|',
         *(
             f'| {" + ".join(row["hidden"]) or "nothing"} | {row["way"]} | '
             f'{" + ".join(row["found"]) or "nothing"} | {row["seconds"]:.1f} s | {row["stop"]} |'
@@ -94,11 +94,12 @@ def page(rows: Rows, seed: int, aims: str, remarks: str = '') -> str:
         ),
     ]
     return (
-        '# How long it takes an actuator to tell what changed\n\n'
+        '# Investigation study: actuator time to the right effect\n\n'
         f'Written by `python studies/investigate.py --table --seed {seed} --page '
-        'docs/investigate_study.md`, which says what was done. Simulated actuators of random '
-        'numbers; times are seconds for which it is driven, conditioning included.\n\n'
+        'docs/investigate_study.md`; the script describes the protocol. The actuators are '
+        'simulated with random parameters. Times are actuator time, conditioning '
+        'included.\n\n'
         f'{aims}\n\n{table(rows)}\n\n'
-        'Right: what changed is named, and nothing else. '
-        f'{remarks}Every actuator, misses included:\n\n' + '\n'.join(each) + '\n'
+        'A result is right if it names the change and nothing else. '
+        f'{remarks}All actuators:\n\n' + '\n'.join(each) + '\n'
     )

@@ -1,4 +1,4 @@
-"""How often what discovery said with a probability was right, over all examinations.
+"""Measured reliability of the probabilities that discovery reports.
 
     python studies/reliability.py [--picture docs/pictures/reliability.png]
 
@@ -72,12 +72,12 @@ def said_in(page: str) -> list[tuple[float, bool]]:
     columns: list[str] = []
     for line in page.splitlines():
         cells = [cell.strip() for cell in line.strip('|').split('|')]
-        if 'told' in cells:
+        if 'reported' in cells:
             columns = cells
         elif columns and len(cells) == len(columns) and not cells[0].startswith('---'):
             row = dict(zip(columns, cells, strict=True))
             truths = {TRUTHS.get(part, '') for part in row['hidden'].split(' and ')}
-            told = re.sub(r'\([^)]*\)', '', row['told'])
+            told = re.sub(r'\([^)]*\)', '', row['reported'])
             found += [(float(p), name in truths) for name, p in _NAME.findall(told)]
     return found
 
@@ -99,7 +99,7 @@ def drawn(found: Sequence[Class]) -> Figure:
     figure = Figure(figsize=(5.0, 4.2), layout='constrained')
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.plot([0, 1], [0, 1], color='0.6', lw=1.0, label='as often as said')
+    axes.plot([0, 1], [0, 1], color='0.6', lw=1.0, label='perfectly calibrated')
     for each in found:
         low, high = each.interval
         axes.errorbar(

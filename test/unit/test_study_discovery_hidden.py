@@ -88,10 +88,10 @@ def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
         Row('P-885', 'classical', 'drift', 0.5, verdict('unknown', (), 1.5e-7), 1e-7, 3.0),
     ]
     text = page(rows, 7)
-    assert 'right name first: 1 of 3; first or among the alternatives: 1' in text
-    assert 'a wrong name, alone or besides: 1 of 3' in text
-    assert 'untouched control `none`: 1 of 1' in text
-    assert 'held-out error within 1.2 of the control: 1 of 3' in text
+    assert 'right effect ranked first: 1 of 3; first or among the alternatives: 1' in text
+    assert 'sets with a wrong name: 1 of 3' in text
+    assert 'unchanged actuator reported as `none`: 1 of 1' in text
+    assert 'held-out error within 1.2 of the unchanged actuator: 1 of 3' in text
     assert '| amplifier_lag 0.90 (or creep) |' in text
     assert text.count('**wrong**') == 2
 

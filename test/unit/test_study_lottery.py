@@ -96,7 +96,7 @@ def test_sets_hide_every_effect_once_before_any_twice() -> None:
 def test_what_was_said_is_counted_from_the_page() -> None:
     refused = Row('null', (), CONDITIONS, None, 'too short', 1.0)
     text = page([refused, replace(refused, kind='single', hidden=('delay',))], 3)
-    assert 'singles, the right name first: 0 of 1' in text
+    assert 'single effects ranked first: 0 of 1' in text
     assert 'refused: too short' in text
     assert said_in(text) == []
     told = text.replace(
