@@ -1,0 +1,126 @@
+"""The pages use the terms of the field; words of a private dialect fail, with what to write."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import pytest
+from pages import ROOT
+
+sys.path.insert(0, str(ROOT / 'tools'))
+from readability import prose, readability
+
+# Each pattern with what a page says instead. Patterns leave correct uses alone.
+DIALECT = {
+    r'told|tells?': 'report, state, distinguish, show',
+    r'said': 'stated, reported',
+    r'whoever|whom': 'who, the client, the operator',
+    r'nobody|somebody': 'no user, an operator; passive voice',
+    r'(?:comes?|came|coming) first': 'is ranked first',
+    r'news': 'change, new deviation',
+    r'forg[eo]ts?|forgotten': 'omit, discard (a forgetting factor is correct)',
+    r'besides?(?! each other)': 'next to, in addition to, with',
+    r'what (?:is|was) left': 'the residual, the remaining error',
+    r'begun': 'started',
+    r'believed?': 'accept, estimate',
+    r'for ever': 'indefinitely',
+    r'h(?:ears?|eard)': 'receive, subscribe to',
+    r'hand(?:s|ed)? out': 'return',
+    r'mended?': 'corrected',
+    r'hangs? together': 'are correlated',
+    r'by lot': 'at random',
+    r'makes? good|made good': 'compensate',
+    r'prove[sd]? (?:itself|themselves)': 'is significant',
+    r'floors? away': 'times the noise floor',
+    r'stands? (?:beside|by itself)': 'runs in parallel with, is separate',
+    r'fell silent|falls? silent': 'stops publishing',
+    r'as fast as (?:it|they) can': 'at full speed',
+}
+WORDS = {re.compile(rf'\b(?:{bad})\b', re.IGNORECASE): good for bad, good in DIALECT.items()}
+
+# Written from docstrings and --help, or a diary of what changed.
+GENERATED = ('docs/reference/', 'docs/nodes.md', 'CHANGELOG.md')
+# Pages that are still to be rewritten. Only ever shorten this list.
+EXEMPT: set[str] = {
+    'CONTRIBUTING.md',
+    'README.md',
+    'docs/batch.md',
+    'docs/compensation.md',
+    'docs/dashboard.md',
+    'docs/discovery.md',
+    'docs/discovery_blind.md',
+    'docs/discovery_foreign.md',
+    'docs/discovery_hidden.md',
+    'docs/discovery_lottery.md',
+    'docs/effects/amplifier_lag.md',
+    'docs/effects/asymmetry.md',
+    'docs/effects/electrostriction.md',
+    'docs/effects/nonlocal_memory.md',
+    'docs/effects/resonance.md',
+    'docs/effects/sensor_nonlinearity.md',
+    'docs/effects/transport_delay.md',
+    'docs/hardware.md',
+    'docs/identification.md',
+    'docs/investigate_study.md',
+    'docs/launch.md',
+    'docs/models.md',
+    'docs/papers.md',
+    'docs/real_time.md',
+    'docs/records.md',
+    'docs/ros2_control.md',
+    'docs/security.md',
+    'docs/simulator.md',
+    'docs/target.md',
+    'docs/testing.md',
+    'docs/tutorials/compensate.md',
+    'docs/tutorials/discover.md',
+    'docs/tutorials/identify.md',
+    'docs/tutorials/investigate.md',
+}
+LONGEST_PAGE = 2500  # words of prose
+
+
+def pages() -> list[str]:
+    found = [*ROOT.glob('*.md'), *ROOT.glob('docs/**/*.md')]
+    names = sorted(page.relative_to(ROOT).as_posix() for page in found)
+    return [name for name in names if not name.startswith(GENERATED)]
+
+
+def dialect(text: str) -> list[str]:
+    """Return what a page says in dialect, each with its neighbours and what to write."""
+    running = ' '.join(prose(text).split()) + ' ' + ' '.join(re.findall(r'^\|.*$', text, re.M))
+    return [
+        f'...{running[max(0, hit.start() - 30) : hit.end() + 20]}...: write {good}'
+        for bad, good in WORDS.items()
+        for hit in bad.finditer(running)
+    ]
+
+
+@pytest.mark.parametrize('page', pages())
+def test_a_page_uses_the_terms_of_the_field(page: str) -> None:
+    found = dialect((ROOT / page).read_text(encoding='utf-8'))
+    assert not found or page in EXEMPT, '\n'.join(found)
+
+
+@pytest.mark.parametrize('page', pages())
+def test_a_page_is_read_in_one_go(page: str) -> None:
+    words, _, _ = readability((ROOT / page).read_text(encoding='utf-8'))
+    assert words <= LONGEST_PAGE or page in EXEMPT, f'{words} words of prose: divide the page'
+
+
+def test_only_pages_that_exist_are_exempt() -> None:
+    assert set(pages()) >= EXEMPT
+
+
+@pytest.mark.parametrize(
+    ('text', 'count'),
+    [
+        ('It is told that nobody came first.', 3),
+        ('A forgetting factor, two plots beside each other, the foretold.', 0),
+        ('Run `told` now.\n\n    told nobody\n\n<!-- told -->', 0),
+        ('| effect | told |\n', 1),
+    ],
+)
+def test_the_list_finds_dialect_and_nothing_else(text: str, count: int) -> None:
+    assert len(dialect(text)) == count
