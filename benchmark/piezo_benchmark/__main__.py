@@ -1,0 +1,94 @@
+"""Command line: draw tasks, run entries, write the page, score answers of others."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from piezo_benchmark import VERSION, measured
+from piezo_benchmark.draw import COUNTS, PRACTICE_SEED, drawn
+from piezo_benchmark.report import page, pictures
+from piezo_benchmark.run import chosen, read, run
+from piezo_benchmark.tasks import load, load_truths, save, save_truths
+
+LEVELS = sorted({level for level, _ in COUNTS})
+ABSENT = (
+    f'level measured is left out: the measured records are not here '
+    f'(--data FOLDER or {measured.VARIABLE})'
+)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='piezo_benchmark', description=__doc__)
+    parser.add_argument('--version', action='version', version=VERSION)
+    verbs = parser.add_subparsers(dest='verb', required=True)
+    draw = verbs.add_parser('draw', help='write tasks, and their truth apart from them')
+    draw.add_argument('--seed', type=int, default=PRACTICE_SEED)
+    draw.add_argument('--out', type=Path, help='folder of the tasks, for practice with the truth')
+    draw.add_argument('--sealed', type=Path, help='folder; tasks in tasks/, the truth in truth/')
+    draw.add_argument('--csv', action='store_true', help='records as CSV files as well')
+    go = verbs.add_parser('run', help='run entries on tasks and write results and page')
+    go.add_argument('--entry', default='all', help='NAME, NAME,NAME, package.module or all')
+    go.add_argument('--seed', type=int, default=PRACTICE_SEED)
+    go.add_argument('--sealed', type=Path, help='run on the tasks of this folder instead')
+    go.add_argument('--results', type=Path, help='file of the results (JSON)')
+    go.add_argument('--page', type=Path, help='page to write (Markdown), with its pictures')
+    for verb in (draw, go):
+        verb.add_argument('--data', type=Path, help='folder of the measured records')
+        verb.add_argument('--level', action='append', choices=LEVELS, default=[])
+        verb.add_argument('--every', type=int, default=1, help='one of so many tasks')
+        verb.add_argument('--quick', action='store_true', help='the same as --every 16')
+    write = verbs.add_parser('page', help='write the page from results')
+    write.add_argument('--results', type=Path, required=True)
+    write.add_argument('--page', type=Path, required=True)
+    return parser
+
+
+def _draw(arguments: argparse.Namespace, data: Path | None) -> None:
+    share = 16 if arguments.quick else arguments.every
+    tasks, truths = drawn(arguments.seed, share, data, arguments.level)
+    folder = arguments.sealed or arguments.out
+    if folder is None:
+        sys.exit('draw: where to? --out FOLDER or --sealed FOLDER')
+    places = (folder / 'tasks', folder / 'truth') if arguments.sealed else (folder, folder)
+    for task in tasks:
+        save(task, places[0], arguments.csv)
+    save_truths(truths, places[1], arguments.seed)
+    print(f'{len(tasks)} tasks in {places[0]}, truth in {places[1]}')
+
+
+def _run(arguments: argparse.Namespace, data: Path | None) -> None:
+    share, seed = 16 if arguments.quick else arguments.every, arguments.seed
+    if arguments.sealed:
+        truths = load_truths(arguments.sealed / 'truth')
+        tasks = [load(arguments.sealed / 'tasks', truth.identifier) for truth in truths]
+    else:
+        tasks, truths = drawn(seed, share, data, arguments.level)
+    results = arguments.results or Path('out') / f'benchmark_{seed}.json'
+    run(chosen(arguments.entry), tasks, truths, results, seed)
+    if arguments.page:
+        _page(results, arguments.page)
+
+
+def _page(results: Path, file: Path) -> None:
+    found = read(results)
+    file.write_text(page(found), encoding='utf-8')
+    drawn_pictures = pictures(found, file.parent / 'pictures')
+    print(f'written to {file}' + ('' if drawn_pictures else '; pictures need matplotlib'))
+
+
+def main() -> None:
+    """Do what the command line says."""
+    arguments = _parser().parse_args()
+    if arguments.verb == 'page':
+        _page(arguments.results, arguments.page)
+        return
+    data = measured.folder(arguments.data)
+    if not measured.available(data):
+        print(ABSENT)
+    (_draw if arguments.verb == 'draw' else _run)(arguments, data)
+
+
+if __name__ == '__main__':
+    main()
