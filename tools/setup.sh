@@ -89,7 +89,7 @@ install_for_developers() {
 
 build_stamp() {  # what is not a symbolic link in the install space; Python sources are linked
   stamp_of $(find src config -type f \( -path 'src/piezo_interfaces/*' -o -path 'config/*' \
-    -o -name 'setup.*' -o -name package.xml -o -path '*/launch/*' \) -not -name '*.pyc' | sort)
+    -o -name 'setup.*' -o -name registry.py -o -name package.xml -o -path '*/launch/*' \) -not -name '*.pyc' | sort)
   { find config -type f; find src -path "*/launch/*" -not -path '*/__pycache__*' -o -name __init__.py; } |
     sort | cksum
 }

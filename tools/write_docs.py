@@ -21,6 +21,7 @@ from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
 
 from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.common.sheet import NodeSheet
 from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.sheets import SHEETS
@@ -98,7 +99,7 @@ def page() -> str:
 
 def _node(node: NodeSheet) -> str:
     lines = [f'## {node.executable}', '', node.does, '']
-    lines += [f'`ros2 run {node.package} {node.executable}`', '']
+    lines += [f'`ros2 run {package_of(node.executable)} {node.executable}`', '']
     for words, names in (
         ('subscribes to', node.subscribes),
         ('publishes', node.publishes),

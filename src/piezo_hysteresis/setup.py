@@ -1,5 +1,6 @@
 import sys
 from pathlib import Path
+from runpy import run_path
 
 from setuptools import find_packages, setup
 
@@ -9,17 +10,9 @@ package = 'piezo_hysteresis'
 # folder of this package. pip puts them where those of all programs are: there it is `piezo` alone.
 by_pip = not {'bdist_wheel', 'dist_info', 'editable_wheel'}.isdisjoint(sys.argv)
 nodes = [
-    'attenuation',
-    'control_loop',
-    'dashboard',
-    'discovery',
-    'excitation',
-    'feedback',
-    'feedforward',
-    'gap_monitor',
-    'identification',
-    'player',
-    'recorder',
+    name
+    for name, module in run_path(f'{package}/common/registry.py')['NODES'].items()
+    if module.startswith(f'{package}.')
 ]
 verbs = [
     'batch',
@@ -86,7 +79,7 @@ setup(
     entry_points={
         'console_scripts': [
             f'piezo = {package}.__main__:run',
-            *(f'{node} = {package}.nodes.executables:{node}' for node in nodes if not by_pip),
+            *(f'{node} = {package}.ros.starting:{node}' for node in nodes if not by_pip),
             *(f'{verb} = {package}.cli.executables:{verb}_' for verb in verbs if not by_pip),
         ]
     },

@@ -25,7 +25,7 @@ from typing import Any, NoReturn
 
 import piezo_hysteresis.nodes
 import piezo_sim.nodes
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import NODES
 from piezo_hysteresis.rehearsal import REHEARSALS, fit
 from piezo_hysteresis.ros.starting import ENDS, OWNER
 from piezo_sim.rehearsal import plant
@@ -45,7 +45,7 @@ def prepare() -> dict[str, Callable[[], object]]:
     gc.collect()
     gc.freeze()  # nor do nodes copy the pages of these objects for each collection
     scripts = entry_points(group='console_scripts')
-    return {each.name: each.load() for each in scripts if each.name in PACKAGES}
+    return {each.name: each.load() for each in scripts if each.name in NODES}
 
 
 def serve(entries: dict[str, Callable[[], object]]) -> None:

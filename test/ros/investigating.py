@@ -11,7 +11,7 @@ from listening import Listener
 from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.ros.processes import NodeProcess
@@ -61,7 +61,7 @@ class Bench:
             'excitation': {'actuator': PRESET},
             'discovery': {'folder': str(self.folder), **model},
         }
-        return self.processes.start(PACKAGES[name], name, settings[name])
+        return self.processes.start(package_of(name), name, settings[name])
 
     def ask(self, feedback: list[Any], **words: Any) -> Any:
         """Ask for an investigation; return the handle of the goal."""

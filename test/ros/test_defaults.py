@@ -11,7 +11,7 @@ import pytest
 from listening import Listener
 from rcl_interfaces.srv import ListParameters
 
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.records import Record, write_bag
 from piezo_hysteresis.ros.processes import NodeProcesses
 
@@ -32,14 +32,14 @@ def processes(started_processes: NodeProcesses) -> NodeProcesses:
     return started_processes
 
 
-@pytest.mark.parametrize('name', sorted(PACKAGES))
+@pytest.mark.parametrize('name', sorted(NODES))
 def test_a_node_starts_answers_and_ends(
     processes: NodeProcesses, listener: Listener, tmp_path: Path, name: str
 ) -> None:
     voltage = np.sin(2 * np.pi * 5.0 * np.arange(20000) * 1e-3)
     write_bag(tmp_path / 'bag', [Record('a', 1e-3, voltage, 1e-4 * voltage)])
     settings = NEEDED[name](tmp_path) if name in NEEDED else {}
-    node = processes.start(PACKAGES[name], name, settings)
+    node = processes.start(package_of(name), name, settings)
     for each in INSIDE.get(name, (name,)):
         answer = listener.call(ListParameters, f'{each}/list_parameters', ListParameters.Request())
         assert answer.result.names
@@ -50,7 +50,7 @@ def test_a_node_starts_answers_and_ends(
 
 @pytest.mark.parametrize('name', ['recorder', 'player'])
 def test_a_node_without_what_it_needs_says_so(processes: NodeProcesses, name: str) -> None:
-    node = processes.start(PACKAGES[name], name)
+    node = processes.start(package_of(name), name)
     assert node.wait(60) == 2
     text = node.log.read_text()
     assert 'Traceback' not in text

@@ -11,8 +11,8 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.cli.node import PACKAGES
 from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.common.sheet import NodeSheet
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
@@ -54,7 +54,7 @@ def test_the_page_tells_what_a_node_offers(
         'recorder': {'out': str(tmp_path / 'bag')},
         'dashboard': {'port': 0},
     }
-    processes.start(PACKAGES[name], name, settings.get(name))
+    processes.start(package_of(name), name, settings.get(name))
     graph = listener.node
     nodes = INSIDE.get(name, (name,))
     private = [n for n in NODES if n.executable in INSIDE.get(name, ())]

@@ -16,7 +16,7 @@ from live_nodes import LiveNodes
 from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
 
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.records import Record, read_bag, write_bag
 from piezo_interfaces.action import Discover
 from piezo_interfaces.msg import ActuatorState, LoopStatus
@@ -56,7 +56,7 @@ def short_bag(folder: Path, samples: int) -> Path:
 
 def start(name: str, options: list[str], environment: dict[str, str]) -> subprocess.Popen[str]:
     """Start a node that tells at its end which threads are left."""
-    package = PACKAGES[name]
+    package = package_of(name)
     path = Path(get_package_prefix(package)) / 'lib' / package / name
     return subprocess.Popen(
         [sys.executable, '-c', RUNS, str(path), '--ros-args', *options],
@@ -101,7 +101,7 @@ class Everything:
         self.health = listener.watch_health()
         self.states = listener.listen(ActuatorState, 'actuator/state')
         self.running = {}
-        for name in PACKAGES:
+        for name in NODES:
             words = ['-p', NEEDED[name](folder)] if name in NEEDED else []
             words += [word for each in NAMES.get(name, ()) for word in ('-r', each)]
             self.running[name] = start(name, words, processes.environment)
@@ -125,7 +125,7 @@ def everything(
     nodes.close()
 
 
-@pytest.mark.parametrize('name', sorted(PACKAGES))
+@pytest.mark.parametrize('name', sorted(NODES))
 def test_a_node_starts_and_answers(everything: Everything, name: str) -> None:
     inside = [f'together/{link}' for link in LINKS] if name == 'control_loop' else [name]
     for each in inside:

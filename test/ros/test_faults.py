@@ -11,7 +11,7 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.ros.processes import NodeProcesses, ProcessError
 from piezo_interfaces.msg import ActuatorState
 
@@ -45,7 +45,7 @@ def test_what_cannot_start_says_why_in_one_line(processes: LiveNodes) -> None:
     # A few at a time: they mostly wait for the disk.
     for first in range(0, len(WRONG), 6):
         started = [
-            (processes.start(PACKAGES[name], name, values), word)
+            (processes.start(package_of(name), name, values), word)
             for name, values, word in WRONG[first : first + 6]
         ]
         for node, word in started:

@@ -10,7 +10,7 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.harmonics.attenuation import (
     AttenuationSettings,
@@ -137,7 +137,7 @@ def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
     }
 
     def start(name: str) -> NodeProcess:
-        return processes.start(PACKAGES[name], name, settings[name])
+        return processes.start(package_of(name), name, settings[name])
 
     states = listener.listen(ActuatorState, 'actuator/state')
     running = {name: start(name) for name in settings}

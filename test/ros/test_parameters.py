@@ -16,7 +16,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
-from piezo_hysteresis.cli.node import PACKAGES
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters import tables
 from piezo_hysteresis.records import Record, write_bag
@@ -74,7 +74,7 @@ class Everything:
         self.kept_up: int | None = None
         for name in TABLES:
             self.nodes[name] = processes.start(
-                PACKAGES[name], name, settings.get(name), remap=remap.get(name)
+                package_of(name), name, settings.get(name), remap=remap.get(name)
             )
         listener.until(lambda: self.states and abs(self.states[-1].voltage) > 0.0, 90.0)
 

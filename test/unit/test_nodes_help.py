@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from piezo_hysteresis.cli import loop
+from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.common.sheet import NodeSheet
 from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.sheets import SHEETS
@@ -30,13 +31,8 @@ def flat(text: str) -> str:
 @pytest.mark.parametrize('name', ALL)
 @pytest.mark.parametrize('words', [['--help'], ['--ros-args', '-p', 'rate:=5.0', '-h']])
 def test_an_executable_tells_its_parameters(name: str, words: list[str]) -> None:
-    package = ALL[name].package
-    source = {
-        'piezo_sim': 'piezo_hysteresis.ros.starting',
-        'piezo_hysteresis': f'{package}.nodes.executables',
-    }[package]
     code = (
-        f'import sys; from {source} import {name} as run; run();'
+        f'import sys; from piezo_hysteresis.ros.starting import {name} as run; run();'
         f' print("loaded:", *(set(sys.modules) & {SLOW}))'
     )
     done = subprocess.run(
@@ -58,11 +54,12 @@ def test_an_executable_tells_its_parameters(name: str, words: list[str]) -> None
             assert flat(spec.description) in said
 
 
-def test_every_executable_has_a_sheet() -> None:
-    text = (ROOT / 'src/piezo_hysteresis/setup.py').read_text()
-    nodes = re.search(r'nodes = \[(.*?)\]', text, re.DOTALL)
-    assert nodes
-    assert set(re.findall(r"'(\w+)'", nodes.group(1))) == set(SHEETS)
+def test_every_node_has_a_module_and_a_sheet() -> None:
+    assert set(NODES) == set(ALL)
+    for name, sheet in ALL.items():
+        assert sheet.executable == name
+        assert (ROOT / 'src' / package_of(name) / f'{NODES[name].replace(".", "/")}.py').is_file()
+    assert set(SIMULATOR_SHEETS) == {name for name in NODES if package_of(name) == 'piezo_sim'}
 
 
 def test_the_help_is_as_wide_as_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +74,7 @@ def test_a_row_says_what_is_allowed() -> None:
         ParameterSpec('kind', 'a', 'Which.', choices=('a', 'b')),
         ParameterSpec('on', True, 'Whether.'),
     )
-    text = flat(NodeSheet('p', 'x', 'See [that](that.md).', ParameterTable(specs)).help_text())
+    text = flat(NodeSheet('x', 'See [that](that.md).', ParameterTable(specs)).help_text())
     assert 'See docs/that.' in text
     assert 'speed * How fast. (2; above 0 .. 5 m/s)' in text
     assert 'kind Which. (a; one of a, b)' in text
@@ -88,7 +85,7 @@ def test_a_row_says_what_is_allowed() -> None:
 def test_the_loop_gives_no_node_an_empty_text(model: str) -> None:
     parser = argparse.ArgumentParser()
     loop.configure(parser)
-    found = {name: values for _, name, values in loop.nodes(parser.parse_args([]), model)}
+    found = loop.nodes(parser.parse_args([]), model)
     assert not [name for name, values in found.items() if '' in values.values()]
     assert found['discovery'].get('model_file', '') == model
     assert ('gap_monitor' in found) == bool(model)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import runpy
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 import yaml
 
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.common.table import ParameterTable
 from piezo_hysteresis.parameters import tables
 from piezo_sim.nodes.tables import plant_table, simulator_table
@@ -19,7 +21,15 @@ from piezo_sim.presets import preset_names
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = sorted((ROOT / 'config' / 'scenarios').glob('*.yaml'))
+CONFIG = ROOT / 'src' / 'piezo_hysteresis'  # as installed: `config` and `launch` are there
 LAUNCH = sorted(ROOT.glob('src/*/launch/*.launch.py'))
+
+USUAL = ['simulator', 'excitation', 'feedforward', 'attenuation', 'identification']
+OTHER = {
+    'simulator': 'false', 'correction': 'feedback', 'identification': 'false',
+    'gap_monitor': 'true', 'dashboard': 'true', 'model_file': 'model.yaml', 'enclaves': 'true',
+}  # fmt: skip
+EXTRA = ['excitation', 'feedforward', 'feedback', 'gap_monitor', 'discovery', 'dashboard']
 
 
 def table_of(node: str, values: dict[str, Any]) -> ParameterTable:
@@ -86,45 +96,71 @@ def test_the_loop_of_a_scenario_runs_at_one_rate() -> None:
         assert len(rates) == 1, file
 
 
-def executables(package: str) -> set[str]:
-    """Return the names in the list `nodes` of a setup.py."""
-    tree = ast.parse((ROOT / 'src' / package / 'setup.py').read_text(encoding='utf-8'))
-    (nodes,) = (
-        statement.value
-        for statement in tree.body
-        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == 'nodes'
-    )
-    return set(ast.literal_eval(nodes))
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """Stand in for the packages of launch; return what launch files say of each node."""
+    nodes: list[dict[str, Any]] = []
+
+    class Stub:
+        def __init__(self, *words: Any, **known: Any) -> None:
+            self.words, self.known = words, known
+
+        def perform(self, context: dict[str, str]) -> str:
+            return context.get(self.words[0], str(CONFIG))
+
+    def node(**known: Any) -> Stub:
+        nodes.append(known)
+        return Stub()
+
+    for name, members in {
+        'launch': ('LaunchDescription',),
+        'launch.actions': (
+            'DeclareLaunchArgument', 'GroupAction', 'IncludeLaunchDescription', 'OpaqueFunction'
+        ),
+        'launch.launch_description_sources': ('PythonLaunchDescriptionSource',),
+        'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
+        'launch_ros': (),
+        'launch_ros.substitutions': ('FindPackageShare',),
+    }.items():  # fmt: skip
+        module = ModuleType(name)
+        for member in members:
+            setattr(module, member, Stub)
+        monkeypatch.setitem(sys.modules, name, module)
+    actions = ModuleType('launch_ros.actions')
+    vars(actions)['Node'] = node
+    monkeypatch.setitem(sys.modules, actions.__name__, actions)
+    return nodes
 
 
-def keywords(call: ast.Call) -> dict[str, ast.expr]:
-    return {word.arg: word.value for word in call.keywords if word.arg}
-
-
+@pytest.mark.parametrize('changed', [{}, OTHER], ids=['defaults', 'other'])
 @pytest.mark.parametrize('file', LAUNCH, ids=lambda file: file.stem)
-def test_a_launch_file_names_what_there_is(file: Path) -> None:
-    tree = ast.parse(file.read_text(encoding='utf-8'))
-    (arguments,) = (
-        ast.literal_eval(statement.value)
-        for statement in tree.body
-        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == 'ARGUMENTS'
+def test_a_launch_file_names_what_there_is(
+    file: Path, changed: dict[str, str], launched: list[dict[str, Any]]
+) -> None:
+    source = runpy.run_path(str(file))
+    arguments = source['ARGUMENTS']
+    used = set(re.findall(r"values\['(\w+)'\]", file.read_text())) | set(
+        source.get('SWITCHES', ())
     )
-    used = set(re.findall(r"values\['(\w+)'\]", ast.unparse(tree)))
     assert used == set(arguments)
-    nodes = [
-        keywords(call)
-        for call in ast.walk(tree)
-        if isinstance(call, ast.Call) and ast.unparse(call.func) == 'Node'
-    ]
-    assert nodes or 'loop.launch.py' in ast.unparse(tree)
-    for node in nodes:
-        package = ast.literal_eval(node['package'])
-        name = ast.literal_eval(node['executable'])
-        assert name in executables(package)
-        table = table_of(name, {})
-        for part in getattr(node['parameters'], 'elts', []):
-            for key in getattr(part, 'keys', []):
-                assert table.spec(ast.literal_eval(key)) is not None
+    source['generate_launch_description']()
+    if '_nodes' in source:
+        source['_nodes']({name: default for name, (default, _) in arguments.items()} | changed)
+        names = [node['executable'] for node in launched]
+        assert names == (EXTRA if changed else USUAL)
+    assert launched or file.stem.startswith('stages')
+    for node in launched:
+        name = node['executable']
+        assert node['package'] == package_of(name)
+        for part in node['parameters']:
+            if isinstance(part, dict):
+                table = table_of(name, {})
+                for key, value in part.items():
+                    spec = table.spec(key)
+                    assert spec is not None
+                    assert not isinstance(value, str | float | int) or spec.judge(value) == ''
+            else:
+                assert Path(part).is_file()
     if 'scenario' in arguments:
         assert arguments['scenario'][0] in {file.stem for file in SCENARIOS}
         assert arguments['preset'][0] in preset_names()
@@ -136,9 +172,8 @@ def test_a_launch_file_names_what_there_is(file: Path) -> None:
 
 def test_setup_installs_scenarios_and_launch_files(monkeypatch: pytest.MonkeyPatch) -> None:
     metadata: dict[str, Any] = {}
-    folder = ROOT / 'src' / 'piezo_hysteresis'
-    monkeypatch.chdir(folder)
+    monkeypatch.chdir(ROOT / 'src' / 'piezo_hysteresis')
     monkeypatch.setattr('setuptools.setup', lambda **known: metadata.update(known))
-    runpy.run_path(str(folder / 'setup.py'))
+    runpy.run_path('setup.py')
     installed = {Path(file).name for _, files in metadata['data_files'] for file in files}
-    assert {'tracking.yaml', 'symmetric.yaml', 'loop.launch.py'} <= installed
+    assert {file.name for file in (*SCENARIOS, *LAUNCH)} <= installed

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
+
+from piezo_hysteresis.common.registry import package_of
 
 SWITCHES = ('simulator', 'identification', 'gap_monitor', 'enclaves', 'dashboard')
 CHOICES = {
@@ -63,84 +64,39 @@ def _nodes(context):
     scenario = _scenario_file(context, values['scenario'])
     namespace = values['namespace'].strip('/')
     secured = values['enclaves'] == 'true'
-
-    def where(name):
-        enclave = ['--enclave', f'/{namespace}/{name}'] if secured else []
-        return {'namespace': namespace, 'ros_arguments': enclave}
-
-    # In lock-step the first tick waits for the readers of the states.
-    readers = 2 + sum(values[name] == 'true' for name in ('identification', 'gap_monitor'))
+    on = {name for name in SWITCHES if values[name] == 'true'} | {values['correction']}
+    model = {'model_file': values['model_file']}
+    page = {'folder': values['folder']}
+    simulator = {
+        'preset': values['preset'],
+        'clock': values['clock'],
+        'speed_factor': float(values['speed_factor']),
+        # In lock-step the first tick waits for the readers of the states.
+        'wait_for': 2 + len(on & {'identification', 'gap_monitor'}),
+    }
+    parameters = {
+        'simulator': [scenario, simulator],
+        'excitation': [scenario, {'actuator': values['preset']}],
+        'feedforward': [scenario, model],
+        'attenuation': [scenario, _plant_of(values['model_file'])],
+        'feedback': [scenario, _plant_of(values['model_file'])],
+        'identification': [scenario],
+        'gap_monitor': [scenario, model],
+        'discovery': [page],
+        'dashboard': [page],
+    }
+    wanted = on | {'excitation', 'feedforward'} | ({'discovery'} if 'dashboard' in on else set())
     return [
         Node(
-            package='piezo_sim',
-            executable='simulator',
-            condition=IfCondition(values['simulator']),
-            parameters=[
-                scenario,
-                {
-                    'preset': values['preset'],
-                    'clock': values['clock'],
-                    'speed_factor': float(values['speed_factor']),
-                    'wait_for': readers,
-                },
-            ],
-            **where('simulator'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='excitation',
-            parameters=[scenario, {'actuator': values['preset']}],
-            **where('excitation'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='feedforward',
-            parameters=[scenario, {'model_file': values['model_file']}],
-            **where('feedforward'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='attenuation',
-            condition=IfCondition(str(values['correction'] == 'attenuation')),
-            parameters=[scenario, _plant_of(values['model_file'])],
-            **where('attenuation'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='feedback',
-            condition=IfCondition(str(values['correction'] == 'feedback')),
-            parameters=[scenario, _plant_of(values['model_file'])],
-            **where('feedback'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='identification',
-            condition=IfCondition(values['identification']),
-            parameters=[scenario],
-            **where('identification'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='gap_monitor',
-            condition=IfCondition(values['gap_monitor']),
-            parameters=[scenario, {'model_file': values['model_file']}],
-            **where('gap_monitor'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='discovery',
-            condition=IfCondition(values['dashboard']),
-            parameters=[{'folder': values['folder']}],
-            **where('discovery'),
-        ),
-        Node(
-            package='piezo_hysteresis',
-            executable='dashboard',
-            condition=IfCondition(values['dashboard']),
-            output='screen',
-            parameters=[{'folder': values['folder']}],
-            **where('dashboard'),
-        ),
+            package=package_of(name),
+            executable=name,
+            namespace=namespace,
+            parameters=given,
+            output='screen' if name == 'dashboard' else 'log',
+            ros_arguments=['--enclave', f'/{namespace}/{name}'] if secured else [],
+        )
+        for name, given in parameters.items()
+        if name in wanted
     ]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.errors import PiezoError
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
     try:
         with processes.NodeProcesses(domain) as group:
-            for package, name, settings in nodes(arguments, model):
-                group.start(package, name, settings)
+            for name, settings in nodes(arguments, model).items():
+                group.start(package_of(name), name, settings)
             _tell(group, arguments, model)
             while time.monotonic() < end:
                 group.check()
@@ -66,26 +67,25 @@ def _checked(model: str | None) -> str:
     return str(Path(model).resolve())
 
 
-def nodes(arguments: argparse.Namespace, model: str) -> list[tuple[str, str, dict[str, object]]]:
-    """Return package, name and parameters of every node."""
+def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
+    """Return the parameters of every node, by its name."""
     readers = 4 if model else 3  # of the state; in lock-step the first tick waits for them
-    own = 'piezo_hysteresis'
     known: dict[str, object] = {'model_file': model} if model else {}  # ROS takes no empty text
-    found: list[tuple[str, str, dict[str, object]]] = [
-        ('piezo_sim', 'simulator',
-         {'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers}),
-        (own, 'feedforward', known or {'gain': 1.2857e-4}),
-        (own, 'attenuation', {'enabled': bool(model), **known}),
-        (own, 'identification', {'only_records': False}),
-        (own, 'discovery', {'folder': arguments.folder, **known}),
-        (own, 'dashboard', {'folder': arguments.folder, 'port': arguments.port}),
-        (own, 'excitation',
-         {'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,
-          'reference.amplitude': 1e-6 * arguments.amplitude}),
-    ]  # fmt: skip
-    if model:
-        found.insert(4, (own, 'gap_monitor', known))
-    return found
+    return {
+        'simulator': {
+            'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers
+        },
+        'feedforward': known or {'gain': 1.2857e-4},
+        'attenuation': {'enabled': bool(model), **known},
+        'identification': {'only_records': False},
+        **({'gap_monitor': known} if model else {}),
+        'discovery': {'folder': arguments.folder, **known},
+        'dashboard': {'folder': arguments.folder, 'port': arguments.port},
+        'excitation': {
+            'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,
+            'reference.amplitude': 1e-6 * arguments.amplitude,
+        },
+    }  # fmt: skip
 
 
 def _tell(group: NodeProcesses, arguments: argparse.Namespace, model: str) -> None:

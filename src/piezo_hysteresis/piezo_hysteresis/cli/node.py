@@ -12,27 +12,16 @@ import sys
 from pathlib import Path
 
 from piezo_hysteresis.cli.need_ros import installed, ros_needed
+from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'run one node, as ros2 run does'
 
-# The simulator is known by its name alone: nothing of it is imported here.
-PACKAGES = {
-    'simulator': 'piezo_sim',
-    **dict.fromkeys(
-        (
-            'excitation', 'feedforward', 'attenuation', 'feedback', 'control_loop',
-            'identification', 'gap_monitor', 'discovery', 'recorder', 'player', 'dashboard',
-        ),
-        'piezo_hysteresis',
-    ),
-}  # fmt: skip
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
-    parser.add_argument('node', metavar='NAME', help=', '.join(PACKAGES))
+    parser.add_argument('node', metavar='NAME', help=', '.join(NODES))
     parser.add_argument(
         'words', nargs=argparse.REMAINDER, metavar='...', help='-p NAME:=VALUE and so on'
     )
@@ -58,10 +47,10 @@ def executable(node: str) -> Path:
     PiezoError
         If there is none, the workspace is not sourced or its package is not built.
     """
-    if node not in PACKAGES:
-        known = ', '.join(PACKAGES)
-        raise PiezoError(f'there is no node {node}{near(node, PACKAGES)}; choose one of {known}')
-    package = PACKAGES[node]
+    if node not in NODES:
+        known = ', '.join(NODES)
+        raise PiezoError(f'there is no node {node}{near(node, NODES)}; choose one of {known}')
+    package = package_of(node)
     path = installed(package) / 'lib' / package / node
     if not path.is_file():
         raise PiezoError(f'{path} is not there: build the workspace with `make setup`')

@@ -26,8 +26,8 @@ class NodeSheet:
 
     Attributes
     ----------
-    package, executable : str
-        As for ``ros2 run``.
+    executable : str
+        Name of the node in `common.registry`.
     does : str
         One or two sentences; links as in Markdown.
     table : ParameterTable
@@ -44,7 +44,6 @@ class NodeSheet:
         Adds the words that the executable takes in front of ``--ros-args``.
     """
 
-    package: str
     executable: str
     does: str
     table: ParameterTable

@@ -27,7 +27,6 @@ def _told(voltage: str) -> tuple[str, str]:
 
 _ALL = (
     NodeSheet(
-        'piezo_hysteresis',
         'excitation',
         'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
         'runs sweeps, one record per frequency and amplitude. It finds the recorders by itself: a '
@@ -45,7 +44,6 @@ _ALL = (
         actions=('run_sweep',),
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'feedforward',
         'First link of the voltage chain: the voltage that the loaded model says the reference '
         'takes. Without a model it divides by `gain`, which is no compensation. It hears the '
@@ -58,7 +56,6 @@ _ALL = (
         model=True,
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'attenuation',
         'Second link of the voltage chain: takes harmonics of the tracking error off.',
         tables.ATTENUATION,
@@ -68,7 +65,6 @@ _ALL = (
         managed=True,
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'feedback',
         'Optional link of the voltage chain: PID, fuzzy PID or H-infinity on the tracking error. '
         'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
@@ -79,7 +75,6 @@ _ALL = (
         managed=True,
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'control_loop',
         'Holds `feedforward`, `attenuation` and `feedback` in one process, each with its own '
         'name, parameters and life cycle: `-p attenuation:orders:=[3]` sets one of them. The '
@@ -96,7 +91,6 @@ _ALL = (
         more=_links,
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'identification',
         'Estimates the parameters of the extended model online by recursive least squares.',
         tables.IDENTIFICATION,
@@ -105,7 +99,6 @@ _ALL = (
         services=('~/reset', '~/save'),
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'gap_monitor',
         'Runs the loaded model beside the actuator and says how far apart they are, in multiples '
         'of the noise floor and by harmonic.',
@@ -116,7 +109,6 @@ _ALL = (
         model=True,
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'discovery',
         'Finds what a model misses: in recorded data, as the verb `discover` does, or on the '
         'running actuator, as `investigate` does, by experiments that it chooses, has the '
@@ -128,7 +120,6 @@ _ALL = (
         actions=('discover', 'investigate'),
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'dashboard',
         'Serves the live page: see [dashboard.md](dashboard.md). It hears the topics of every '
         'actuator that somebody looks at, through nodes `dashboard_recorder` beside it, and is a '
@@ -138,7 +129,6 @@ _ALL = (
         words=dashboard.configure,
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'recorder',
         'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill. '
         'Its status tells what it has taken, so that an excitation or a player can wait for it.',
@@ -147,7 +137,6 @@ _ALL = (
         publishes=('~/status', '/diagnostics'),
     ),
     NodeSheet(
-        'piezo_hysteresis',
         'player',
         'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
         'bag, too. Recorders that are there get every sample: it waits for them.',

@@ -1,4 +1,7 @@
-"""Entry points of nodes: what is slow is imported with the signals already in hand."""
+"""Entry points of the nodes, ``ros2 run piezo_hysteresis feedforward`` and so on.
+
+What is slow is imported with the signals already in hand.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from piezo_hysteresis.common.registry import NODES, SHEETS, package_of
 
 HELP_WORDS = ('-h', '--help')
 
@@ -68,29 +73,27 @@ def _watch(owner: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def tell(module: str, sheets: str) -> None:
-    """Print what the node of `module` is and takes, by the table ``SHEETS`` of `sheets`."""
-    sheet = importlib.import_module(sheets).SHEETS[module.rpartition('.')[2]]
+def print_help(node: str) -> None:
+    """Print what a node is for and takes, from its sheet."""
+    sheet = importlib.import_module(SHEETS[package_of(node)]).SHEETS[node]
     try:
         print(sheet.help_text(Path(sys.argv[0]).name), flush=True)
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def node_executable(module: str, sheets: str) -> Callable[[], None]:
-    """Return an entry point that runs ``main`` of `module`, or answers ``--help``."""
+def __getattr__(name: str) -> Callable[[], None]:
+    """Return the entry point of a node: it runs ``main`` of its module, or answers ``--help``."""
+    if name not in NODES:
+        raise AttributeError(name)
 
     def run() -> None:
         quiet_start()
         if any(option in HELP_WORDS for option in sys.argv[1:]):
-            return tell(module, sheets)
+            return print_help(name)
         end_with_owner()
-        importlib.import_module(module).main()
+        importlib.import_module(NODES[name]).main()
         return None
 
-    run.__doc__ = f'Run {module}.'
+    run.__doc__ = f'Run the node {name}.'
     return run
-
-
-# Named here because to import anything of piezo_sim is slow already.
-simulator = node_executable('piezo_sim.nodes.simulator', 'piezo_sim.nodes.sheets')

@@ -18,7 +18,6 @@ def _plant() -> dict[str, ParameterTable]:
 
 SHEETS = {
     'simulator': NodeSheet(
-        'piezo_sim',
         'simulator',
         'Stands in for the actuator, its amplifier and its sensor. Every effect of the plant has '
         'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '

@@ -1,0 +1,30 @@
+"""Every node of the suite, by its name, and the module that runs it.
+
+Entry points, the verbs `node` and `loop`, launch files and pages go by this table. A node has a
+sheet besides, in `parameters/sheets.py`. No imports: setup.py reads this file.
+"""
+
+NODES = {
+    'simulator': 'piezo_sim.nodes.simulator',
+    'excitation': 'piezo_hysteresis.nodes.excitation.excitation',
+    'feedforward': 'piezo_hysteresis.nodes.links.feedforward',
+    'attenuation': 'piezo_hysteresis.nodes.links.attenuation',
+    'feedback': 'piezo_hysteresis.nodes.links.feedback',
+    'control_loop': 'piezo_hysteresis.nodes.links.control_loop',
+    'identification': 'piezo_hysteresis.nodes.identification',
+    'gap_monitor': 'piezo_hysteresis.nodes.gap_monitor',
+    'discovery': 'piezo_hysteresis.nodes.discovery',
+    'recorder': 'piezo_hysteresis.nodes.recording.recorder',
+    'player': 'piezo_hysteresis.nodes.recording.player',
+    'dashboard': 'piezo_hysteresis.nodes.dashboard.dashboard',
+}
+# Where the sheets of the nodes of a package are.
+SHEETS = {
+    'piezo_hysteresis': 'piezo_hysteresis.parameters.sheets',
+    'piezo_sim': 'piezo_sim.nodes.sheets',
+}
+
+
+def package_of(node: str) -> str:
+    """Return the package of a node, as ``ros2 run`` wants it."""
+    return NODES[node].partition('.')[0]
