@@ -337,11 +337,15 @@ def page(
     lines = [
         *(line.format(seed=seed) for line in head),
         '',
-        f'- right effect ranked first: {right} of {len(hidden)}; '
-        f'first or among the alternatives: {among}',
+        (
+            f'- right effect ranked first: {right} of {len(hidden)}; '
+            f'first or among the alternatives: {among}'
+        ),
         f'- sets with a wrong name: {besides} of {len(hidden)}',
-        f'- unchanged actuator reported as `none`: {sum(r.right for r in controls)} '
-        f'of {len(controls)}',
+        (
+            f'- unchanged actuator reported as `none`: {sum(r.right for r in controls)} '
+            f'of {len(controls)}'
+        ),
         f'- held-out error within {AS_CONTROL} of the unchanged actuator: {back} of {len(hidden)}',
         f'- longest run: {max(r.seconds for r in rows):.0f} s on a busy machine',
         '',

@@ -174,8 +174,10 @@ def page(rows: Sequence[Row], seed: int) -> str:
         f'- pairs, both ranked first: {counted("pair")}',
         f'- sets with a false positive: {besides} of {len(named_sets)}',
         f'- no effect, reported as `none`: {counted("null")}',
-        f'- effects outside the library, `unknown` or with a stated residual: '
-        f'{counted("outsider")}',
+        (
+            f'- effects outside the library, `unknown` or with a stated residual: '
+            f'{counted("outsider")}'
+        ),
         f'- held-out error increased by more than 2 %: {worse} of {len(rows)}',
         f'- longest run: {max(row.seconds for row in rows):.0f} s on a busy machine',
         '',
