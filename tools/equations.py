@@ -1,4 +1,4 @@
-"""What each numbered equation of the five papers is, the command that uses it, and its figures."""
+"""Subject, command and figures of each numbered equation of the five papers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
                        'identify --method rls --model extended_free'),
         '11': Equation('parameters, fifth harmonic', _RLS, 'figure 10'),
         '12': Equation('regressor, fifth harmonic', _RLS, 'figure 10'),
-        '13': Equation('sine that is identified from',
+        '13': Equation('sine for the identification',
                        'piezo_sim sweep --waveform sine --frequencies 1:50', 'figures 2 to 7'),
         '14': Equation('direct inverse of the classical model', 'compensate --law zhou2021'),
         '15': Equation('direct inverse of the extended model, not causal', _CONTROL),
@@ -86,7 +86,7 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
                        'compensate --reference sine:frequency=10,amplitude=...', 'figure 14'),
         '14': Equation('amplitude of the desired displacement',
                        'paper tatebatake2017 --figure 14', 'figure 14'),
-        '15': Equation('sine that is identified from',
+        '15': Equation('sine for the identification',
                        'piezo_sim sweep --waveform sine --frequencies 1:30', 'figures 6, 7'),
         '16': Equation('tracking error', 'compensate', 'figure 14'),
         '17': Equation('basic model, continuous', _BASIC, 'figures 11, 12'),
@@ -122,7 +122,7 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
                           'identify --method fang2019', 'figure 4, table 1'),
         'classical model': Equation('Bouc-Wen model up to 1 Hz',
                                     'identify --method fang2019 --model classical'),
-        '9': Equation('modified model, our reading',
+        '9': Equation('modified model, reconstructed',
                       'identify --method fang2019 --model rate_dependent', 'figure 4, table 1'),
         'feedforward': Equation('inverse by the estimated hysteresis',
                                 'compensate --law fang2019', 'figures 7 to 11'),

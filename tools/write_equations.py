@@ -1,4 +1,4 @@
-"""Write docs/equations.md: where each equation of the five papers is, from tags in docstrings.
+"""Write docs/equations.md: the code of each equation of the papers, from tags in docstrings.
 
 A tag is the short name of a paper and numbers behind it, as in ``Fujii 2018 (16), (17)``; it
 counts for the module, class or function in whose docstring, or in whose `source`, it stands.
@@ -20,16 +20,17 @@ _WORDS = '|'.join(label for each in EQUATIONS.values() for label in each if not 
 _LABEL = rf'\((?:\d+|{_WORDS})\)'
 _TAG = re.compile(rf'({"|".join(EQUATIONS)})\s+({_LABEL}(?:(?:-|, | and |, and ){_LABEL})*)')
 
-HEAD = """# Where the equations of the papers are
+HEAD = """# Equations of the papers: code, command, figures
 
-Every numbered equation of the five papers, the code that has it, the command that uses it and the
-figures behind which it stands. Commands are verbs of `piezo`, but `piezo_sim` is
-`python -m piezo_sim`; [papers.md](papers.md) shows the figures, `piezo paper fujii2018 --figure
-16` makes one. This page is written by `python tools/write_docs.py` from tags in docstrings.
+The tables list each numbered equation of the five papers, the code that implements it, a command
+that uses it, and the figures that depend on it. Commands are verbs of `piezo`; `piezo_sim` is
+`python -m piezo_sim`. [papers.md](papers.md) shows the figures; `piezo paper fujii2018 --figure
+16` makes one.
+`python tools/write_docs.py` writes this page from tags in docstrings.
 """
 _FANG = (
-    'The equations of Fang 2019 are pictures that are missing from its text, which refers to (9) '
-    'only; the others have no number here, and are readings of its words.'
+    'The equations of Fang 2019 are images that are missing from its text, which refers to (9) '
+    'only. The others have no number here and are reconstructed from the description.'
 )
 
 
@@ -93,7 +94,7 @@ def page() -> str:
         lines += [f'## {paper}', '']
         if paper == 'Fang 2019':
             lines += [_FANG, '']
-        lines += ['| equation | what | code | command | figures |', '|---|---|---|---|---|']
+        lines += ['| equation | subject | code | command | figures |', '|---|---|---|---|---|']
         for label, each in equations.items():
             code = ', '.join(f'`{place}`' for place in where.get((paper, label), [])[:_SHOWN])
             command = f'`{each.command}`' if each.command else ''

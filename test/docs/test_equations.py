@@ -99,9 +99,8 @@ def text_of(paper: str) -> str:
 
 def stated(paper: str) -> list[str]:
     """Return what the page says that a paper states."""
-    page = (ROOT / 'docs' / 'papers.md').read_text()
-    part = page.split(f'## {paper}: ')[1].split('\n## ')[0]
-    return re.findall(r'^- Paper: (.+)$', part, re.MULTILINE)
+    page = ROOT / 'docs' / 'papers' / f'{paper.lower().replace(" ", "")}.md'
+    return re.findall(r'^- Paper: (.+)$', page.read_text(), re.MULTILINE)
 
 
 needs_texts = pytest.mark.skipif(not TEXTS.is_dir(), reason='needs the texts of the papers')

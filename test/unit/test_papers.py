@@ -19,7 +19,7 @@ from piezo_hysteresis.papers import (
     zhou,
 )
 from piezo_hysteresis.papers.bimorph import Length
-from piezo_hysteresis.papers.page import PAPERS, Exhibit, page, save
+from piezo_hysteresis.papers.page import PAPERS, Exhibit, page, paper_page, save, write_pages
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -121,11 +121,12 @@ def test_fang_by_its_own_method_is_below_the_paper_up_to_1_hz_by_every_seed_trie
 
 
 def test_the_page_states_where_fang_is_worse_by_its_own_method() -> None:
-    text = (ROOT / 'docs' / 'papers.md').read_text()
-    part = text[text.index('### Figure 9: 4 um, 5 Hz') : text.index('### Figure 11: composite')]
+    text = (ROOT / 'docs' / 'papers' / 'fang2019.md').read_text()
+    part = text[text.index('## Figure 9: 4 um, 5 Hz') : text.index('## Figure 11: composite')]
     assert part.count('Worse than the paper') == 2
     assert part.count('does not help') == 2
-    row = next(line for line in text.splitlines() if line.startswith('| Fang 2019 |'))
+    summary = (ROOT / 'docs' / 'papers.md').read_text()
+    row = next(line for line in summary.splitlines() if line.startswith('| Fang 2019 |'))
     assert row.split('|')[4].strip() == 'figure 9, 10'
 
 
@@ -143,15 +144,21 @@ def test_page_and_picture_of_an_entry(tmp_path: Path) -> None:
     assert '### Figure 5' in text
     assert 'pictures/fujii2018_figure_5.png' in text
     assert entry.stated in text
+    write_pages([entry], tmp_path / 'docs' / 'papers.md')
+    assert '(papers/fujii2018.md)' in (tmp_path / 'docs' / 'papers.md').read_text()
+    assert '## Figure 5' in (tmp_path / 'docs' / 'papers' / 'fujii2018.md').read_text()
 
 
 def test_the_page_in_docs_names_every_paper_and_what_differs() -> None:
-    text = (ROOT / 'docs' / 'papers.md').read_text()
+    overview = (ROOT / 'docs' / 'papers.md').read_text()
+    text = ''
     for paper, title in PAPERS.items():
-        assert f'## {paper}: {title}' in text
+        assert f'(papers/{paper_page(paper)}) | {title} |' in overview
+        text += (ROOT / 'docs' / 'papers' / paper_page(paper)).read_text()
+        assert f'# {paper}: {title}' in text
     assert text.count('- Paper: ') == text.count('- Here: ') >= 60
-    for picture in re.findall(r'\]\((pictures/papers/[^)]+)\)', text):
-        assert (ROOT / 'docs' / picture).is_file()
+    for picture in re.findall(r'\]\((../pictures/papers/[^)]+)\)', text):
+        assert (ROOT / 'docs' / 'papers' / picture).is_file()
 
 
 def test_one_figure_by_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

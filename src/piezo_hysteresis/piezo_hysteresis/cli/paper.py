@@ -1,4 +1,4 @@
-"""Make figures and tables of one of the five papers again, by the paper's own method."""
+"""Reproduce figures and tables of the five papers with the methods of the papers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from piezo_hysteresis.errors import PiezoError
 
-HELP = 'figures and tables of the five papers, made again'
+HELP = 'reproduce figures and tables of the five papers'
 
 PAPERS = ('fujii2018', 'tatebatake2017', 'zhou2021', 'xiao2014', 'fang2019')
 _NO_PLANTS = (
@@ -24,12 +24,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--figure', type=int, nargs='+', default=[], help='numbers; all figures by default')
     add('--table', type=int, nargs='+', default=[], help='numbers; all tables by default')
     add('--out', type=Path, metavar='DIR', default=Path('out/papers'), help='folder of results')
-    add('--page', type=Path, metavar='FILE', help='write the page there, too, with its pictures')
+    add('--page', type=Path, metavar='FILE', help='also write the pages there')
     add('--short', action='store_true', help='short runs, one seed, few frequencies')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make what was asked for and write it; the numbers go to the terminal as well.
+    """Write the requested figures and pages, and print the numbers.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     try:
         from piezo_hysteresis.papers import catalogue
-        from piezo_hysteresis.papers.page import page, save
+        from piezo_hysteresis.papers.page import page, save, write_pages
     except ModuleNotFoundError as error:
         if error.name != 'piezo_sim':
             raise
@@ -61,11 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     numbers = {f'{entry.paper} {entry.name}': entry.numbers for entry in found}
     (out / 'summary.json').write_text(json.dumps(numbers, indent=2) + '\n')
     if arguments.page is not None:
-        pictures = arguments.page.parent / 'pictures' / 'papers'
-        pictures.mkdir(parents=True, exist_ok=True)
-        for entry in found:
-            save(entry, pictures, dpi=75)
-        arguments.page.write_text(page(found, 'pictures/papers'))
+        write_pages(found, arguments.page)
     seconds = time.perf_counter() - started
     print(f'{len(found)} figures and tables in {seconds:.0f} s, in {out}')
     return 0

@@ -16,15 +16,15 @@ from piezo_hysteresis.papers.stage import SEEDS, Found
 from piezo_hysteresis.records import Record
 
 _LAW = (
-    'the law is missing from the text; ours is a reading of its words, and the preset is made of '
-    'another rate-dependent hysteresis and a delay; at 10 Hz most of the error is this lag, for '
-    'which the model has no term'
+    'the law is missing from the text; it is reconstructed from its description, and the preset '
+    'has another rate-dependent hysteresis and a delay; at 10 Hz most of the error is this lag, '
+    'for which the model has no term'
 )
 _OURS = ('inverse', 'inverse + PID', 'inverse + fuzzy PID')
 
 
 def errors_of(found: Found, records: Sequence[Record]) -> dict[str, float]:
-    """Return the error of each record as a percentage of what moves, means removed."""
+    """Return the error of each record as a percentage of the displacement, means removed."""
     model, values = found
     shares = {}
     for each in records:
@@ -74,7 +74,7 @@ def model_figures(quick: bool = False) -> list[Exhibit]:
     return [
         Exhibit('Fang 2019', 'Figure 4', 'modified model and measurement',
               'good agreement, no number',
-              f'errors as shares of what moves, means removed: {shares}, by the median of '
+              f'relative errors, means removed: {shares}, by the median of '
               f'{len(swarms)} modified swarms (fang2019); largest error by seed '
               f'{min(worst):.1f} to {max(worst):.1f} %', draw, _LAW,
               {'worst': max(worst)}, holds=max(worst) < 10.0),
@@ -175,7 +175,7 @@ def _reason(
         text += (
             '. The terms of the reference are not printed: 1, 5 and 10 Hz with 3, 1.8 and 1.2 um '
             f'are used, which the PID here follows {easier:.0f} times better than the PID of the '
-            'paper follows its own, so that this figure is no comparison; the switch takes it for '
+            'paper follows its own, so the figures cannot be compared; the switch treats it as '
             'a reference of 1 Hz'
         )
     return text

@@ -11,7 +11,7 @@ from piezo_hysteresis.papers.page import Builders, Exhibit, finish, loop
 
 NO_MEAN = (
     'The model has no offset, so its free run and its feedforward miss the mean by 16 to 230 um; '
-    'the mean is removed here, as the size of the printed errors says it was there.'
+    'the mean is removed here, as the size of the printed errors implies.'
 )
 
 

@@ -1,4 +1,4 @@
-"""What a reproduced figure is, how it is drawn, and the page that shows all of them."""
+"""Reproduced figures of the papers, their drawing, and the pages that show them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,23 @@ PAPERS = {
     'Fang 2019': 'Fang, Li, Zhong and Long 2019 (stage, fuzzy PID)',
 }
 
-# What no run of a simulated actuator answers, and why.
+_HEAD = (
+    '# Reproduction of five papers',
+    '',
+    'Each figure and table of five papers is reproduced and compared in the error metric of the',
+    'paper. "Here" is the method of the paper on a simulated actuator; results of other methods',
+    'of this project are listed separately. The actuators are the presets of `piezo_sim`; a',
+    'preset states what is assumed where a paper gives no value. Models are identified from',
+    'sweeps of the simulated actuator, as in the papers; no parameter is fitted to a published',
+    'figure. A smaller error on a simulated actuator does not prove a smaller one on a real one.',
+    '',
+    '`piezo paper all --page docs/papers.md` writes these pages in a few minutes; `piezo paper',
+    'fujii2018 --figure 16` makes one figure. [equations.md](equations.md) lists the code of each',
+    'equation.',
+    '',
+)
+
+# Figures and tables that are not reproduced, and why.
 MISSING: dict[str, tuple[str, ...]] = {
     'Fujii 2018': ('Figures 1, 9, 12, 14: photograph and block diagrams.',),
     'Tatebatake 2017': ('Figures 4, 9, 10: block diagrams.',),
@@ -126,47 +142,79 @@ def _spare_ticks(figure: Figure) -> None:
 
 
 def page(entries: Sequence[Exhibit], pictures: str = '') -> str:
-    """Return the page, Markdown; with `pictures`, a path to their folder, they are shown."""
-    lines = [
-        '# The five papers, reproduced',
-        '',
-        'Every figure and table of the papers, ours beside theirs in their metric. "Here" is the',
-        "paper's own method on a simulated actuator; what other methods of this project do is",
-        'said apart. The actuators are the presets of `piezo_sim`; where a paper does not give a',
-        'number the preset says what was assumed. Nothing is fitted to the figures below: models',
-        'are identified from sweeps of the simulated actuator, as the papers do from theirs. A',
-        'smaller error on a simulated actuator is no proof that a real one would show it.',
-        '',
-        'Made by `piezo paper all --page docs/papers.md`, in a few minutes; one figure by',
-        '`piezo paper fujii2018 --figure 16`. [Where each equation is](equations.md) in the code.',
-        '',
-        *summary(entries),
-    ]
-    for paper, title in PAPERS.items():
-        own = [entry for entry in entries if entry.paper == paper]
-        if not own:
-            continue
-        lines += [f'## {paper}: {title}', '']
-        for entry in own:
-            lines += [f'### {entry.name}: {entry.shows}', '']
-            if pictures:
-                lines += [f'![{entry.name}]({pictures}/{entry.picture})', '']
-            lines += [f'- Paper: {entry.stated}', f'- Here: {entry.ours}']
-            if entry.deviating:
-                lines.append(f'- With other methods: {entry.deviating}')
-            if entry.reason:
-                lines.append(f'- Why they differ: {entry.reason}')
-            lines.append('')
-        if len(own) > 1:
-            lines += by_verbs(paper)
-        if MISSING.get(paper):
-            lines += ['### Not made', '', *(f'- {each}' for each in MISSING[paper]), '']
+    """Return one page of all entries, Markdown; with `pictures`, a path to their folder, shown."""
+    lines = [*_HEAD, *summary(entries)]
+    for paper in _papers_of(entries):
+        lines += [f'## {paper}: {PAPERS[paper]}', '', *_exhibits(paper, entries, pictures, '###')]
     return '\n'.join(lines)
 
 
-def by_verbs(paper: str) -> list[str]:
-    """Return the lines that say what a user types for the main figures of a paper."""
-    lines = ['### By the plain verbs', '', '```bash']
+def overview(entries: Sequence[Exhibit], folder: str) -> str:
+    """Return the page that lists the papers and leads to their pages in `folder`."""
+    lines = [*_HEAD, *summary(entries), '| Paper | Actuator and method |', '|---|---|']
+    lines += [
+        f'| [{paper}]({folder}/{paper_page(paper)}) | {PAPERS[paper]} |'
+        for paper in _papers_of(entries)
+    ]
+    return '\n'.join([*lines, ''])
+
+
+def one_paper(paper: str, entries: Sequence[Exhibit], pictures: str) -> str:
+    """Return the page of one paper; `pictures` is the path from it to their folder."""
+    lines = [
+        f'# {paper}: {PAPERS[paper]}',
+        '',
+        '[All papers, method and verdicts](../papers.md)',
+        '',
+    ]
+    return '\n'.join([*lines, *_exhibits(paper, entries, pictures, '##')])
+
+
+def paper_page(paper: str) -> str:
+    """Return the file name of the page of a paper."""
+    return f'{paper.lower().replace(" ", "")}.md'
+
+
+def write_pages(entries: Sequence[Exhibit], file: Path) -> None:
+    """Write the overview to `file`, and pages and pictures of the papers into its folder."""
+    pictures, folder = file.parent / 'pictures' / 'papers', file.parent / file.stem
+    for each in (pictures, folder):
+        each.mkdir(parents=True, exist_ok=True)
+    for entry in entries:
+        save(entry, pictures, dpi=75)
+    for paper in _papers_of(entries):
+        text = one_paper(paper, entries, '../pictures/papers')
+        (folder / paper_page(paper)).write_text(text, encoding='utf-8')
+    file.write_text(overview(entries, folder.name), encoding='utf-8')
+
+
+def _papers_of(entries: Sequence[Exhibit]) -> list[str]:
+    return [paper for paper in PAPERS if any(entry.paper == paper for entry in entries)]
+
+
+def _exhibits(paper: str, entries: Sequence[Exhibit], pictures: str, heading: str) -> list[str]:
+    lines = []
+    own = [entry for entry in entries if entry.paper == paper]
+    for entry in own:
+        lines += [f'{heading} {entry.name}: {entry.shows}', '']
+        if pictures:
+            lines += [f'![{entry.name}]({pictures}/{entry.picture})', '']
+        lines += [f'- Paper: {entry.stated}', f'- Here: {entry.ours}']
+        if entry.deviating:
+            lines.append(f'- With other methods: {entry.deviating}')
+        if entry.reason:
+            lines.append(f'- Reason for the difference: {entry.reason}')
+        lines.append('')
+    if len(own) > 1:
+        lines += by_verbs(paper, heading)
+    if MISSING.get(paper):
+        lines += [f'{heading} Not reproduced', '', *(f'- {each}' for each in MISSING[paper]), '']
+    return lines
+
+
+def by_verbs(paper: str, heading: str) -> list[str]:
+    """Return the lines with the commands for the main figures of a paper."""
+    lines = [f'{heading} Commands', '', '```bash']
     for each in COMMANDS[paper]:
         program = 'python -m' if each.words.startswith('piezo_sim') else 'piezo'
         lines.append(f'{program} {each.words}' + (f'  # {each.figures}' if each.figures else ''))
@@ -177,12 +225,11 @@ def by_verbs(paper: str) -> list[str]:
 def summary(entries: Sequence[Exhibit]) -> list[str]:
     """Return the lines of a table: figures by paper and verdict."""
     lines = [
-        '"Better", "equal" (within 5 %) and "worse" compare the errors that a paper prints with',
-        'those of its own method here, by the largest ratio; where several seeds were run, by',
-        'their median. Without a printed number, "as stated" means that what the paper states of',
-        'a figure holds here. "Better" says little where the simulated actuator is of the kind of',
-        'the model (Zhou 2021) or of numbers that are not printed; each figure says what was',
-        'assumed.',
+        '"Better", "equal" (within 5 %) and "worse" compare the printed errors with those of the',
+        'same method here, by the largest ratio, or by the median over seeds. Without a printed',
+        'number, "as stated" means that the statement of the paper on the figure holds here.',
+        '"Better" has little weight if the simulated actuator has the structure of the model',
+        '(Zhou 2021) or parameters that are not printed; each figure states the assumptions.',
         '',
         f'| Paper | {" | ".join(VERDICTS)} |',
         f'|---|{"---|" * len(VERDICTS)}',

@@ -138,7 +138,7 @@ def compare(
               f'{np.median(rms[first_kind]):.1f} against {np.median(rms[second_kind]):.1f} um',
               draw,
               'means removed: neither model has an offset; both by RLS in mm from P0 = I, that '
-              'of the extended model with the regressor mended (V1). As printed (V2, `identify '
+              'of the extended model with the regressor corrected (V1). As printed (V2, `identify '
               '--method tatebatake2017`) its free run misses 80 um at 10 Hz',
               {'better': better / len(frequencies)}, deviating,
               holds=better > 0.5 * len(frequencies)),

@@ -91,8 +91,10 @@ def _model_figure(name: str, frequency: float) -> Exhibit:
     return Exhibit(
         'Xiao 2014', name, f'Bouc-Wen model by particle swarm, {frequency:.0f} Hz',
         'matches very well, worst at the tips',
-        f'rms error {1e6 * row.free_run_rms:.2f} um ({row.nrmse_percent:.1f} % of what moves)',
-        draw, 'at the higher frequency the loop is mostly linear lag, which is no Bouc-Wen loop',
+        f'rms error {1e6 * row.free_run_rms:.2f} um ({row.nrmse_percent:.1f} % of the '
+        'displacement)',
+        draw, 'at the higher frequency the loop is mostly linear lag, which a Bouc-Wen model does '
+        'not describe',
         {'error': row.nrmse_percent},
     )  # fmt: skip
 
@@ -167,11 +169,11 @@ def stack_table(frequencies: Sequence[float]) -> list[Exhibit]:
     why = (
         "Xiao 2014's hysteresis is not printed; ours was chosen for the column without "
         'compensation, mean removed; with its mean, which the paper includes, the uncompensated '
-        'error here is larger than in the paper, so the gain over it flatters. The amplifier is '
-        'wider than in the paper, -30 to 130 V: from 0 to 100 V this stack does not reach the '
+        'error here is larger than in the paper, so the improvement is overstated. The amplifier '
+        'is wider than in the paper, -30 to 130 V: from 0 to 100 V this stack does not reach the '
         'whole reference. Rows are fitted '
-        'from rest, where the law adds up from; fitted to steady loops it misses the mean by 6.9 '
-        'um at 100 Hz. The lag at 100 Hz is no Bouc-Wen loop, which is what is left'
+        'from rest, where the law starts; fitted to steady loops it misses the mean by 6.9 um at '
+        '100 Hz. The remaining error is the lag at 100 Hz, which is not a Bouc-Wen loop'
     )
     numbers = {
         'worst selector': max(row[3] / row[2] for row in rows.values()),

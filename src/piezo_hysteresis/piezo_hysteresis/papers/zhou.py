@@ -53,9 +53,9 @@ def table() -> Exhibit:
         f'alpha {rows["alpha"][0]:.3f}, beta {rows["beta"][0]:.4f} /V, gamma '
         f'{rows["gamma"][0]:.4f} /V, b {rows["b"][0]:.0f} N s/m, by its two steps of particle '
         'swarm (zhou2021)', draw,
-        'the preset has the printed values with their units mended (m in tonnes, d in m/V). Step '
-        '1 takes 1 Hz for quasi-static: what the damping lags there goes into the hysteresis; at '
-        'one amplitude only the shape of the loop tells beta from gamma',
+        'the preset has the printed values with corrected units (m in tonnes, d in m/V). Step 1 '
+        'treats 1 Hz as quasi-static: the lag of the damping is fitted as hysteresis; at one '
+        'amplitude only the loop shape distinguishes beta from gamma',
         {name: ours / printed for name, (ours, printed) in rows.items()},
     )  # fmt: skip
 
@@ -75,7 +75,7 @@ def model_figures() -> list[Exhibit]:
         return draw
 
     worst = max(data[f][3] for f in FREQUENCIES) * 1e6
-    same = 'the model is of the kind that the simulated actuator is made of'
+    same = 'model and simulated actuator have the same structure'
     return [
         Exhibit('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
               f'rms error {data[1.0][3] * 1e6:.2f} um of +-{data[1.0][1].max() * 1e6:.0f} um, by '
@@ -141,8 +141,8 @@ def control(frequencies: Sequence[float], seconds: float) -> list[Exhibit]:
 
     ten = [worst[kind, 10.0] for kind in ('none', 'inverse', 'PID')]
     why = (
-        "the simulated actuator is of the model's own kind, so that only the error of the "
-        'identification and that of the law are left; gains of the PID are ours, none are printed'
+        'model and simulated actuator have the same structure, so only the errors of the '
+        'identification and of the law remain; the PID gains are chosen here, none are printed'
     )
     better = 'exact inverse of a joint fit, and cancellation of orders 1, 2, 3, 5 with PID: '
     return [
