@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -33,7 +34,8 @@ def _parser() -> argparse.ArgumentParser:
     go.add_argument('--seed', type=int, default=PRACTICE_SEED)
     go.add_argument('--sealed', type=Path, help='run on the tasks of this folder instead')
     go.add_argument('--results', type=Path, help='file of the results (JSON)')
-    go.add_argument('--page', type=Path, help='page to write (Markdown), with its pictures')
+    go.add_argument('--again', action='store_true', help='also what the results hold already')
+    go.add_argument('--page', type=Path, help='page to write (Markdown)')
     for verb in (draw, go):
         verb.add_argument('--data', type=Path, help='folder of the measured records')
         verb.add_argument('--level', action='append', choices=LEVELS, default=[])
@@ -42,6 +44,8 @@ def _parser() -> argparse.ArgumentParser:
     write = verbs.add_parser('page', help='write the page from results')
     write.add_argument('--results', type=Path, required=True)
     write.add_argument('--page', type=Path, required=True)
+    for verb in (go, write):
+        verb.add_argument('--pictures', type=Path, help='folder of its pictures (matplotlib)')
     return parser
 
 
@@ -66,23 +70,25 @@ def _run(arguments: argparse.Namespace, data: Path | None) -> None:
     else:
         tasks, truths = drawn(seed, share, data, arguments.level)
     results = arguments.results or Path('out') / f'benchmark_{seed}.json'
-    run(chosen(arguments.entry), tasks, truths, results, seed)
+    run(chosen(arguments.entry), tasks, truths, results, seed, arguments.again)
     if arguments.page:
-        _page(results, arguments.page)
+        _page(results, arguments.page, arguments.pictures)
 
 
-def _page(results: Path, file: Path) -> None:
+def _page(results: Path, file: Path, folder: Path | None) -> None:
     found = read(results)
-    file.write_text(page(found), encoding='utf-8')
-    drawn_pictures = pictures(found, file.parent / 'pictures')
-    print(f'written to {file}' + ('' if drawn_pictures else '; pictures need matplotlib'))
+    shown = folder is not None and pictures(found, folder)
+    at = os.path.relpath(folder, file.parent) if folder is not None and shown else ''
+    sealed = [read(other) for other in sorted(results.parent.glob('sealed_*.json'))]
+    file.write_text(page(found, sealed, Path(at).as_posix() if at else ''), encoding='utf-8')
+    print(f'written to {file}')
 
 
 def main() -> None:
     """Do what the command line says."""
     arguments = _parser().parse_args()
     if arguments.verb == 'page':
-        _page(arguments.results, arguments.page)
+        _page(arguments.results, arguments.page, arguments.pictures)
         return
     data = measured.folder(arguments.data)
     if not measured.available(data):

@@ -109,7 +109,9 @@ def _wave(random: Generator, scale: Scale, kind: str, loud: float) -> Array:
     if kind == 'multisine':
         phases = random.uniform(0, 2 * np.pi, 3)
         orders = np.array([1.0, 2.6, 5.3])
-        parts = [np.sin(o * turn * 0.6 + p) - np.sin(p) for o, p in zip(orders, phases, strict=True)]
+        parts = [
+            np.sin(o * turn * 0.6 + p) - np.sin(p) for o, p in zip(orders, phases, strict=True)
+        ]
         shape = np.sum(np.array(parts) / orders[:, None] ** 0.5, 0)
         shape = shape / np.max(np.abs(shape))
     elif kind == 'chirp':
@@ -178,9 +180,7 @@ def _by_record(y: Array, effects: dict[str, Parameters], scale: Scale) -> Array:
 # --- what hides ---------------------------------------------------------------------------------
 
 
-def _visible(
-    plain: Array, changed: Array, tangent: Array, warm_up: int
-) -> float:
+def _visible(plain: Array, changed: Array, tangent: Array, warm_up: int) -> float:
     """Return what of a change no baseline parameter and no zero hides [m] rms."""
     left = centred(changed - plain, warm_up).ravel()
     left = left - tangent @ (tangent.T @ left)
@@ -190,7 +190,7 @@ def _visible(
 def _hidden(
     random: Generator, name: str, actuator: Actuator, voltage: Array, tangent: Array, warm_up: int
 ) -> Parameters | None:
-    """Return parameters of an effect that is 3 to 40 times the noise, or None where none can be."""
+    """Return parameters of an effect of 3 to 40 times the noise, or None where that fails."""
     c = actuator.conditions
     scale = c.scale
     least = max(c.noise, c.quantum / np.sqrt(12.0))
@@ -226,7 +226,9 @@ def _chosen(random: Generator, kind: str, place: int) -> list[str]:
     return [str(n) for n in random.permutation(names)]
 
 
-def _tangent(world: str, voltage: Array, scale: Scale, values: dict[str, float], skip: int) -> Array:
+def _tangent(
+    world: str, voltage: Array, scale: Scale, values: dict[str, float], skip: int
+) -> Array:
     """Return an orthonormal basis of what the parameters of a baseline can do."""
     keys = [('', name) for name in NAMES[world]]
     _, slopes, _ = linearised(world, voltage, scale, values, {}, keys)
@@ -255,7 +257,9 @@ def fitted_baseline(
 ) -> Baseline:
     """Return the baseline fitted to records."""
     fit = fitted(name, voltage, read, scale, warm_up, near)
-    offset = float(np.mean(read[warm_up:] - respond(name, fit.values, voltage, scale, {})[warm_up:]))
+    offset = float(
+        np.mean(read[warm_up:] - respond(name, fit.values, voltage, scale, {})[warm_up:])
+    )
     deviations = {key[1]: value for key, value in fit.deviations.items()}
     return Baseline(name, EQUATIONS[name], {**fit.values, 'offset': offset}, deviations)
 
@@ -297,9 +301,7 @@ def one(seed: Sequence[int], level: str, kind: str, place: int) -> tuple[Task, T
     clean_unseen = actuator.clean(unseen, effects)
     read_unseen = actuator.recorded(clean_unseen, third)
     if level != 'foreign':
-        base = fitted_baseline(
-            baseline_name, cut(training), read_training, scale, warm_up, near
-        )
+        base = fitted_baseline(baseline_name, cut(training), read_training, scale, warm_up, near)
     else:
         reference = Records(
             _names('reference', known), cut(known), read, base.run(cut(known), scale)
@@ -330,9 +332,7 @@ def _names(part: str, voltage: Array) -> tuple[str, ...]:
 def plan() -> list[tuple[str, str, int]]:
     """Return (level, kind, place) of every task of a set."""
     return [
-        (level, kind, place)
-        for (level, kind), count in COUNTS.items()
-        for place in range(count)
+        (level, kind, place) for (level, kind), count in COUNTS.items() for place in range(count)
     ]
 
 

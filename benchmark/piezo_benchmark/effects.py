@@ -71,7 +71,7 @@ EFFECTS: dict[str, Effect] = {
         lambda s: [{'delay': k * s.dt} for k in (3, 6, 10)],
     ),
     'amplifier_lag': Effect(
-        'lag_time v\' + v = u; v drives the hysteresis in place of u',
+        "lag_time v' + v = u; v drives the hysteresis in place of u",
         {'lag_time': 's'},
         'lag_time',
         lambda r, s: {'lag_time': 3 * s.dt},
@@ -79,7 +79,7 @@ EFFECTS: dict[str, Effect] = {
         lambda s: [{'lag_time': k * s.dt} for k in (1.0, 3.0, 8.0)],
     ),
     'creep': Effect(
-        'y = x + c; time c\' + c = share x',
+        "y = x + c; time c' + c = share x",
         {'share': '1', 'time': 's'},
         'share',
         lambda r, s: {'share': 0.05, 'time': between(r, 0.05, 0.5) * s.span},
@@ -87,7 +87,7 @@ EFFECTS: dict[str, Effect] = {
         lambda s: [{'share': 0.05, 'time': k * s.span} for k in (0.04, 0.12, 0.35)],
     ),
     'mode': Effect(
-        'y = (1 - share) x + share z; z\'\'/w^2 + 2 damping z\'/w + z = x; w = 2 pi frequency',
+        "y = (1 - share) x + share z; z''/w^2 + 2 damping z'/w + z = x; w = 2 pi frequency",
         {'share': '1', 'frequency': 'Hz', 'damping': '1'},
         'share',
         lambda r, s: {
@@ -170,9 +170,9 @@ OUTSIDE: dict[str, tuple[str, Callable[[Generator, Scale], Parameters], float]] 
 def scaled(name: str, parameters: Parameters, factor: float) -> Parameters:
     """Return the parameters of an effect that is so many times as strong."""
     changed = dict(parameters)
-    sizes = {'sensor_curve': ('even', 'odd'), 'tone': ('sine', 'cosine')}.get(name)
-    if sizes is None:
-        sizes = (EFFECTS[name].size if name in EFFECTS else OUTSIDE[name][0],)
+    own = EFFECTS[name].size if name in EFFECTS else OUTSIDE[name][0]
+    twice = {'sensor_curve': ('even', 'odd'), 'tone': ('sine', 'cosine')}
+    sizes: tuple[str, ...] = twice.get(name, (own,))
     for size in sizes:
         changed[size] *= 1.0 / factor if name == 'slew_limit' else factor
     return changed

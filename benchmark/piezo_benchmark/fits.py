@@ -131,9 +131,7 @@ def linearised(
     The Jacobian (parameters, samples, records) is in metres per step. The voltage `before`
     [V] of a reference adds its records as columns.
     """
-    steps = np.array(
-        [step_of(k, (effects[k[0]] if k[0] else values)[k[1]], scale) for k in keys]
-    )
+    steps = np.array([step_of(k, (effects[k[0]] if k[0] else values)[k[1]], scale) for k in keys])
     jobs = [(values, effects)]
     for place, step in enumerate(steps):
         jobs.append(changed(values, effects, [keys[place]], [step]))

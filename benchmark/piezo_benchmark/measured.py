@@ -55,7 +55,7 @@ def _read(file: Path, every: int) -> Array:
 
 
 def _pieces(random: Generator, actuator: str, data: Path) -> tuple[float, list[list[Array]]]:
-    """Return the sampling time and pieces (samples, time voltage displacement): reference first."""
+    """Return the sampling time [s] and pieces of reference, records, held-out (samples, 3)."""
     if actuator == '150v':
         table = _read(data / FILES[actuator][0], 5)
         first = int(random.integers(3900, 4050))
@@ -142,7 +142,8 @@ def one(seed: Sequence[int], kind: str, place: int, data: Path) -> tuple[Task, T
     control = float(np.sqrt(np.mean(centred(plain[2] - runs[2], WARM_UP) ** 2)))
     noise = float(np.sqrt(np.mean(centred(plain[1] - runs[1], WARM_UP) ** 2)))
     truth = Truth(
-        '', 'measured', kind, tuple(effects), effects, held_out, control, records - plain[1], noise,
+        '', 'measured', kind, tuple(effects), effects, held_out, control, records - plain[1],
+        noise,
         AT_REST[actuator] * second.standard_normal(records.shape), dict(fit.values),
     )  # fmt: skip
     return task, truth

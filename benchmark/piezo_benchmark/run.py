@@ -97,18 +97,25 @@ def run(
     truths: Sequence[Truth],
     file: Path,
     seed: int,
+    again: bool = False,
     say: Callable[[str], None] = print,
 ) -> None:
-    """Run entries one after another and keep their rows after each."""
+    """Run entries one after another and keep their rows after each.
+
+    Tasks that the file of results holds already are left out unless `again`.
+    """
     for name in names:
         rows: list[Row] = []
+        known = {row['identifier'] for row in read(file)['entries'].get(name, []) if not again}
         try:
             for task, truth in zip(tasks, truths, strict=True):
-                rows.append(examined(name, task, truth))
+                if task.identifier not in known:
+                    rows.append(examined(name, task, truth))
         except ImportError as error:
             say(f'{name}: left out, {error}')
             continue
-        keep(file, name, rows, seed)
+        if rows:
+            keep(file, name, rows, seed)
         right = sum(row.right for row in rows)
         say(f'{name}: {right:.0f} of {len(rows)} right, {sum(r.seconds for r in rows):.0f} s')
         for failed in sorted({row.failed for row in rows if row.failed}):

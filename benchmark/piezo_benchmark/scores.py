@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +30,9 @@ def distribution(answer: Answer) -> dict[str, float]:
         For an outcome that is not one, and for a probability that is negative or no number.
     """
     found = dict.fromkeys(outcomes(), 0.0)
-    parts = [((name,), p) for name, p in answer.probabilities.items()]
+    parts: list[tuple[tuple[str, ...], float]] = [
+        ((name,), p) for name, p in answer.probabilities.items()
+    ]
     parts += [(tuple(names), p) for names, p in answer.classes]
     for names, p in parts:
         if not (np.isfinite(p) and p >= 0.0):
@@ -173,7 +176,7 @@ def summary(rows: Sequence[Row]) -> dict[str, dict[str, object]]:
 def calibration(rows: Sequence[Row]) -> list[dict[str, float]]:
     """Return how often the most probable outcome was right, in bins of its probability."""
     found = []
-    for low, high in zip(BINS[:-1], BINS[1:], strict=True):
+    for low, high in pairwise(BINS):
         part = [r for r in rows if low < r.confidence <= high]
         if part:
             said = _mean(np.array([r.confidence for r in part]))

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,10 @@ from piezo_benchmark.worlds import Array, Scale, respond
 NONE, UNKNOWN = 'none', 'unknown'
 
 QUESTIONS = (
-    'Which effects of the list does the baseline miss? Give probabilities of outcomes: a name, '
-    'two names, none, unknown (something that is not on the list); or of classes of outcomes.',
-    'What is the displacement on the held-out voltages? The zero of each record is free.',
-    'What are the parameters of the effects that you name, and their standard deviations?',
+    'Which effects of the list does the baseline miss? Probabilities of outcomes (a name, two '
+    'names, none, unknown: something that is not on the list), or of classes of outcomes.\n'
+    'What is the displacement on the held-out voltages? The zero of each record is free.\n'
+    'What are the parameters of the effects that you name, and their standard deviations?'
 )
 
 EQUATIONS = {
@@ -33,8 +34,7 @@ EQUATIONS = {
         "h' = u' - beta |u'| h - gamma u' |h|; h = 0 at the start"
     ),
     'play_bank': (
-        'y = w0 u + w1 p1 + ... + w9 p9 + offset; pj = max(u - rj, min(u + rj, pj)), '
-        'rj = 0.1 j U'
+        'y = w0 u + w1 p1 + ... + w9 p9 + offset; pj = max(u - rj, min(u + rj, pj)), rj = 0.1 j U'
     ),
 }
 
@@ -83,7 +83,9 @@ class Baseline:
     values: Mapping[str, float]
     deviations: Mapping[str, float]
 
-    def run(self, voltage: Array, scale: Scale, values: Mapping[str, float] | None = None) -> Array:
+    def run(
+        self, voltage: Array, scale: Scale, values: Mapping[str, float] | None = None
+    ) -> Array:
         """Compute the free run [m] on voltages (samples, records) [V]."""
         return respond(self.name, values or self.values, voltage, scale, {})
 
@@ -205,8 +207,8 @@ class Truth:
 # --- files --------------------------------------------------------------------------------------
 
 
-def _arrays(task: Task) -> dict[str, Array]:
-    found = {}
+def _arrays(task: Task) -> dict[str, Any]:
+    found: dict[str, Any] = {}
     for part, records in (
         ('records', task.records), ('held_out', task.held_out), ('reference', task.reference),
     ):  # fmt: skip
@@ -239,7 +241,7 @@ def save(task: Task, folder: Path, csv: bool = False) -> None:
             'deviations': {k: _wide(v) for k, v in task.baseline.deviations.items()},
         },
         'effects': task.effects,
-        'questions': QUESTIONS,
+        'questions': QUESTIONS.split('\n'),
     }
     (folder / f'{task.identifier}.json').write_text(json.dumps(said, indent=1), encoding='utf-8')
     if csv:
@@ -286,7 +288,9 @@ def load(folder: Path, identifier: str) -> Task:
         measured = arrays.get(f'{name}_displacement_m')
         return Records(names, voltage, measured, arrays[f'{name}_free_run_m'])
 
-    scale = {k: v if isinstance(v, bool) else float(v) for k, v in said['scale'].items()}
+    scale: dict[str, Any] = {
+        k: v if isinstance(v, bool) else float(v) for k, v in said['scale'].items()
+    }
     b = said['baseline']
     baseline = Baseline(
         b['name'],

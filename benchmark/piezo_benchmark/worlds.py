@@ -88,7 +88,7 @@ def plays(voltage: Array, thresholds: Array, moving: bool = False) -> Array:
 
 
 def duhem(voltage: Array, values: Values, volts: float) -> Array:
-    """Compute the model of Coleman and Hodgson, dz = a |du| (f(u) - z) + g(u) du, f of tanh [V]."""
+    """Compute the model of Coleman and Hodgson, dz = a |du| (f(u) - z) + g(u) du [V]."""
     step = np.diff(voltage, axis=0, prepend=0.0)
     z, answer = np.zeros(voltage.shape[1]), np.empty_like(voltage)
     curve = volts * values['height'] * np.tanh(values['bend'] * voltage / volts)
@@ -161,9 +161,7 @@ def resonator(signal: Array, frequency: float, damping: float, dt: float, moving
     turn, decay = w * np.sqrt(1.0 - d * d) * dt, np.exp(-d * w * dt)
     c, s = np.cos(turn) * decay, np.sin(turn) * decay * d / np.sqrt(1.0 - d * d)
     b0, b1 = 1.0 - c - s, decay**2 + s - c
-    return np.asarray(
-        lfilter([b0, b1], [1.0, -2.0 * c, decay**2], signal - first, axis=0) + first
-    )
+    return np.asarray(lfilter([b0, b1], [1.0, -2.0 * c, decay**2], signal - first, axis=0) + first)
 
 
 def times(count: int, dt: float) -> Array:
@@ -293,7 +291,7 @@ def _cores(
             np.repeat([values[place][name] for place in unique.values()], width)
             for name in ('beta', 'gamma')
         ]
-        bank = bouc_wen(wide, *parts, scale.moving)
+        bank = bouc_wen(wide, parts[0], parts[1], scale.moving)
     found = []
     for key, u, v in zip(keys, drives, values, strict=True):
         part = bank[:, order[key] * width : (order[key] + 1) * width]

@@ -62,9 +62,7 @@ def tones(task: Task, residual: Array, count: int = 3) -> list[dict[str, float]]
     found = []
     for _ in range(count):
         at = int(np.argmax(power))
-        found.append(
-            {'sine': 0.01, 'cosine': 0.01, 'frequency': float(frequency[at])}
-        )
+        found.append({'sine': 0.01, 'cosine': 0.01, 'frequency': float(frequency[at])})
         power[max(at - 12, 0) : at + 13] = 0.0
     return found
 
@@ -164,7 +162,7 @@ class Library:
             np.zeros(self.target.size),
         )
         rest = self.fit.residual.ravel() - said
-        slopes = np.linalg.lstsq(self.fit.jacobian, rest, rcond=1e-8)[0]
+        slopes = np.asarray(np.linalg.lstsq(self.fit.jacobian, rest, rcond=1e-8)[0], np.float64)
         return linear_prediction(task, self.fit, self.parts, real, slopes)
 
     def outcome(self, weights: Array) -> tuple[str, float]:

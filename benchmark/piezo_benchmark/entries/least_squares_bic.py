@@ -100,9 +100,7 @@ def answer(task: Task) -> Answer:
     best = min(fits, key=lambda name: scores[name])
     chosen = fits[best]
     parameters = {
-        effect: {
-            name: (value, chosen.deviations[effect, name]) for name, value in e.items()
-        }
+        effect: {name: (value, chosen.deviations[effect, name]) for name, value in e.items()}
         for effect, e in chosen.effects.items()
     }
     return Answer(

@@ -1,4 +1,4 @@
-"""Lazy: the frequencies of the published draw, none as the most frequent outcome, no look at data."""
+"""Lazy: the published frequencies of the outcomes, without a look at the records."""
 
 from __future__ import annotations
 

@@ -3,8 +3,8 @@
 As favourable as we could make it: SINDy knows no names, so the discrepancy of the fitted baseline
 is the target (Ebers, Steele, Kutz 2024) and every column of the library is an effect of the list,
 computed by its equation, the tangent of the baseline taken out. The threshold is the one with the
-least BIC. A surviving column gives its name; nothing surviving, or less than 5 %
-explained, is `none`, less than 30 % is `unknown`. PySINDy gives no probabilities: the outcome gets 0.7.
+least BIC. A surviving column gives its name; nothing surviving, or less than 5 % explained, is
+`none`, less than 30 % is `unknown`. PySINDy gives no probabilities: the outcome gets 0.7.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ def answer(task: Task) -> Answer:
 
     lib = library(task)
     effective = lib.target.size * memory(lib.fit.residual)
-    best: tuple[float, Array] = effective * np.log(np.mean(lib.target**2)), np.zeros(len(lib.parts))
+    best: tuple[float, Array] = (
+        effective * np.log(np.mean(lib.target**2)),
+        np.zeros(len(lib.parts)),
+    )
     for threshold in THRESHOLDS:
         optimizer = STLSQ(threshold=threshold, alpha=1e-4, max_iter=20)
         with warnings.catch_warnings():

@@ -91,9 +91,7 @@ def answer(task: Task) -> Answer:
         _run(command)
         verdict = json.loads((folder / 'out' / 'verdict.json').read_text(encoding='utf-8'))
         prediction = _prediction(task, folder, verdict)
-    return Answer(
-        probabilities(verdict), prediction=prediction, parameters=parameters(verdict)
-    )
+    return Answer(probabilities(verdict), prediction=prediction, parameters=parameters(verdict))
 
 
 def _run(command: list[str]) -> None:

@@ -3,7 +3,8 @@
 As for PySINDy: the discrepancy of the fitted baseline is the output of an NFIR model, each effect
 of the list (by its equation, the tangent of the baseline taken out) one input, degree one, one
 lag. Inputs are shifted by one sample so that lag one is the present. A chosen input gives its
-name; none chosen, or less than 5 % explained, is `none`, less than 30 % is `unknown`. Probability 0.7.
+name; none chosen, or less than 5 % explained, is `none`, less than 30 % is `unknown`. The outcome
+gets a probability of 0.7.
 """
 
 from __future__ import annotations
