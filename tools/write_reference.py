@@ -211,9 +211,9 @@ def _commands() -> str:
         '# Command line\n\n`python -m piezo_hysteresis VERB`, or with ROS 2 installed '
         '`ros2 run piezo_hysteresis VERB`. An error is one line that says what to do, exit code '
         '2.\n\nA folder of results belongs to the verb that filled it: run again, it replaces '
-        'its own files and leaves yours alone. A folder that holds results of another verb, a '
-        'recording, or files of these names that no verb has left is refused before anything is '
-        'computed. Whose a folder is says the hidden file `.results.json` in it.\n\n'
+        'its own files. Any other folder that is not empty is refused before anything is '
+        'computed; `--overwrite` writes there all the same. Whose a folder is says the hidden file '
+        '`.results.json` in it.\n\n'
         f'{NOTE.replace("docstrings", "programs")}'
     )
     parts = [head]

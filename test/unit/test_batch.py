@@ -24,6 +24,7 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load, write_bag, write_csv
+from piezo_hysteresis.reporting.folder import MARKER, write_folder
 from piezo_hysteresis.threads import number_of_workers
 
 DT = 1e-3
@@ -164,17 +165,17 @@ def test_what_is_finished_is_not_run_again_until_something_changes(
 
 def test_files_of_others_are_not_deleted(data: Path, tmp_path: Path) -> None:
     out = tmp_path / 'out'
+    run_batch(Gain(), [data / 'three'], out)
     (out / 'one').mkdir(parents=True)
     (out / 'one' / 'thesis.txt').write_text('years of work')
     for bias in (0.0, 1.0):  # the second time, too
         done = run_batch(Gain(bias=bias), [data / 'one.csv'], out)
-        assert 'other files' in done.rows[0]['error']
+        assert 'files that are no results' in done.rows[0]['error']
         assert [path.name for path in (out / 'one').iterdir()] == ['thesis.txt']
-    run_batch(Gain(), [data / 'three'], out)
     (out / 'three' / 'remarks.txt').write_text('mine')
-    (out / 'three' / 'report.html').write_text('of an earlier run')
+    write_folder(out / 'three', {'report.html': 'of an earlier run'}, Gain.verb)
     assert run_batch(Gain(bias=1.0), [data / 'three'], out).rows[0]['state'] == 'done'
-    assert {path.name for path in (out / 'three').iterdir()} == {'job.json', 'remarks.txt'}
+    assert {path.name for path in (out / 'three').iterdir()} == {'job.json', 'remarks.txt', MARKER}
 
 
 def test_equal_names_get_folders_of_their_own(data: Path, tmp_path: Path) -> None:

@@ -109,11 +109,11 @@ def fail_half_way(out: Path) -> None:
 
 def test_results_take_the_place_of_old_ones_only_when_they_are_whole(tmp_path: Path) -> None:
     out = tmp_path / 'out'
-    out.mkdir()
-    (out / 'a').write_text('old')
+    with replacing(out, 'demo') as folder:
+        (folder / 'a').write_text('old')
+        (folder / 'bags').mkdir()
+        (folder / 'bags' / 'x').write_text('old')
     (out / 'kept').write_text('kept')
-    (out / 'bags').mkdir()
-    (out / 'bags' / 'x').write_text('old')
     with pytest.raises(KeyboardInterrupt):
         fail_half_way(out)
     assert (out / 'a').read_text() == 'old'

@@ -13,6 +13,7 @@ import yaml
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.records import Record, RecordInfo, read_bag, read_csv, write_bag
+from piezo_hysteresis.reporting.folder import MARKER
 
 ROWS = [f'{k / 1000},{k % 11},{0.25 * (k % 7)}' for k in range(60)]
 CSV = '\n'.join(['time_s,voltage_V,displacement_um', *ROWS]) + '\n'
@@ -29,7 +30,9 @@ def test_csv_to_bag_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         ('one', 'bimorph'), ('two', 'bimorph')]  # fmt: skip
     assert main(['export', str(bag), '--out', str(out)]) == 0
     assert '2 files' in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == {'one.csv', 'two.csv', 'records.yaml'}
+    assert {path.name for path in out.iterdir()} == {
+        'one.csv', 'two.csv', 'records.yaml', MARKER,
+    }  # fmt: skip
     for name in ('one', 'two'):
         first, again = read_csv(tmp_path / f'{name}.csv'), read_csv(out / f'{name}.csv')
         np.testing.assert_array_equal(again.voltage, first.voltage)
@@ -107,15 +110,20 @@ def test_a_bag_without_records_still_shows_its_topics(
     assert 'record the topic actuator/state' in printed.err
 
 
-@pytest.mark.parametrize('verb', ['export', 'import'])
-def test_existing_output_is_left_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str
-) -> None:
+def test_existing_output_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'a.csv').write_text(CSV)
     (tmp_path / 'out').mkdir()
-    assert main([verb, str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'out')]) == 2
+    words = [str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'out')]
+    assert main(['import', *words]) == 2
     assert 'exists already' in capsys.readouterr().err
     assert not list((tmp_path / 'out').iterdir())
+    (tmp_path / 'out' / 'a.csv').write_text('mine')
+    assert main(['export', *words]) == 2
+    assert 'files that are no results' in capsys.readouterr().err
+    assert [path.read_text() for path in (tmp_path / 'out').iterdir()] == ['mine']
+    for more in (['--overwrite'], []):  # then it is a folder of `export`
+        assert main(['export', *words, *more]) == 0
+        assert 'voltage' in (tmp_path / 'out' / 'a.csv').read_text()
 
 
 WITHOUT_ROS = (

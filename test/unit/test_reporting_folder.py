@@ -16,7 +16,9 @@ from piezo_hysteresis.reporting.folder import (
     MARKER,
     check_folder,
     claim,
+    clear,
     marker_of,
+    overwrite,
     replacing,
     write_folder,
 )
@@ -41,7 +43,7 @@ def test_another_verb_changes_nothing(tmp_path: Path) -> None:
     out = tmp_path / 'out'
     write_folder(out, {'summary.json': '{}'}, 'identify')
     before = content(out)
-    with pytest.raises(PiezoError, match=r'holds the results of identify; give discover .*out-d'):
+    with pytest.raises(PiezoError, match=r'holds the results of identify; give discover .*--over'):
         write_folder(out, {'verdict.json': '{}'}, 'discover')
     with pytest.raises(PiezoError, match='holds the results of identify'), replacing(out, 'demo'):
         pytest.fail('nothing may be made')
@@ -49,45 +51,28 @@ def test_another_verb_changes_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ['out']
 
 
-@pytest.mark.parametrize(
-    ('files', 'verb'),
-    [
-        ({'verdict.json': {}}, 'discover'),
-        ({'summary.json': {'method': 'rls'}}, 'identify'),
-        ({'summary.json': {'method': 'validate'}}, 'validate'),
-        ({'summary.json': {'method': 'rls', 'choice': []}}, 'demo'),
-        ({'summary.json': {'method': 'rls', 'tracking': {}}}, 'demo'),
-        ({'summary.json': {'runs': []}}, 'compensate'),
-    ],
-)
-def test_a_folder_without_a_marker_is_known_by_its_summary(
-    tmp_path: Path, files: dict[str, object], verb: str
-) -> None:
-    for name, text in files.items():
-        (tmp_path / name).write_text(json.dumps(text))
+def test_files_of_a_person_are_not_written_over(tmp_path: Path) -> None:
+    (tmp_path / 'model.yaml').write_text('by hand')
+    for refuse in (check_folder, claim, clear):
+        with pytest.raises(PiezoError, match='holds files that are no results; give identify'):
+            refuse(tmp_path, 'identify')
+    with pytest.raises(PiezoError, match='no results'):
+        write_folder(tmp_path, {'a.png': b'1'}, 'identify')
+    assert content(tmp_path) == {'model.yaml': b'by hand'}
+
+
+def test_overwrite_makes_a_folder_the_verbs_own(tmp_path: Path) -> None:
+    overwrite(tmp_path / 'new', 'identify')
+    assert not (tmp_path / 'new').exists()
+    (tmp_path / 'mine.txt').write_text('mine')
+    overwrite(tmp_path, 'identify')
+    write_folder(tmp_path, {'summary.json': '{}', 'a.png': b'1'}, 'identify')
+    overwrite(tmp_path, 'discover')
+    write_folder(tmp_path, {'summary.json': '[]'}, 'discover')
+    assert set(content(tmp_path)) == {'summary.json', 'mine.txt', MARKER}
     found = marker_of(tmp_path)
     assert found is not None
-    assert found.verb == verb
-    check_folder(tmp_path, verb)
-    with pytest.raises(PiezoError, match=f'results of {verb}'):
-        check_folder(tmp_path, 'identify' if verb != 'identify' else 'discover')
-
-
-def test_files_of_a_person_are_not_written_over(tmp_path: Path) -> None:
-    (tmp_path / 'data.csv').write_text('')
-    check_folder(tmp_path, 'identify')
-    (tmp_path / 'model.yaml').write_text('by hand')
-    with pytest.raises(PiezoError, match=r'holds model\.yaml of unknown origin'):
-        check_folder(tmp_path, 'identify')
-    (tmp_path / 'a.png').write_bytes(b'')
-    with pytest.raises(PiezoError, match=r'a\.png'):
-        write_folder(tmp_path, {'a.png': b'1'}, 'identify')
-
-
-def test_a_bag_stays_a_bag(tmp_path: Path) -> None:
-    (tmp_path / 'metadata.yaml').write_text('')
-    with pytest.raises(PiezoError, match='holds a recording'):
-        check_folder(tmp_path, 'identify')
+    assert found.verb == 'discover'
 
 
 def test_a_marker_leads_to_no_other_folder(tmp_path: Path) -> None:
@@ -105,6 +90,7 @@ def test_a_marker_leads_to_no_other_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize('text', ['', '[]', '{"verb": 3}', '{"verb": "identify", "files": 5}'])
 def test_a_broken_marker_is_no_accident(tmp_path: Path, text: str) -> None:
     (tmp_path / MARKER).write_text(text)
+    overwrite(tmp_path, 'identify')
     write_folder(tmp_path, {'summary.json': '{}'}, 'identify')
     assert json.loads((tmp_path / MARKER).read_text())['files'] == ['summary.json']
 
@@ -178,7 +164,11 @@ def test_a_verb_takes_its_own_folder_again(
     verb: str, files: tuple[Path, Path], tmp_path: Path
 ) -> None:
     words = [*VERBS[verb](*files), '--out', str(tmp_path / 'out')]
-    assert main(words) == 0
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'out' / 'mine.txt').write_text('mine')
+    assert main(words) == 2
+    assert main([*words, '--overwrite']) == 0
+    (tmp_path / 'out' / 'mine.txt').unlink()
     assert main(words) == 0
     found = marker_of(tmp_path / 'out')
     assert found is not None

@@ -13,14 +13,12 @@ from typing import Any
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.batch.tasks import Task
-from piezo_hysteresis.errors import PiezoError, RecordError
+from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.records.formats.reading import FORMATS
-from piezo_hysteresis.reporting.folder import MARKER, RESULTS, write_folder
+from piezo_hysteresis.reporting.folder import clear, write_folder
 
 NOTE = 'job.json'  # written last: where it names the fingerprint, the folder is whole
-# What the verbs leave; nothing else is ever deleted.
-LEFT = (*RESULTS, '*.png', MARKER)
 
 #: Endings of files of columns that are looked for in folders.
 COLUMNS = ('.csv', *FORMATS)
@@ -59,7 +57,7 @@ class Job:
         # a refusal of the data is a result; any other failure may have been of the machine
         return row if isinstance(row, dict) and row.get('state') in ('done', 'refused') else None
 
-    def begin(self) -> None:
+    def begin(self, verb: str) -> None:
         """Take away what an earlier run left, and that alone.
 
         Raises
@@ -67,13 +65,8 @@ class Job:
         PiezoError
             If the folder holds something that no batch has put there.
         """
-        folder = Path(self.folder)
-        if folder.is_dir() and any(folder.iterdir()) and not (folder / NOTE).is_file():
-            raise PiezoError(f'{folder} holds other files; name another folder with --out')
+        clear(self.folder, verb)
         self.note({})
-        for pattern in LEFT:
-            for path in folder.glob(pattern):
-                path.unlink()
 
     def note(self, row: dict[str, Any]) -> None:
         """Write down how the job ended; an empty row says that it has started."""

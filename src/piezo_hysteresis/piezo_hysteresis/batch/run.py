@@ -83,10 +83,10 @@ def run_batch(
         If there are no data, `out` cannot be written or holds the results of another verb, no
         process can start, or the given executor broke down; what is finished is kept.
     """
-    from piezo_hysteresis.batch.table import TABLES, write_tables  # draws: not for the workers
+    from piezo_hysteresis.batch.table import write_tables  # draws: not for the workers
 
     jobs = jobs_of(task, data, out)
-    claim(out, f'batch {task.verb}', TABLES)
+    claim(out, f'batch {task.verb}')
     rows = {job.name: row for job in jobs if (row := job.finished()) is not None}
     resumed = len(rows)
 
@@ -114,7 +114,7 @@ def work(task: Task, job: Job) -> Row:
     if (known := job.finished()) is not None:  # a cluster lost the answer, not the work
         return known
     try:
-        job.begin()
+        job.begin(task.verb)
     except PiezoError as error:  # a folder that is not ours gets no note either
         return _row(job, 'failed', str(error), started)
     try:

@@ -18,8 +18,6 @@ from piezo_hysteresis.reporting.units import micrometres
 
 _SHOWN = 1000  # rows of the page; the table has all
 
-TABLES = ('results.csv', 'results.parquet', 'index.html')
-
 
 def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
     """Write results.csv, results.parquet and index.html.

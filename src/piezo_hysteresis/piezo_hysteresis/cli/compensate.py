@@ -25,6 +25,7 @@ from piezo_hysteresis.cli.compensate_study import (
     run_study,
 )
 from piezo_hysteresis.cli.compensate_study import write_results as write
+from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -60,12 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='parameters and effects of a simulated plant: effects.creep=true',
     )
     add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
-    add(
-        '--out',
-        required=True,
-        metavar='DIR',
-        help='folder of report.html and numbers',
-    )
+    add_out(parser)
     add('--rate', type=float, help='sampling rate [Hz]; that of the model data, or 1000')
     add('--low', type=float, help='lowest voltage [V]; of the preset, or -1.2')
     add('--high', type=float, help='highest voltage [V]; of the preset, or 1.2')

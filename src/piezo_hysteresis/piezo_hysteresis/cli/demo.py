@@ -18,6 +18,7 @@ from typing import Any
 
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.errors import IdentificationError
 
 HELP = 'record, identify, compensate and report; or identify your own record'
@@ -25,9 +26,10 @@ HELP = 'record, identify, compensate and report; or identify your own record'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
-    add = parser.add_argument
-    add('--data', nargs='+', metavar='DATA', help='your own bags or CSV files, instead')
-    add('--out', default='out/demo', metavar='DIR', help='folder of the results (out/demo)')
+    parser.add_argument(
+        '--data', nargs='+', metavar='DATA', help='your own bags or CSV files, instead'
+    )
+    add_out(parser, 'out/demo')
 
 
 def run(arguments: argparse.Namespace) -> int:

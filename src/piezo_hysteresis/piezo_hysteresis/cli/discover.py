@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
-from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
+from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.threads import number_of_workers
 
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DATA',
         help='data of the actuator as it was: what the baseline misses there is no news',
     )
-    add('--out', required=True, metavar='DIR', help='folder of the results')
+    add_out(parser)
     add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')

@@ -14,13 +14,14 @@ import yaml
 
 from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.common.wording import counted
-from piezo_hysteresis.errors import PiezoError, RecordError
+from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, survey, write_csv
 from piezo_hysteresis.records.columns import LENGTHS
 from piezo_hysteresis.records.formats.writing import WRITTEN, write_table
 from piezo_hysteresis.records.tabular import INFO_FILE
+from piezo_hysteresis.reporting.folder import replacing
 
 # What is a model and no data.
 MODELS = ('.yaml', '.yml')
@@ -33,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV; or MODEL.yaml'
     )
-    parser.add_argument('--out', required=True, metavar='DIR', help='folder to create')
+    add_out(parser)
     _configure_records(parser)
     export_library.configure(parser)
 
@@ -71,14 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
         return export_library.run(arguments)
     found = survey(arguments.data, salvage=arguments.salvage, actuator=arguments.actuator)
     folder = Path(arguments.out)
-    if folder.exists():
-        raise RecordError(f'{folder} exists already; remove it or choose another name')
-    try:
-        with write_atomically(folder) as temporary:
-            temporary.mkdir()
-            _write(temporary, found.records, arguments.unit, arguments.format)
-    except OSError as error:
-        raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
+    with replacing(folder, 'export') as made:
+        _write(made, found.records, arguments.unit, arguments.format)
     print_survey_notes(found)
     print(f'{counted(len(found.records), "file")} in {folder}')
     return 0

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import talk
 from piezo_hysteresis.cli.progress import progress_bar
-from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
+from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES
 from piezo_hysteresis.threads import number_of_workers
@@ -58,7 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='NAME[+BLOCK...]|YAML',
         help=f'{", ".join(NAMES)}, with further blocks behind a +; or a model.yaml to start from',
     )
-    add('--out', required=True, metavar='DIR', help='folder of the results')
+    add_out(parser)
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
     add('--seed', type=int, default=0, help='seed of the searches')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')

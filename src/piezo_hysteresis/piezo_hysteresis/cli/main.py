@@ -109,21 +109,25 @@ def _run(given: list[str]) -> int:
     plain = verb in PLAIN
     arguments = parser.parse_args(given[1:] if plain else [*early, *given[1:]])
     talk.choose(talk.parsed(early) if plain else arguments)
-    replaces = _earlier(arguments, verb)
+    replaces = _prepared(arguments, verb)
     code = int(module.run(arguments))
     if replaces and code == 0:
-        talk.warn(f'{arguments.out}: the results of an earlier {verb} are replaced', 'note')
+        talk.warn(f'{arguments.out}: {replaces} are replaced', 'note')
     return code
 
 
-def _earlier(arguments: argparse.Namespace, verb: str) -> bool:
-    """Whether the folder that is named holds results of this verb."""
-    out = getattr(arguments, 'out', None)
-    if out is None or verb == 'batch':
-        return False
-    from piezo_hysteresis.reporting.folder import earlier
+def _prepared(arguments: argparse.Namespace, verb: str) -> str:
+    """Return whose results the named folder holds; with ``--overwrite`` it is made `verb`'s."""
+    if not hasattr(arguments, 'overwrite'):
+        return ''
+    from piezo_hysteresis.reporting.folder import marker_of, overwrite
 
-    return earlier(out, verb)
+    earlier = marker_of(arguments.out)
+    if arguments.overwrite:
+        overwrite(arguments.out, f'batch {arguments.each}' if verb == 'batch' else verb)
+    if earlier is None or verb == 'batch':
+        return ''
+    return f'the results of an earlier {earlier.verb}'
 
 
 def _overview(given: list[str]) -> int:

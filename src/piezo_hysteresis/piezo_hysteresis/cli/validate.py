@@ -12,7 +12,7 @@ import json
 import time
 
 from piezo_hysteresis.cli import talk
-from piezo_hysteresis.cli.record_words import START_HELP, STARTS, ZERO_HELP, ZEROS
+from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.models import ModelFile
 
 HELP = 'free-run and one-step errors of a saved model'
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add('--model', required=True, metavar='YAML', help='what identify or discover wrote')
-    add('--out', required=True, metavar='DIR', help='folder of the results')
+    add_out(parser)
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
     add('--steady', action='store_true', help=_STEADY)
     add('--start', choices=STARTS, default='auto', help=START_HELP)

@@ -1,4 +1,4 @@
-"""Folders of results: every file whole, or none; one verb's results never over another's."""
+"""Folders of results: every file whole, or none; only a verb's own results are replaced."""
 
 from __future__ import annotations
 
@@ -17,10 +17,6 @@ from piezo_hysteresis.errors import PiezoError
 
 # Says which verb filled a folder, and with which files.
 MARKER = '.results.json'
-# What the verbs leave besides figures.
-RESULTS = (
-    'summary.json', 'verdict.json', 'model.yaml', 'params.yaml', 'simulator.yaml', 'report.html',
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -45,28 +41,16 @@ class FolderMarker:
 
 
 def marker_of(folder: str | Path) -> FolderMarker | None:
-    """Return whose results a folder holds, None where it says nothing of it.
-
-    A folder without a marker (a copy, or of an earlier version) is known by its summary.
-    """
+    """Return whose results a folder holds, None where it says nothing of it."""
     content = _read(Path(folder) / MARKER)
-    if isinstance(content.get('verb'), str):
-        files = content.get('files')
-        names = files if isinstance(files, list) else []
-        # Plain names only: what a file says must not lead out of its folder.
-        return FolderMarker(
-            content['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n))
-        )
-    if (Path(folder) / 'verdict.json').is_file():
-        return FolderMarker('discover')
-    summary = _read(Path(folder) / 'summary.json')
-    if 'tracking' in summary or 'choice' in summary:
-        return FolderMarker('demo')
-    if 'runs' in summary:
-        return FolderMarker('compensate')
-    if 'method' in summary:
-        return FolderMarker('validate' if summary['method'] == 'validate' else 'identify')
-    return None
+    if not isinstance(content.get('verb'), str):
+        return None
+    files = content.get('files')
+    names = files if isinstance(files, list) else []
+    # Plain names only: what a file says must not lead out of its folder.
+    return FolderMarker(
+        content['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n))
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -81,45 +65,38 @@ def _plain(name: str) -> bool:
     return Path(name).name == name and name not in ('', '.', '..')
 
 
-def check_folder(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) -> None:
-    """Refuse a folder whose content is not of `verb`; ask before long work.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Where results shall go; it need not be there.
-    verb : str
-        That wants to leave them.
-    names : iterable of str
-        Files that it would replace.
+def check_folder(folder: str | Path, verb: str) -> None:
+    """Refuse a folder that holds anything but results of `verb`; ask before long work.
 
     Raises
     ------
     PiezoError
-        If the folder holds a recording, results of another verb, or such files that no verb left
-        there.
+        If the folder holds results of another verb, or files and no results.
     """
     target = Path(folder)
+    found = marker_of(target)
     try:
-        _check(target, verb, names)
+        if found is None and target.is_dir() and any(target.iterdir()):
+            held = 'files that are no results'
+        elif found is not None and found.verb != verb:
+            held = f'the results of {found.verb}'
+        else:
+            return
     except OSError as error:
         raise _unwritable(target, error) from error
+    raise PiezoError(
+        f'{target} holds {held}; give {verb} a folder of its own, or --overwrite to write there'
+    )
 
 
-def _check(target: Path, verb: str, names: Iterable[str]) -> None:
-    found = marker_of(target)
-    own = f'give {verb} a folder of its own, such as {target}-{verb.replace(" ", "-")}'
-    if found is not None and found.verb != verb:
-        raise PiezoError(f'{target} holds the results of {found.verb}; {own}')
-    if (target / 'metadata.yaml').is_file():
-        raise PiezoError(f'{target} holds a recording; {own}')
-    if found is None:
-        there = sorted(name for name in names if (target / name).exists())
-        if there:
-            raise PiezoError(f'{target} holds {", ".join(there)} of unknown origin; {own}')
+def overwrite(folder: str | Path, verb: str) -> None:
+    """Let `verb` write into a folder whatever it holds; results of another verb are replaced."""
+    if Path(folder).is_dir():
+        found = marker_of(folder)
+        _mark(folder, FolderMarker(verb, found.files if found is not None else ()))
 
 
-def claim(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) -> None:
+def claim(folder: str | Path, verb: str) -> None:
     """Mark a folder before long work whose results come one by one; what is in it stays.
 
     Raises
@@ -127,9 +104,27 @@ def claim(folder: str | Path, verb: str, names: Iterable[str] = RESULTS) -> None
     PiezoError
         As `check_folder` does, or if the folder cannot be written.
     """
-    check_folder(folder, verb, names)
+    check_folder(folder, verb)
     if not (Path(folder) / MARKER).is_file():
-        write_folder(folder, {MARKER: FolderMarker(verb).text()})
+        _mark(folder, FolderMarker(verb))
+
+
+def clear(folder: str | Path, verb: str) -> None:
+    """Take the results of an earlier run of `verb` away, other files stay; mark the folder.
+
+    Raises
+    ------
+    PiezoError
+        As `check_folder` does, or if the folder cannot be written.
+    """
+    check_folder(folder, verb)
+    for name in _stale(Path(folder), ()):
+        (Path(folder) / name).unlink()
+    _mark(folder, FolderMarker(verb))
+
+
+def _mark(folder: str | Path, marker: FolderMarker) -> None:
+    write_folder(folder, {MARKER: marker.text()})
 
 
 def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str = '') -> None:
@@ -154,7 +149,7 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
     target = Path(folder)
     stale: set[str] = set()
     if verb:
-        check_folder(target, verb, files)
+        check_folder(target, verb)
         stale = _stale(target, files)
         files = {MARKER: FolderMarker(verb, tuple(files)).text(), **files}
     waiting: list[tuple[Path, Path]] = []
@@ -177,15 +172,6 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
                 temporary_path.unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable(target, error) from error
-
-
-def earlier(folder: str | Path, verb: str) -> bool:
-    """Whether a folder holds results of `verb`, which another run of it replaces."""
-    try:
-        found = marker_of(folder)
-    except OSError:  # a path that cannot be; the verb says so
-        return False
-    return found is not None and found.verb == verb
 
 
 def _stale(folder: Path, names: Iterable[str]) -> set[str]:

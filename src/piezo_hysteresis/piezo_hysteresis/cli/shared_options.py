@@ -1,0 +1,32 @@
+"""Options that several verbs share: start and zero of records, folder of results."""
+
+from __future__ import annotations
+
+import argparse
+
+from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
+from piezo_hysteresis.identification.initial_conditions.revision import ZEROS
+
+__all__ = ['STARTS', 'START_HELP', 'ZEROS', 'ZERO_HELP', 'add_out']
+
+START_HELP = (
+    'how records begin: at rest at 0 V with a step (step), at rest at their first voltage (rest), '
+    'in their own steady cycle (settled), in a state to be estimated (estimate), or as the data '
+    'say (auto)'
+)
+ZERO_HELP = (
+    'zero of the displacement: one for all records (common), one for each (record), or as the '
+    'data say (auto)'
+)
+
+
+def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """Add ``--out DIR`` and ``--overwrite``; without a default the folder must be named."""
+    note = '' if default is None else f' ({default})'
+    parser.add_argument(
+        '--out', required=default is None, default=default, metavar='DIR',
+        help=f'folder of the results; those of the same verb are replaced{note}',
+    )  # fmt: skip
+    parser.add_argument(
+        '--overwrite', action='store_true', help='write there whatever the folder holds'
+    )
