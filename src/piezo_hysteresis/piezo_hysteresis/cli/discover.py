@@ -97,6 +97,7 @@ def task_of(arguments: argparse.Namespace) -> Discover:
 
 def _tell(verdict: Any, out: str) -> None:
     """Print the verdict, what is sure about it and what to do next."""
+    from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.discovery_report import chance_words, effect_values
     from piezo_hysteresis.reporting.folding import folded
 
@@ -110,6 +111,8 @@ def _tell(verdict: Any, out: str) -> None:
             print(f'    or {other.name} (probability {other.probability:.3g})')
     if verdict.unexplained.significant:
         print(f'  left: {verdict.unexplained.description}')
+    if verdict.detection_limits:
+        print(f'  would have shown from: {limits_line(verdict.detection_limits)}')
     for each in verdict.next_experiments:
         print(f'  next: {each}')
     print(f'written to {out} ({verdict.seconds:.1f} s); open {out}/report.html')

@@ -11,6 +11,7 @@ from pathlib import Path
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, check
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.deadline import Deadline
@@ -136,7 +137,13 @@ def discover(
     found = outcome.found
     measured = found.evaluator.measured
     proof = prove(measured, outcome.before, outcome.after)
-    verdict = tell(coverage, base, outcome, proof, name or base.joint.model.name, seed, own)
+    limits: tuple[DetectionLimit, ...] = ()
+    if len(own) < len(given) and not end.skips('detection limits'):
+        progress(0.97, 'calculating detection limits')
+        limits = detection_limits(found.evaluator, found.final, found.start)
+    verdict = tell(
+        coverage, base, outcome, proof, name or base.joint.model.name, seed, own, limits
+    )
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,

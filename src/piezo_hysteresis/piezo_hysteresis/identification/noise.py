@@ -47,6 +47,9 @@ _SLOWEST = 0.99
 _TERMS = 400
 # Standard deviations within which what may be is taken to lie.
 SURE = 3.0
+# Samples of differences that tell as much as a line of a spectrum: 300 draws of white noise of 500
+# to 40 000 samples scatter by 11 to 1.1 %, which is 0.72 / sqrt(lines) with a tenth of the samples.
+_SAMPLES_A_LINE = 10
 _LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
 # Levels from which the smallest distance between two is the step of a converter, and none of a
 # drive that knows few levels.
@@ -361,4 +364,5 @@ def differences_noise(measured: FloatArray) -> Noise:
         quiet = np.sort(sizes)[: max(count // 2, 1)]
         found.append((_MAD * float(np.median(quiet)) / sqrt(comb(2 * order, order)), order))
     rms, order = min(found)
-    return Noise(rms / (1.0 - _LOWER_HALF / sqrt(length)), measured.size // 4, order=order)
+    lines = max(measured.size // _SAMPLES_A_LINE, 1)
+    return Noise(rms / (1.0 - _LOWER_HALF / sqrt(length)), lines, order=order)

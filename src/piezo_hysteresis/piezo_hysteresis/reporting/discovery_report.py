@@ -13,6 +13,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, jud
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.reporting.detection_table import detection_section
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import (
@@ -37,6 +38,7 @@ def discovery_page(found: Discovery) -> str:
         _where(found),
         _what(verdict),
         _how_sure(verdict),
+        detection_section(verdict.detection_limits),
         _next(verdict, found.check),
         _model(found),
     ]

@@ -18,6 +18,7 @@ from math import inf
 import numpy as np
 from scipy.special import chdtrc
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
@@ -196,6 +197,13 @@ class HeldEvaluator(Evaluator):
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether there is news anywhere."""
         return self.shows_news(fit) or self.shows_news_held_out(fit)
+
+    def would_show(
+        self, fit: CandidateFit, start: CandidateFit, changes: Sequence[FloatArray]
+    ) -> bool:
+        """Return whether changes of what a model leaves of its views would be news."""
+        found = zip(_beside(fit, self.expected), fit.errors, changes, strict=True)
+        return any(each.news(each.powers(e) + each.powers(c)) for each, e, c in found)
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is better by more than chance, candidates counted."""

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset, thinned
 from piezo_hysteresis.discovery.data.tones import on_one_clock
 from piezo_hysteresis.discovery.selection import rules
@@ -107,6 +108,16 @@ class Evaluator(ABC):
     @abstractmethod
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether there is something left to look for, `start` being the baseline."""
+
+    @abstractmethod
+    def would_show(
+        self, fit: CandidateFit, start: CandidateFit, changes: Sequence[FloatArray]
+    ) -> bool:
+        """Return whether changes of what a model leaves of its views would open a search [m].
+
+        Changes and errors have nothing to do with each other: their powers add up. The answer is
+        yes where it holds with a probability of 95 % over the noise.
+        """
 
     @abstractmethod
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:

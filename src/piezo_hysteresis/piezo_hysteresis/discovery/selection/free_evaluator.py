@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import hypot, sqrt
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
@@ -29,6 +31,8 @@ from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Candidate
 
 _AUTO = Choices()
+# Standard deviations below the mean that a normal number is with a chance of 5 %.
+_ONE_IN_TWENTY = 1.645
 
 
 class FreeEvaluator(Evaluator):
@@ -137,6 +141,18 @@ class FreeEvaluator(Evaluator):
         """Return whether more is left than noise; a trace in one record may be the laws' own."""
         trace = self.excess(fit) < min(self.negligible, self.discrepancy(fit, start))
         return self.shows_a_gap(fit) and not trace
+
+    def would_show(
+        self, fit: CandidateFit, start: CandidateFit, changes: Sequence[FloatArray]
+    ) -> bool:
+        """Return whether changes would be more than noise, also where chance makes noise small."""
+        total = sum(e.size for e in fit.errors)
+        low = 1.0 - _ONE_IN_TWENTY * hypot(self.data.noise.doubt, sqrt(2.0 / total))
+        larger = tuple(
+            np.full(c.size, sqrt(max(low, 0.0) * noise**2 + float(c @ c) / c.size))
+            for c, noise in zip(changes, fit.noises, strict=True)
+        )
+        return self.lacks_something(replace(fit, errors=larger), start)
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is better by more than chance."""

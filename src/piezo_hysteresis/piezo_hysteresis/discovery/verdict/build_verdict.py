@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from piezo_hysteresis.discovery.data.check import Check
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit
+from piezo_hysteresis.discovery.detection.statements import sentence, statements
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.baseline import Baselines
@@ -30,6 +32,7 @@ def tell(
     name: str,
     seed: int,
     own: Sequence[str] = (),
+    limits: Sequence[DetectionLimit] = (),
 ) -> Verdict:
     """Return the verdict on a search.
 
@@ -49,6 +52,8 @@ def tell(
         Of the search.
     own : sequence of str
         Records that were given and that the file of the baseline was made from.
+    limits : sequence of DetectionLimit
+        The smallest effects that the records would have shown.
     """
     found, left = outcome.found, outcome.remainder
     final = found.final
@@ -62,7 +67,7 @@ def tell(
     if kind == 'none':
         short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
         clock = f'A delay of up to {short} would pass for the clock of the records.'
-        description = f'{description} {clock}'.strip()
+        description = f'{description} {clock} {sentence(statements(limits))}'.strip()
     verdict = Verdict(
         baseline=name,
         seed=seed,
@@ -107,6 +112,7 @@ def tell(
         not_tried=tuple(found.evaluator.deadline.untried),
         identified_from=tuple(own),
         held_baseline=isinstance(found.evaluator, HeldEvaluator),
+        detection_limits=tuple(limits),
     )
     if {view.name for view in (*data.training, *data.held_out)} <= set(own):
         verdict = replace(verdict, next_experiments=instead(base.joint.model))

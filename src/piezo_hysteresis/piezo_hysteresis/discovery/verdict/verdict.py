@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit
+
 
 @dataclass(frozen=True)
 class Number:
@@ -107,6 +109,7 @@ class Verdict:
     not_tried: tuple[str, ...] = ()
     identified_from: tuple[str, ...] = ()
     held_baseline: bool = False
+    detection_limits: tuple[DetectionLimit, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, ready for JSON; numbers that are not finite become None."""

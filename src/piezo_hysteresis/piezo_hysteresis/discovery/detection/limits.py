@@ -1,0 +1,345 @@
+"""How small an effect the records would have shown, and from which size on it has one name.
+
+An effect of size s changes the response by x(s). A fit of the baseline absorbs a part of it: what
+parameters that are fitted, the clock and the zero of each record can do. The rest p(s) is compared
+with the residual r of the final model in two ways:
+
+    d(s) = |p(s)| in standard deviations of chance, from the spectrum of r;
+    the search is opened by r and p(s) together (the test that opens every search).
+
+The detection limit is the smallest size that opens the search with d >= 4.9: the probability that
+chance hides such an effect is 5 %, that chance alone looks like it 1 in 2000. Two effects k and l
+are told apart from the size on at which d_kl, the distance between x_k and the nearest multiple of
+x_l, is 7 or more. Below that the names are one class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.data.dataset import thinned
+from piezo_hysteresis.discovery.detection.whitening import Nuisances, Whitening
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    errors_of,
+    judged_on,
+)
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.free_run import StageCache
+from piezo_hysteresis.identification.qr import inner
+from piezo_hysteresis.models import Candidate
+
+# Distance of an effect from chance that shows with a power of 95 %: 3.29 + 1.64 deviations.
+DETECTED = 4.93
+# Distance of an effect from every other that leaves one name: calibrated on hidden effects, where
+# theory (3.3) names too early.
+APART = 7.0
+# A neutral value this large means infinity: a threshold that is never reached.
+_INFINITE = 1e3
+# Simulations of one effect at most.
+_SIMULATIONS = 12
+# How near its size must be to the limit, and two sizes between which a threshold lies.
+_NEAR, _CLOSE = 1.15, 1.05
+# Sizes, in starts of the effect, between which a limit is looked for.
+_SMALLEST, _LARGEST = 1e-7, 1e4
+# Steps towards parameters and clock, as shares of their scale and of a tick.
+_STEP, _TICK = 1e-4, 0.05
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """The smallest size of one effect that the records would have shown.
+
+    Attributes
+    ----------
+    effect, variant : str
+        Its name, and the way in which it enters.
+    size : dict of str to float
+        Values at the limit of the parameters that say how large it is, SI units.
+    neutral : dict of str to float
+        Values of the same parameters with which the effect changes nothing.
+    shape : dict of str to float
+        Its other parameters: the limit holds for these.
+    units : dict of str to str
+        Of both.
+    displacement_rms_m : float
+        Rms by which it changes the response at the limit, before a fit absorbs some of it [m].
+    shown : bool
+        Whether it would have shown at any size that its parameters can have.
+    apart_factor : float
+        Size, in units of the limit, from which on no other effect looks like it.
+    nearest : str
+        The effect that looks most like it; empty where there is no other.
+    experiment : str
+        What shows a smaller one.
+    """
+
+    effect: str
+    variant: str
+    size: dict[str, float]
+    neutral: dict[str, float]
+    shape: dict[str, float]
+    units: dict[str, str]
+    displacement_rms_m: float
+    shown: bool
+    apart_factor: float
+    nearest: str
+    experiment: str
+
+
+@dataclass(frozen=True)
+class _Signature:
+    """What an effect of some size does to the response."""
+
+    candidate: Candidate
+    values: Mapping[str, float]
+    scale: float
+    rms: float
+    whitened: FloatArray
+    shown: bool
+
+
+def detection_limits(
+    evaluator: Evaluator, final: CandidateFit, start: CandidateFit
+) -> tuple[DetectionLimit, ...]:
+    """Return the limit of every effect beyond those of `final`, variants and shapes apart.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        By which the search was judged.
+    final, start : CandidateFit
+        The model with all that was found, and the baseline.
+    """
+    return Records(evaluator, final, start).limits()
+
+
+class Records:
+    """What thinned training records tell of effects that a model does not have.
+
+    Parameters
+    ----------
+    evaluator, final, start
+        As of `detection_limits`.
+    """
+
+    def __init__(self, evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> None:
+        data, samples = evaluator.data, evaluator.policy.screening_samples
+        views = thinned(data.training, samples, data.periods)
+        self._longer = sum(v.measured.size for v in data.training) / sum(
+            v.measured.size for v in views
+        )
+        if self._longer > 1.0:
+            evaluator = evaluator.with_data(replace(data, training=views))
+        self._evaluator, self._views, self._start = evaluator, views, start
+        self._final = judged_on(final, views) if self._longer > 1.0 else final
+        self._whitening = Whitening(self._final.errors, self._final.noises)
+        self._cache = StageCache(final.model, final.model.pack(final.values), views)
+        self._errors = errors_of(final, views, self._cache)
+        self._nuisances = self._directions()
+
+    def limits(self) -> tuple[DetectionLimit, ...]:
+        """Return the limit of every effect, see `detection_limits`."""
+        evaluator = self._evaluator
+        pairs = [
+            (candidate, start)
+            for candidate in evaluator.candidates(self._final)
+            if candidate.neutral and not candidate.effect.refits
+            for start in candidate.starts
+        ]
+        found = evaluator.map(lambda pair: self._at_limit(*pair), pairs)
+        signatures = [each for each in found if each is not None]
+        shown = [each for each in signatures if each.shown]
+        return tuple(self._limit(each, shown) for each in signatures)
+
+    # --- nuisances -------------------------------------------------------------------------
+
+    def _directions(self) -> Nuisances:
+        """Return what a fit would adjust: free parameters, and the clock within its bounds."""
+        final, free = self._final, []
+        for name in self._evaluator.free_of(final):
+            row = next(q for q in final.model.parameters if q.name == name)
+            step = _STEP * max(abs(final.values[name]), 1e-2 * row.scale)
+            step = step if final.values[name] + step <= row.high else -step
+            change = self._change(replace_values(final, {name: final.values[name] + step}))
+            if change is not None and np.any(change):
+                free.append(change / np.sqrt(inner(change, change)))
+        dt = self._views[0].dt
+        later = replace_values(final, {}, final.sampling_offset + _TICK * dt)
+        clock = self._change(later)
+        clock = np.zeros(sum(self._whitening.sizes)) if clock is None else clock / (_TICK * dt)
+        return Nuisances(free, clock, self._evaluator.unseen_delay)
+
+    def _change(self, spec: ModelSpec) -> FloatArray | None:
+        """Return by what a model differs from the final one, whitened; None where it diverges."""
+        changes = self._changes(spec)
+        return None if changes is None else self._whitening(changes)
+
+    def _changes(self, spec: ModelSpec) -> list[FloatArray] | None:
+        try:
+            errors = errors_of(spec, self._views, self._cache)
+        except PiezoError:
+            return None
+        if not all(np.all(np.isfinite(e)) for e in errors):
+            return None
+        return [old - new for old, new in zip(self._errors, errors, strict=True)]
+
+    # --- the size at which an effect shows -------------------------------------------------
+
+    def _at_limit(self, candidate: Candidate, start: Mapping[str, float]) -> _Signature | None:
+        """Return an effect at the size at which it shows, or as large as it can be."""
+        scale, hidden, best = 1.0, 0.0, None
+        for _ in range(_SIMULATIONS):
+            found = self._signature(candidate, start, scale)
+            factor = np.inf if found is None else self._factor(found)
+            if found is not None and factor <= 1.0:
+                best = found
+                if factor > 1.0 / _NEAR:
+                    break
+            elif found is None and best is None:  # too large a start makes some models diverge
+                scale *= 0.1
+                continue
+            else:
+                hidden = max(hidden, scale)
+            if best is not None and hidden > best.scale / _CLOSE:
+                break
+            if best is None and factor == np.inf:
+                if found is None or found.values == self._scaled(candidate, start, 10.0 * scale):
+                    break
+                scale *= 10.0
+                continue
+            scale = self._next(scale, factor, hidden, best)
+            if best is not None and scale == best.scale:
+                break
+        if best is not None:
+            return replace(best, shown=True)
+        return self._signature(candidate, start, max(hidden, 1.0))
+
+    @staticmethod
+    def _next(scale: float, factor: float, hidden: float, best: _Signature | None) -> float:
+        """Return the size to look at next: where a linear effect shows, within what is known."""
+        aim = scale * factor * _NEAR**0.5 if factor < np.inf else 10.0 * scale
+        if best is None:
+            return aim if aim > hidden else 3.0 * hidden
+        if not hidden < aim < best.scale:
+            aim = float(np.sqrt(hidden * best.scale)) if hidden > 0.0 else 0.1 * best.scale
+        return aim
+
+    def _scaled(
+        self, candidate: Candidate, start: Mapping[str, float], scale: float
+    ) -> dict[str, float]:
+        return scaled(candidate, candidate.values(self._final.values, start), scale)
+
+    def _signature(
+        self, candidate: Candidate, start: Mapping[str, float], scale: float
+    ) -> _Signature | None:
+        values = self._scaled(candidate, start, scale)
+        spec = ModelSpec(
+            candidate.model, dict(values), sampling_offset=self._final.sampling_offset
+        )
+        changes = self._changes(spec)
+        if changes is None:
+            return None
+        rms = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+        left = self._nuisances.remove(self._whitening(changes))
+        return _Signature(candidate, values, scale, rms, left, False)
+
+    def _factor(self, found: _Signature) -> float:
+        """Return by how much an effect must be larger to show, if it is linear in its size."""
+        distance = np.sqrt(self._longer * inner(found.whitened, found.whitened))
+        low, high = DETECTED / distance if distance > 0.0 else np.inf, _LARGEST
+        if low > high:
+            return np.inf
+        parts = self._whitening.inverse(found.whitened)
+
+        def shows(factor: float) -> bool:
+            return self._evaluator.would_show(
+                self._final, self._start, [factor * part for part in parts]
+            )
+
+        low = max(low, _SMALLEST)
+        if shows(low):
+            return float(low)
+        if not shows(high):
+            return np.inf
+        for _ in range(30):
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if shows(middle) else (middle, high)
+            if high < 1.02 * low:
+                break
+        return float(high)
+
+    # --- what looks like it ----------------------------------------------------------------
+
+    def _limit(self, found: _Signature, others: Sequence[_Signature]) -> DetectionLimit:
+        candidate, effect = found.candidate, found.candidate.effect
+        nearest, distance = '', np.inf
+        for other in others:
+            if other.candidate.effect.name == effect.name:
+                continue
+            away = _distance(found.whitened, other.whitened, one_sided(other.candidate))
+            if away < distance:
+                nearest, distance = other.candidate.effect.name, away
+        distance *= np.sqrt(self._longer)
+        own = set(candidate.added)
+        units = {q.name: q.unit for q in candidate.model.parameters if q.name in own}
+        size = {k: found.values[k] for k in candidate.neutral if k in own}
+        shape = {k: found.values[k] for k in candidate.added if k not in size}
+        return DetectionLimit(
+            effect.name,
+            effect.variant,
+            size,
+            {k: candidate.neutral[k] for k in size},
+            shape,
+            units,
+            found.rms,
+            found.shown,
+            float(max(APART / max(distance, 1e-9), 1.0)),
+            nearest,
+            effect.experiment,
+        )
+
+
+def _distance(x: FloatArray, other: FloatArray, positive: bool) -> float:
+    """Return how far a change is from the nearest multiple of another."""
+    square = inner(other, other)
+    share = inner(x, other) / square if square > 0.0 else 0.0
+    left = x - (max(share, 0.0) if positive else share) * other
+    return float(np.sqrt(inner(left, left)))
+
+
+def one_sided(candidate: Candidate) -> bool:
+    """Return whether an effect can only go one way from where it changes nothing."""
+    lows = {q.name: q.low for q in candidate.model.parameters}
+    return all(value <= lows[name] for name, value in candidate.neutral.items())
+
+
+def scaled(candidate: Candidate, values: Mapping[str, float], scale: float) -> dict[str, float]:
+    """Return values of a candidate with the size of its effect multiplied, within its bounds.
+
+    Thresholds, which change nothing where they are infinite, are divided.
+    """
+    bounds = {q.name: (q.low, q.high) for q in candidate.model.parameters}
+    found = dict(values)
+    for name, neutral in candidate.neutral.items():
+        moved = (
+            neutral + scale * (values[name] - neutral)
+            if abs(neutral) < _INFINITE
+            else values[name] / scale
+        )
+        found[name] = float(np.clip(moved, *bounds[name]))
+    return found
+
+
+def replace_values(
+    spec: ModelSpec, values: Mapping[str, float], sampling_offset: float | None = None
+) -> ModelSpec:
+    """Return a model with some other values, and another clock where one is given."""
+    late = spec.sampling_offset if sampling_offset is None else sampling_offset
+    return ModelSpec(spec.model, {**spec.values, **values}, spec.added, late)

@@ -1,0 +1,85 @@
+"""Changes of a response in units of what chance leaves, with nuisance directions projected out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.qr import inner, orthonormal, projected_out
+
+# Bins of the periodogram over which the spectrum of a residual is averaged.
+_SMOOTHED = 15
+# Share of a direction that others leave of it, below which it is theirs.
+_DEPENDENT = 1e-7
+
+
+class Whitening:
+    """Divides by the spectrum of a residual, view by view, so that chance has unit variance.
+
+    The spectrum is nowhere less than that of the noise: a fit may have taken from a line what
+    chance had put there.
+
+    Parameters
+    ----------
+    errors : sequence of ndarray, shape (n_i,)
+        Residual of each view [m].
+    noises : sequence of float
+        Noise rms of each view [m].
+    """
+
+    def __init__(self, errors: Sequence[FloatArray], noises: Sequence[float]) -> None:
+        self.sizes = [error.size for error in errors]
+        self._roots = [
+            np.sqrt(np.maximum(_smooth(np.abs(np.fft.rfft(e)) ** 2 / e.size), noise**2))
+            for e, noise in zip(errors, noises, strict=True)
+        ]
+
+    def __call__(self, changes: Sequence[FloatArray]) -> FloatArray:
+        """Return changes of all views [m] one after another, in standard deviations."""
+        pairs = zip(changes, self._roots, strict=True)
+        return np.concatenate([np.fft.irfft(np.fft.rfft(c) / root, c.size) for c, root in pairs])
+
+    def inverse(self, whitened: FloatArray) -> list[FloatArray]:
+        """Return the changes of each view [m] that were whitened."""
+        parts = np.split(whitened, np.cumsum(self.sizes)[:-1])
+        pairs = zip(parts, self._roots, strict=True)
+        return [np.fft.irfft(np.fft.rfft(part) * root, part.size) for part, root in pairs]
+
+
+def _smooth(power: FloatArray) -> FloatArray:
+    """Return the running mean of a periodogram, shape (bins,)."""
+    width = min(_SMOOTHED, power.size)
+    counts = np.convolve(np.ones(power.size), np.ones(width), 'same')
+    return np.asarray(np.convolve(power, np.ones(width), 'same') / counts)
+
+
+class Nuisances:
+    """Directions that a fit would adjust, whitened.
+
+    Parameters
+    ----------
+    free : sequence of ndarray, shape (n,)
+        Directions whose coefficients are free: parameters of the baseline that are fitted.
+    bounded : ndarray, shape (n,)
+        One that lies within bounds: the response a second later, for the clock.
+    bound : float
+        The largest absolute coefficient of `bounded` [s].
+    """
+
+    def __init__(self, free: Sequence[FloatArray], bounded: FloatArray, bound: float) -> None:
+        rows = np.array([*free]) if free else np.zeros((0, bounded.size))
+        basis = orthonormal(rows, _DEPENDENT)
+        self._basis = basis[np.any(basis != 0.0, axis=1)]
+        self._bounded = projected_out(bounded, self._basis)[1]
+        self._square = inner(self._bounded, self._bounded)
+        self._bound = bound
+
+    def remove(self, change: FloatArray) -> FloatArray:
+        """Return what of a change no nuisance explains, shape (n,)."""
+        left = projected_out(change, self._basis)[1]
+        if self._square > 0.0:
+            share = inner(self._bounded, left) / self._square
+            left = left - float(np.clip(share, -self._bound, self._bound)) * self._bounded
+        return left

@@ -1,0 +1,61 @@
+"""Detection limits as a table of the report and as lines of the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from piezo_hysteresis.discovery.detection.limits import APART, DetectionLimit
+from piezo_hysteresis.discovery.detection.statements import in_prefixes, statements
+from piezo_hysteresis.models import described
+from piezo_hysteresis.reporting.page import PageSection, table
+
+_TEXT = (
+    'The smallest size of each known effect that these records would have shown with a '
+    'probability of 95 %, beyond what the model has already. Below it an effect can be there and '
+    'hide in the noise, in what the model is known to miss, or in fitted parameters. The last '
+    'column is the experiment that shows a smaller one. Limits hold for the shapes in brackets; '
+    'all variants are in verdict.json.'
+)
+_APART = (
+    f'Where another effect is named, its change of the response lies less than {APART:g} standard '
+    'deviations away at the limit: below the size given there, these records cannot tell the two '
+    'apart.'
+)
+
+
+def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
+    """Return the section of the report, None where no limits were calculated."""
+    if not limits:
+        return None
+    header = (
+        'effect',
+        'shows from',
+        'rms change of the response',
+        'looks like',
+        'shown better by',
+    )
+    rows = [
+        (
+            each.effect,
+            each.sizes + (f'; not {each.hidden}' if each.hidden else ''),
+            _range(each.displacement_m),
+            each.apart,
+            described(each.effect)[0].experiment,
+        )
+        for each in statements(limits)
+    ]
+    return PageSection(
+        'What these records would have shown', f'{_TEXT}\n\n{_APART}', (), (table(header, rows),)
+    )
+
+
+def limits_line(limits: Sequence[DetectionLimit]) -> str:
+    """Return one line for the terminal: each effect with the sizes from which on it shows."""
+    return '; '.join(f'{each.effect} {each.brief}' for each in statements(limits))
+
+
+def _range(metres: tuple[float, float]) -> str:
+    low, high = metres
+    if not low < 1.2 * high or high <= 1.2 * low:
+        return in_prefixes(high, 'm') if high == high else 'none'
+    return f'{in_prefixes(low, "m")} to {in_prefixes(high, "m")}'
