@@ -212,8 +212,8 @@ def _commands() -> str:
         '`ros2 run piezo_hysteresis VERB`. An error is one line that says what to do, exit code '
         '2.\n\nA folder of results belongs to the verb that filled it: run again, it replaces '
         'its own files. Any other folder that is not empty is refused before anything is '
-        'computed; `--overwrite` writes there all the same. Whose a folder is says the hidden file '
-        '`.results.json` in it.\n\n'
+        'computed; `--overwrite` writes there all the same. Whose a folder is says the hidden '
+        'file `.results.json` in it.\n\n'
         f'{NOTE.replace("docstrings", "programs")}'
     )
     parts = [head]

@@ -6,7 +6,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
@@ -31,7 +30,6 @@ from piezo_hysteresis.common import topics
 pytestmark = pytest.mark.ros
 
 SEED = 20
-POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 
 
 @pytest.fixture(scope='module')
@@ -55,41 +53,6 @@ def campaign_of(nodes: LiveNodes, folder: Path) -> Iterator[Campaign]:
     running.begin()
     yield running
     observer.close()
-
-
-def granted(profile: Xml.Element, kind: str, rule: str) -> set[str]:
-    groups = [group for group in profile.findall(f'{kind}s') if group.get(rule) == 'ALLOW']
-    return {'/' + str(each.text).lstrip('/') for group in groups for each in group}
-
-
-def test_the_security_policy_allows_what_every_node_does(campaign: Campaign) -> None:
-    graph = campaign.observer.node
-
-    def all_are_known() -> bool:
-        known = set(graph.get_node_names())
-        return set(NODES) <= known and all(
-            graph.get_service_names_and_types_by_node(name, '/')
-            and graph.get_publisher_names_and_types_by_node(name, '/')
-            for name in NODES
-        )
-
-    assert wait_until(all_are_known, 60.0)
-    profiles = {p.attrib['node']: p for p in Xml.parse(POLICY).getroot().iter('profile')}
-    attenuated = '/' + topics.VOLTAGE_ATTENUATED
-    between = {attenuated, topics.slew_of(attenuated)}  # the campaign remaps, the policy does not
-    for name in NODES:
-        profile = profiles[name]
-        said = {n for n, _ in graph.get_publisher_names_and_types_by_node(name, '/')}
-        heard = {n for n, _ in graph.get_subscriber_names_and_types_by_node(name, '/')}
-        served = {n for n, _ in graph.get_service_names_and_types_by_node(name, '/')}
-        actions = granted(profile, 'action', 'execute')
-
-        def own(names: set[str], actions: set[str] = actions) -> set[str]:
-            return {n for n in names if n.partition('/_action/')[0] not in actions} - between
-
-        assert own(said) <= granted(profile, 'topic', 'publish'), name
-        assert own(heard) <= granted(profile, 'topic', 'subscribe'), name
-        assert own(served) <= granted(profile, 'service', 'reply'), name
 
 
 def as_it_should_be(trial: Trial) -> bool:

@@ -1,4 +1,4 @@
-"""SROS 2 in earnest, where it is installed: a keystore of our policy, nodes that must show it."""
+"""SROS 2 in earnest, where it is installed: a keystore, and nodes that must have an enclave."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from xml.etree import ElementTree as Xml
 
 import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
 from piezo_hysteresis.common import topics
+from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import Reference
 
 pytestmark = pytest.mark.ros
 
-POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 NO_SECURITY = "doesn't have the security libraries"
 
 
@@ -33,7 +32,6 @@ def secured(started_processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
     for words in (
         ['create_keystore', keystore],
         ['create_enclave', keystore, enclave],
-        ['create_permission', keystore, enclave, str(POLICY)],
     ):
         subprocess.run(
             [
@@ -78,7 +76,7 @@ def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -
     assert code is None, text
 
 
-def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
+def test_a_feedforward_that_waits_for_its_reference_keeps_to_its_sheet(
     processes: LiveNodes, listener: Listener
 ) -> None:
     """It hears the actuator only then, so that a loop at work does not show it."""
@@ -97,9 +95,4 @@ def test_a_feedforward_that_waits_for_its_reference_keeps_to_the_policy(
         return 'feedforward' in listener.node.get_node_names() and topics.STATE in heard()
 
     listener.until(watches)
-    profile = Xml.parse(POLICY).getroot().find(".//profile[@node='feedforward']")
-    assert profile is not None
-    allowed = {
-        str(topic.text).strip('/') for topic in profile.iterfind('topics[@subscribe]/topic')
-    }
-    assert heard() <= allowed
+    assert heard() - {'clock', 'parameter_events'} <= set(SHEETS['feedforward'].subscribes)

@@ -1,13 +1,10 @@
-"""What keeps others out, as far as the source and the policy say: no node is started."""
+"""What keeps others out, as far as the source says: no node is started."""
 
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree as Xml
 
 import pytest
 
@@ -17,7 +14,6 @@ SOURCES = [
     for folder in ('src', 'tools', 'bench', 'studies')
     for file in sorted((ROOT / folder).rglob('*.py'))
 ]
-POLICY = ROOT / 'config' / 'security' / 'policy.xml'
 
 # Calls that would run what a file or a message says.
 FORBIDDEN = {'eval', 'exec', 'compile', '__import__', 'os.system', 'os.popen'}
@@ -89,61 +85,6 @@ def test_harmless_code_is_left_alone() -> None:
     assert not list(
         offences('import yaml\nyaml.safe_load(text)\nre.compile(text)\nf(shell=False)')
     )
-
-
-# --- who may say what ---------------------------------------------------------------------------
-
-
-def profiles() -> dict[str, Xml.Element]:
-    """Return the profile of every enclave of the policy, by the name of the node."""
-    root = Xml.parse(POLICY).getroot()
-    return {profile.attrib['node']: profile for profile in root.iter('profile')}
-
-
-def allowed(profile: Xml.Element, kind: str, rule: str) -> set[str]:
-    groups = [group for group in profile.findall(f'{kind}s') if group.get(rule) == 'ALLOW']
-    return {str(each.text) for group in groups for each in group}
-
-
-@pytest.mark.component
-def test_the_policy_is_up_to_date() -> None:
-    done = subprocess.run(
-        [sys.executable, 'tools/write_policy.py', '--check'], cwd=ROOT, check=False
-    )
-    assert done.returncode == 0, 'run: python tools/write_policy.py'
-
-
-def test_only_links_and_excitation_move_the_actuator() -> None:
-    may = {
-        name
-        for name, p in profiles().items()
-        if 'voltage/command' in allowed(p, 'topic', 'publish')
-    }
-    assert may == {'excitation', 'attenuation', 'feedback', 'control_loop'}
-
-
-def test_people_publish_nothing_of_the_loop_and_observers_call_nothing() -> None:
-    found = profiles()
-    for person in ('operator', 'observer', 'dashboard'):
-        topics = allowed(found[person], 'topic', 'publish')
-        # The page says what it has recorded, and nothing that a link of the loop acts on.
-        own = {'dashboard_recorder/status'} if person == 'dashboard' else set()
-        assert all(name.startswith('/') for name in topics - own)
-        assert 'actuator/state' in allowed(found[person], 'topic', 'subscribe')
-    assert not allowed(found['observer'], 'service', 'request')
-    assert not allowed(found['observer'], 'action', 'call')
-    assert 'excitation/set_parameters' in allowed(found['operator'], 'service', 'request')
-    assert 'run_sweep' in allowed(found['operator'], 'action', 'call')
-
-
-@pytest.mark.component
-def test_the_policy_of_another_namespace_is_written(tmp_path: Path) -> None:
-    out = tmp_path / 'policy.xml'
-    words = ['tools/write_policy.py', '--namespace', '/stage_x/', '--out', str(out)]
-    subprocess.run([sys.executable, *words], cwd=ROOT, check=True)
-    enclaves = [e.attrib['path'] for e in Xml.parse(out).getroot().iter('enclave')]
-    assert '/stage_x/feedforward' in enclaves
-    assert all(path.startswith('/stage_x/') for path in enclaves)
 
 
 # --- this machine only --------------------------------------------------------------------------
