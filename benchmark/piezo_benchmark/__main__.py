@@ -34,6 +34,7 @@ def _parser() -> argparse.ArgumentParser:
     go.add_argument('--seed', type=int, default=PRACTICE_SEED)
     go.add_argument('--sealed', type=Path, help='run on the tasks of this folder instead')
     go.add_argument('--results', type=Path, help='file of the results (JSON)')
+    go.add_argument('--examiner', default='', help='who ran a sealed set, for the page')
     go.add_argument('--again', action='store_true', help='also what the results hold already')
     go.add_argument('--page', type=Path, help='page to write (Markdown)')
     for verb in (draw, go):
@@ -70,7 +71,7 @@ def _run(arguments: argparse.Namespace, data: Path | None) -> None:
     else:
         tasks, truths = drawn(seed, share, data, arguments.level)
     results = arguments.results or Path('out') / f'benchmark_{seed}.json'
-    run(chosen(arguments.entry), tasks, truths, results, seed, arguments.again)
+    run(chosen(arguments.entry), tasks, truths, results, seed, arguments.again, arguments.examiner)
     if arguments.page:
         _page(results, arguments.page, arguments.pictures)
 

@@ -73,7 +73,7 @@ def read(file: Path) -> dict[str, Any]:
     return {'version': VERSION, 'entries': {}}
 
 
-def keep(file: Path, name: str, rows: Sequence[Row], seed: int) -> None:
+def keep(file: Path, name: str, rows: Sequence[Row], seed: int, examiner: str = '') -> None:
     """Add rows of an entry to a file of results; rows of the same tasks are replaced."""
     results = read(file)
     if results.get('seed', seed) != seed:
@@ -83,6 +83,7 @@ def keep(file: Path, name: str, rows: Sequence[Row], seed: int) -> None:
         'date': time.strftime('%Y-%m-%d'),
         'versions': versions(),
         'hardware': hardware(),
+        'examiner': examiner or results.get('examiner', ''),
     }
     before = {row['identifier']: row for row in results['entries'].get(name, [])}
     before |= {row.identifier: asdict(row) for row in rows}
@@ -98,6 +99,7 @@ def run(
     file: Path,
     seed: int,
     again: bool = False,
+    examiner: str = '',
     say: Callable[[str], None] = print,
 ) -> None:
     """Run entries one after another and keep their rows after each.
@@ -115,7 +117,7 @@ def run(
             say(f'{name}: left out, {error}')
             continue
         if rows:
-            keep(file, name, rows, seed)
+            keep(file, name, rows, seed, examiner)
         right = sum(row.right for row in rows)
         say(f'{name}: {right:.0f} of {len(rows)} right, {sum(r.seconds for r in rows):.0f} s')
         for failed in sorted({row.failed for row in rows if row.failed}):

@@ -101,7 +101,7 @@ def test_the_page_states_every_entry_and_where_the_suite_is_behind(
     results['entries']['suite'] = results['entries']['coin']
     text = report.page(results, [{**results, 'examiner': 'somebody'}])
     assert '| `always_none` |' in text
-    assert '- log score, nothing: 6.32 against `always_none`' in text
+    assert '- log score, nothing: 6.09 against `always_none`' in text
     assert '| 5 |' in text
     assert 'No number that decides' in text
     assert '$' not in text
