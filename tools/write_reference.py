@@ -33,7 +33,8 @@ PAGES = {
                 'harmonics.settings', 'feedback.settings', 'feedback.pid',
                 'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
             )
-        ),
+        )
+        + ('interface.compensate_runs',),
     ),
     'discovery': (
         'What a model misses. In words: [discovery](../discovery.md).',

@@ -74,6 +74,7 @@ setup(
         'dashboard': ['tornado>=6.3,<7'],
         'dask': ['distributed>=2024.1'],
         'formats': ['h5py>=3,<4', 'npTDMS>=1.7,<2', 'openpyxl>=3.1,<4', 'pyarrow>=14'],
+        'pandas': ['pandas>=2,<4'],  # data frames of results
         'test': ['hypothesis>=6', 'pytest>=8', 'pytest-xdist>=3'],
     },
     entry_points={

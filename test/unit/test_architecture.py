@@ -36,6 +36,7 @@ ALLOWED = {
     | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime', 'ros'},
     'drivers': NEUTRAL | {'models', 'compensation', 'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
+    'interface': NEUTRAL | CORE_ROOMS | {'reporting', 'cli'},
     'papers': NEUTRAL | CORE_ROOMS | {'runtime', 'reporting', 'cli'},
     'cli': NEUTRAL
     | CORE_ROOMS
@@ -163,6 +164,7 @@ def test_only_nodes_know_ros() -> None:
 BY_NAME = {
     '__init__.py': 'names of the whole, loaded when they are used',
     'blocks/__init__.py': 'every file of the room holds blocks',
+    'common/results.py': 'plots and reports of results, loaded when a result is shown',
     'common/interrupts.py': 'the command line that a program runs, named by its caller',
     'cli/main.py': 'only the verb that is asked for is loaded',
     'ros/starting.py': 'only the node that is asked for is loaded',

@@ -34,7 +34,6 @@ from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record, RecordInfo
-from piezo_hysteresis.reporting.discovery_folder import model_file
 
 DT, STROKE = 2e-3, 4e-5
 
@@ -119,7 +118,7 @@ def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> 
     assert [each.name for each in found.data.records] == ['new']
     assert 'Records left out: 3' in found.verdict.summary
     # what came out of it was made from all of them
-    made_from = [each.name for each in model_file(found).provenance.records]
+    made_from = [each.name for each in found.model_file().provenance.records]
     assert made_from == [*(r.name for r in FITTED), 'new']
 
 
@@ -133,7 +132,7 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
     assert 'A1 from' in shift.evidence[1]
     assert 'has other numbers than these records' in found.verdict.summary
     assert shift.parameters['A1'].value == pytest.approx(factor * known.values['A1'], rel=0.03)
-    saved = ModelFile.parse(model_file(found).text())
+    saved = ModelFile.parse(found.model_file().text())
     assert saved.values['A1'] == shift.parameters['A1'].value
     assert saved.deviations['A1'] == shift.parameters['A1'].std
     assert saved.correlation is not None
@@ -205,7 +204,7 @@ def test_what_a_model_always_missed_is_no_evidence() -> None:
 @pytest.mark.component
 def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) -> None:
     found = discover([hidden(actuator(5, 1.0, 3), 'drift')], known)
-    saved = ModelFile.parse(model_file(found).text())
+    saved = ModelFile.parse(found.model_file().text())
     assert saved.discrepancy is not None
     assert saved.discrepancy.rms == pytest.approx(found.final.rms, rel=0.05)
     assert saved.deviations['beta'] == pytest.approx(known.deviations['beta'])

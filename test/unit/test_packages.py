@@ -24,7 +24,7 @@ ELSEWHERE = {
     *('apsw', 'lz4', 'backports'),  # of rosbags
     *('jinja2',),  # of bokeh
     'piezo_sim',  # which needs this package: for `piezo paper` alone
-    *('distributed',),  # where a user brings a cluster
+    *('distributed', 'pandas'),  # where a user brings a cluster, or wants data frames
 }
 
 

@@ -1,20 +1,27 @@
 """Models, identification, compensation and discovery of piezo actuator hysteresis.
 
-What most programs need is here, and is imported when it is used::
+The names below are the Python interface; each is imported when it is first used::
 
     import piezo_hysteresis as ph
 
-    records = ph.load(['sweep'])
-    found = ph.identify(records, 'bouc_wen_mode')
-    displacement = ph.simulate(found, records[0])
-    missing = ph.discover(records, 'bouc_wen_mode')
+    records = ph.load('sweep')                       # files, arrays or data frames
+    found = ph.identify(records, 'bouc_wen_mode')    # a model with its values
+    check = ph.validate(ph.load('check.csv'), found) # errors on other records
+    missing = ph.discover(records, 'bouc_wen_mode')  # effects that the model lacks
+    study = ph.compensate(found, 'sine:frequency=23,amplitude=80e-6,duration=4')
+    displacement = found.simulate(voltage, dt)       # from rest
+    found.save('model.yaml')
+    model = ph.Model.load('model.yaml')
+
+Functions take one record or several, and a model by its name, its file or as an object. Results
+have ``plot()``, ``to_frame()`` and ``report(path)``. Units are SI: volts, metres, seconds.
 
 The rooms, and which way imports may point (``test/unit/test_architecture.py`` holds it)::
 
     records, waveforms, blocks <- models <- identification, compensation
         <- discovery <- reporting, cli, nodes
 
-Only ``nodes`` imports rclpy.
+Only ``nodes`` and ``ros`` import rclpy.
 """
 
 from __future__ import annotations
@@ -25,43 +32,75 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery import Discovery, discover
     from piezo_hysteresis.errors import PiezoError
-    from piezo_hysteresis.identification import Identification, identify, simulate
-    from piezo_hysteresis.models import Model, ModelFile, named
+    from piezo_hysteresis.identification import (
+        METHODS,
+        Identification,
+        Validation,
+        identify,
+        simulate,
+        validate,
+    )
+    from piezo_hysteresis.interface.compensate_runs import Compensation, compensate
+    from piezo_hysteresis.models import EFFECT_NAMES as EFFECTS
+    from piezo_hysteresis.models import NAMES as MODELS
+    from piezo_hysteresis.models import ModelFile as Model
     from piezo_hysteresis.records import Record, RecordInfo, load, write_bag
 
 __version__ = '0.1.0'
 
 __all__ = [
+    'EFFECTS',
+    'METHODS',
+    'MODELS',
+    'Compensation',
     'Discovery',
     'Identification',
     'Model',
-    'ModelFile',
     'PiezoError',
     'Record',
     'RecordInfo',
+    'Validation',
+    'compensate',
     'discover',
     'identify',
     'load',
-    'named',
     'simulate',
+    'validate',
     'write_bag',
 ]
 
 _HOMES = {
-    'discovery': ('Discovery', 'discover'),
-    'errors': ('PiezoError',),
-    'identification': ('Identification', 'identify', 'simulate'),
-    'models': ('Model', 'ModelFile', 'named'),
-    'records': ('Record', 'RecordInfo', 'load', 'write_bag'),
+    'EFFECTS': 'models.EFFECT_NAMES',
+    'METHODS': 'identification.METHODS',
+    'MODELS': 'models.NAMES',
+    'Compensation': 'interface.compensate_runs.Compensation',
+    'Discovery': 'discovery.Discovery',
+    'Identification': 'identification.Identification',
+    'Model': 'models.ModelFile',
+    'PiezoError': 'errors.PiezoError',
+    'Record': 'records.Record',
+    'RecordInfo': 'records.RecordInfo',
+    'Validation': 'identification.Validation',
+    'compensate': 'interface.compensate_runs.compensate',
+    'discover': 'discovery.discover',
+    'identify': 'identification.identify',
+    'load': 'records.load',
+    'simulate': 'identification.simulate',
+    'validate': 'identification.validate',
+    'write_bag': 'records.write_bag',
 }
 
 
 def __getattr__(name: str) -> Any:
     # Imported when asked for: SciPy and the compiler take a second.
-    for home, names in _HOMES.items():
-        if name in names:
-            return getattr(importlib.import_module(f'{__name__}.{home}'), name)
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    if name not in _HOMES:
+        from piezo_hysteresis.common.wording import near
+
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}{near(name, __all__)}')
+    home, _, known = _HOMES[name].rpartition('.')
+    found = getattr(importlib.import_module(f'{__name__}.{home}'), known)
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:

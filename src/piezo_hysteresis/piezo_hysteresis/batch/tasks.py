@@ -18,6 +18,7 @@ from piezo_hysteresis.errors import IdentificationError
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery import Discovery
     from piezo_hysteresis.identification import Identification
+    from piezo_hysteresis.records import Record
 
 # What a task needs is imported when it works: a process that only sends tasks starts faster.
 
@@ -120,8 +121,8 @@ class Identify:
         from piezo_hysteresis.identification.identify import judged_on
         from piezo_hysteresis.identification.initial_conditions.record_start import preceded
         from piezo_hysteresis.identification.methods import base_of
-        from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
-        from piezo_hysteresis.models.choice import chain_of
+        from piezo_hysteresis.identification.settings import driven_at, warmed
+        from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.folder import check_folder
         from piezo_hysteresis.reporting.identification_folder import write_identification
@@ -129,16 +130,20 @@ class Identify:
         check_folder(out, self.verb)
         _require_apart(data, self.held_out)
         base_of(self.method)
-        model, start = chain_of(self.model)
-        model = held_at(model, self.hold, self.start)
-        start = {n: v for n, v in start.items() if n not in self.hold} | dict(self.start)
+        model = chosen(self.model)
         records = load(data, actuator=self.actuator)
         records = driven_at(warmed(records, self.warm_up), self.frequency)
         if self.before:
             records = [preceded(record, self.before) for record in records]
-        options = {**self.options, **({'start': start} if start else {})}
+        options = {**self.options, **({'start': dict(self.start)} if self.start else {})}
         found = identify(
-            records, model, method=self.method, seed=self.seed, progress=progress, **options
+            records,
+            model,
+            method=self.method,
+            hold=self.hold,
+            seed=self.seed,
+            progress=progress,
+            **options,
         )
         if self.held_out:
             unseen = warmed(load(self.held_out, actuator=self.actuator), self.warm_up)
@@ -213,8 +218,6 @@ class Discover:
         """
         from piezo_hysteresis.discovery import discover
         from piezo_hysteresis.discovery.selection.policy import POLICY
-        from piezo_hysteresis.discovery.selection.reference import as_on
-        from piezo_hysteresis.identification.initial_conditions.revision import Choices
         from piezo_hysteresis.identification.settings import require_settings, warmed
         from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
@@ -227,18 +230,20 @@ class Discover:
         name = self.baseline
         baseline = chosen(name)
         records = load(data, actuator=self.actuator, salvage=self.salvage)
-        choices = Choices(self.begins, self.zero)
+        before: list[Record] = []
         if self.reference:
             _require_apart(data, self.reference, 'is judged and the reference')
             before = load(self.reference, actuator=self.actuator, salvage=self.salvage)
-            baseline = as_on(warmed(before, self.warm_up), baseline, choices, self.workers)
+            before = warmed(before, self.warm_up)
         found = discover(
             warmed(records, self.warm_up),
             baseline,
             name=name,
             seed=self.seed,
             workers=self.workers,
-            choices=choices,
+            reference=before,
+            begins=self.begins,
+            zero=self.zero,
             policy=self.policy,
             time_limit=self.time_limit or math.inf,
             progress=progress,

@@ -29,24 +29,6 @@ _METHODS = (
     'fujii2018, tatebatake2017, zhou2021, xiao2014, fang2019'
 )
 
-# What each method takes besides records, model and progress.
-_TAKES = {
-    'output_error': ('weights', 'folded', 'sampling_offset', 'begins', 'zero', 'workers', 'start'),
-    'rls': ('forgetting', 'variant', 'offset', 'unit', 'p0', 'start'),
-    'rls_ud': ('forgetting', 'start', 'sampling_offset'),
-    'pi_bank': ('forgetting', 'start', 'sampling_offset'),
-}
-_SEARCH = (
-    'weights',
-    'folded',
-    'sampling_offset',
-    'begins',
-    'zero',
-    'workers',
-    'max_evaluations',
-    'swarm',
-)
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
@@ -145,7 +127,7 @@ def task_of(arguments: argparse.Namespace) -> Identify:
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Options that the method takes; one that belongs to another method is refused."""
-    from piezo_hysteresis.identification.methods import base_of
+    from piezo_hysteresis.identification.options import options_of
     from piezo_hysteresis.identification.settings import pairs
 
     given = {
@@ -163,7 +145,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         'p0': arguments.p0,
         'start': arguments.set or arguments.model.endswith(('.yaml', '.yml')) or None,
     }
-    takes = _TAKES.get(base_of(arguments.method), _SEARCH)
+    takes = options_of(arguments.method)
     stray = sorted(
         name for name, value in given.items() if value is not None and name not in takes
     )
@@ -174,9 +156,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
             f'{arguments.method} does not take {listed.replace("_", "-")}; leave it out'
         )
     options = {k: value for k, value in given.items() if value is not None and k != 'start'}
-    if 'workers' in takes:
-        options['workers'] = number_of_workers(arguments.workers)
-    return options
+    return {**options, 'workers': number_of_workers(arguments.workers)}
 
 
 def _tell(found: Any, data: Sequence[str], out: str) -> None:

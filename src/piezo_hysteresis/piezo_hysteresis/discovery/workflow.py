@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
+from typing import Any
 
+from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, check
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
@@ -16,20 +18,22 @@ from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
+from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find
 from piezo_hysteresis.discovery.verdict.build_verdict import tell
+from piezo_hysteresis.discovery.verdict.final_model import final_model
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, ModelFile
-from piezo_hysteresis.models.choice import chosen
+from piezo_hysteresis.models.choice import Modelled, ModelLike, chosen
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import recognised
 
 
 @dataclass(frozen=True, repr=False)
-class Discovery:
+class Discovery(Reportable, Modelled):
     """Everything that was found out.
 
     Attributes
@@ -74,15 +78,41 @@ class Discovery:
         ]
         return '\n'.join(lines)
 
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the effects by column, the first found first; gaps are in metres."""
+        effects = self.verdict.effects
+        return {
+            'effect': [each.name for each in effects],
+            'probability': [each.probability for each in effects],
+            'p_value': [each.p_value for each in effects],
+            'gap_before_rms_m': [each.gap_before_rms_m for each in effects],
+            'gap_after_rms_m': [each.gap_after_rms_m for each in effects],
+            'alternatives': [
+                ', '.join(other.name for other in each.alternatives) for each in effects
+            ],
+        }
+
+    def model_file(self, data: Sequence[str] = ()) -> ModelFile:
+        """Return the baseline with the effects that were found.
+
+        Parameters
+        ----------
+        data : sequence of str
+            Names of the files with the records.
+        """
+        return final_model(self, data)
+
 
 def discover(
     records: Record | Sequence[Record],
-    baseline: Model | ModelFile | str | Path,
+    baseline: ModelLike,
     *,
     name: str = '',
     seed: int = 0,
     workers: int = 1,
-    choices: Choices | None = None,
+    reference: Record | Sequence[Record] = (),
+    begins: str = 'auto',
+    zero: str = 'auto',
     policy: Mapping[str, float] | None = None,
     time_limit: float = inf,
     progress: Progress = lambda fraction, message: None,
@@ -93,18 +123,22 @@ def discover(
     ----------
     records : Record or sequence of Record
         Of one actuator at one rate.
-    baseline : Model, ModelFile, str or Path
-        The model that lacks something, or its name or path. The values of a file are held: records
-        that it was identified from can show nothing new and are left out; where there are no
-        others, the verdict is ``none`` and says so.
+    baseline : str, Path, Model, ModelFile or Identification
+        The model that lacks something. A name is fitted to `records`. The values of a model, of a
+        file or of a result are held: records that it was identified from can show nothing new and
+        are left out; where there are no others, the verdict is ``none`` and says so.
     name : str
         What to call the baseline.
     seed : int
         Of every random choice: the same seed gives the same verdict.
     workers : int
         Threads; the verdict does not depend on it.
-    choices : Choices, optional
-        What is known of how the records begin and where their zeros lie.
+    reference : Record or sequence of Record
+        Of the same actuator in its earlier state: what the baseline misses there is not reported.
+    begins : str
+        How the records begin: ``auto``, ``rest``, ``step``, ``settled`` or ``estimate``.
+    zero : str
+        Zero of the displacement: ``record``, ``common`` or ``auto``.
     policy : mapping of str to float, optional
         Numbers that decide, where they are not to be those of `SelectionPolicy`.
     time_limit : float
@@ -126,7 +160,10 @@ def discover(
     baseline = chosen(baseline)
     began = time.monotonic()
     end = Deadline(time_limit)
-    how = Searching(choices or Choices(), seed, workers, dict(policy or {}), end)
+    choices = Choices(begins, zero)
+    if before := listed(reference):
+        baseline = as_on(before, baseline, choices, workers)
+    how = Searching(choices, seed, workers, dict(policy or {}), end)
     given = annotated(records)
     own = _own_records(given, baseline)
     known = [record for record in given if record.name not in own] or given

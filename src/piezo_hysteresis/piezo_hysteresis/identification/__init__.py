@@ -12,6 +12,7 @@ from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.identification.simulate import simulate
 from piezo_hysteresis.identification.targets import Target, targets_of
+from piezo_hysteresis.identification.validate import Validation, validate
 
 __all__ = [
     'METHODS',
@@ -25,10 +26,12 @@ __all__ = [
     'RlsSettings',
     'Target',
     'UdSettings',
+    'Validation',
     'fit',
     'identify',
     'online',
     'output_error',
     'simulate',
     'targets_of',
+    'validate',
 ]

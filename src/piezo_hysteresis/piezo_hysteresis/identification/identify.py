@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
@@ -23,6 +23,7 @@ from piezo_hysteresis.identification.methods import base_of, settled_by
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
+from piezo_hysteresis.identification.options import require_options
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
@@ -31,8 +32,8 @@ from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.unseen import without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
-from piezo_hysteresis.models.choice import chain_of
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
+from piezo_hysteresis.models.choice import Modelled, ModelLike, chain_of
+from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE, parameter_columns
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
@@ -40,7 +41,7 @@ _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss 
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Reportable, Modelled):
     """What a method found, and what it is worth.
 
     Attributes
@@ -87,6 +88,8 @@ class Identification:
         Of the records that were fitted, and of those on which the discrepancy was judged.
     left_out : tuple of str
         What of the chain the records do not show, in sentences: blocks left out, values held.
+    data : tuple of Record
+        The records that were fitted.
     """
 
     model: Model
@@ -110,6 +113,7 @@ class Identification:
     sampling_offset_std: float = inf
     seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
     left_out: tuple[str, ...] = ()
+    data: tuple[Record, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         came = 'converged' if self.converged else 'did not converge'
@@ -126,8 +130,19 @@ class Identification:
         )
         return '\n'.join(lines)
 
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the parameters by column: parameter, value, std, unit, held."""
+        return parameter_columns(self.model, self.values, self.std)
+
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as it is saved.
+
+        Parameters
+        ----------
+        data : sequence of str
+            Names of the files that were fitted.
+        rate : float, optional
+            Sampling rate [Hz]; that of the first record by default.
 
         Raises
         ------
@@ -149,7 +164,7 @@ class Identification:
             data=tuple(data),
             date=datetime.now(UTC).isoformat(timespec='seconds'),
             fit=f'{self.method}: {self.message}',
-            rate=rate,
+            rate=self.data[0].rate if rate is None and self.data else rate,
             noise_floor=self.noise_floor if np.isfinite(self.noise_floor) else None,
             free_run_rms=worst if np.isfinite(worst) else None,
             notes=notes,
@@ -216,9 +231,10 @@ def _finite(value: float) -> float | None:
 
 def identify(
     records: Record | Sequence[Record],
-    model: Model | ModelFile | str | Path,
+    model: ModelLike,
     *,
     method: str = 'output_error',
+    hold: Mapping[str, float] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     workers: int = 1,
@@ -230,11 +246,13 @@ def identify(
     ----------
     records : Record or sequence of Record
         Fitted jointly (run through one after another by recursive methods).
-    model : Model, ModelFile, str or Path
-        Any chain for `output_error` and the searches; see `run_online` for the others. A chain or
-        its name, ``NAME[+BLOCK...]``; or a file (or its path) whose values the fit starts from.
+    model : str, Path, Model, ModelFile or Identification
+        Any chain for `output_error` and the searches; see `run_online` for the others. A name,
+        ``NAME[+BLOCK...]``; or a model with values (or its path), from which the fit starts.
     method : str
         One of `METHODS`.
+    hold : mapping of str to float, optional
+        Parameters that are not fitted, with their values in SI units.
     seed : int
         Of the searches.
     progress : callable, optional
@@ -260,6 +278,7 @@ def identify(
     records = listed(records)
     base = base_of(method)
     model, known = chain_of(model)
+    require_options(method, options)
     options = {**settled_by(method), **options}
     started = time.perf_counter()
     require_settings(
@@ -270,11 +289,12 @@ def identify(
     )
     if known and base not in (*ONLINE_METHODS, 'output_error'):
         raise IdentificationError(f'{method} starts from no file; give the name of its model')
-    if known:
+    if known:  # what a file says of a held parameter gives way
+        known = {name: value for name, value in known.items() if name not in (hold or {})}
         options['start'] = {**known, **(options.get('start') or {})}
     given = dict(options.get('start') or {})
     given.pop(SAMPLING_OFFSET, None)
-    held_at(model, {}, given)
+    model = held_at(model, hold or {}, given)
     remarks = require_usable(records)
     if base in ONLINE_METHODS:
         return _online(records, model, method, remarks, started, progress, options)
@@ -341,6 +361,7 @@ def from_fit(
         views=views,
         sampling_offset_std=fit.std.get(SAMPLING_OFFSET, 0.0),
         seen=fingerprints(records),
+        data=tuple(records),
     )
 
 
@@ -442,4 +463,5 @@ def _online(
         discrepancy=_discrepancy(chain, values, records, views, late),
         views=views,
         seen=fingerprints(records),
+        data=tuple(records),
     )

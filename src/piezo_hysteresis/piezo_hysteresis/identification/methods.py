@@ -72,6 +72,10 @@ def base_of(method: str) -> str:
     IdentificationError
         If there is no such method.
     """
+    if not isinstance(method, str):
+        raise IdentificationError(
+            f'a method is one of {", ".join(METHODS)}, not of type {type(method).__name__}'
+        )
     if method not in METHODS:
         raise IdentificationError(
             f'method {method!r} is unknown{near(method, METHODS)}; '

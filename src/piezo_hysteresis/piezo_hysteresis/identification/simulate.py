@@ -1,44 +1,49 @@
-"""The free run of an identified model over a record."""
+"""The free run of a model with values over records."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import overload
+
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.errors import free_run_of, views_of
-from piezo_hysteresis.identification.identify import Identification
-from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.records import Record
+from piezo_hysteresis.models.choice import ModelLike, with_values
+from piezo_hysteresis.records import Record, listed
 
 
-def simulate(model: Identification | ModelFile, record: Record) -> FloatArray:
-    """Return the free run of a model over a record.
+@overload
+def simulate(model: ModelLike, records: Record) -> FloatArray: ...
+@overload
+def simulate(model: ModelLike, records: Sequence[Record]) -> list[FloatArray]: ...
+def simulate(
+    model: ModelLike, records: Record | Sequence[Record]
+) -> FloatArray | list[FloatArray]:
+    """Return the free run of a model over records, comparable with their displacement.
+
+    The run gets the voltage of a record alone. Its state before the first sample, its zero and
+    the sampling offset are those of the measurement; `ModelFile.simulate` starts from rest.
 
     Parameters
     ----------
-    model : Identification or ModelFile
-        With its values and its sampling offset.
-    record : Record
-        Gives the voltage, and with the displacement the state from which the run begins.
+    model : str, Path, ModelFile, Identification or Discovery
+        A model with values, the path of a ``model.yaml``, or a result that contains a model.
+    records : Record or sequence of Record
+        Voltage and displacement.
 
     Returns
     -------
-    ndarray, shape (n,)
-        Displacement [m], in the zero of the record.
+    ndarray, shape (n,), or list of ndarray
+        Displacement [m] of the record, or of each record in order.
 
     Raises
     ------
-    IdentificationError
-        If something else is given.
+    ModelError
+        If there is no such model, or its values are not known.
+    RecordError
+        If something else than records is given.
     """
-    if not isinstance(model, (Identification, ModelFile)):
-        raise IdentificationError(
-            'simulate takes what identify returned or a ModelFile, not of type '
-            f'{type(model).__name__}; `ModelFile.load` reads a model.yaml'
-        )
-    if not isinstance(record, Record):
-        raise IdentificationError(
-            f'simulate takes one Record, not of type {type(record).__name__}'
-        )
-    late = model.sampling_offset
-    (view,) = views_of(model.model, model.values, [record], late)
-    return free_run_of(model.model, model.values, view, late)
+    given = with_values(model)
+    late = given.sampling_offset
+    views = views_of(given.model, given.values, listed(records), late)
+    runs = [free_run_of(given.model, given.values, view, late) for view in views]
+    return runs[0] if isinstance(records, Record) else runs

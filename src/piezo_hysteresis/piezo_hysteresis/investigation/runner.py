@@ -26,7 +26,7 @@ from piezo_hysteresis.investigation.journal import (
 from piezo_hysteresis.investigation.session import Investigation, Stop
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.reporting.discovery_folder import model_file, write_discovery
+from piezo_hysteresis.reporting.discovery_folder import write_discovery
 
 FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 
@@ -212,7 +212,7 @@ class _Course:
         applied, gaps = '', (float('nan'), float('nan'))
         # what is not settled is not used, and no time is spent that nobody allowed
         if now.belief.names and stop.reason != 'budget':
-            better = model_file(found, data)
+            better = found.model_file(data)
             last = len(now.answers)
             experiment = self._widest()
             self._tell('apply', last, experiment.name, 'shows the gap shrink')

@@ -1,41 +1,85 @@
-"""The model that a person means: by its name, by its file, or as it is."""
+"""The model that is meant: by its name, by its file, as an object, or as what a method found."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import TypeAlias
 
+from numpy.typing import ArrayLike
+
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
 
 
-def chosen(given: str | Path | Model | ModelFile) -> Model | ModelFile:
-    """Return the model, or the file with the values, that is meant.
+class Modelled(ABC):
+    """A result that contains a model with its values."""
+
+    @abstractmethod
+    def model_file(self) -> ModelFile:
+        """Return the model with its values, deviations and provenance."""
+
+    def simulate(self, voltage: ArrayLike, dt: float, *, frequency: float = 0.0) -> FloatArray:
+        """Return the displacement that a voltage causes, from rest; see `ModelFile.simulate`."""
+        return self.model_file().simulate(voltage, dt, frequency=frequency)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as YAML; see `ModelFile.save`."""
+        self.model_file().save(path)
+
+
+ModelLike: TypeAlias = str | Path | Model | ModelFile | Modelled
+
+
+def chosen(given: ModelLike) -> Model | ModelFile:
+    """Return the model, or the model with its values, that is meant.
 
     Parameters
     ----------
-    given : str, Path, Model or ModelFile
-        ``NAME[+BLOCK...]`` of a named model, or the path of a ``model.yaml``.
+    given : str, Path, Model, ModelFile or Modelled
+        ``NAME[+BLOCK...]`` of a named model, the path of a ``model.yaml``, a model, or a result
+        that contains one.
 
     Raises
     ------
     ModelError
         If there is no such model, block or file, or something else is given.
     """
+    if isinstance(given, Modelled):
+        return given.model_file()
     if isinstance(given, (Model, ModelFile)):
         return given
     if not isinstance(given, (str, Path)):
         raise ModelError(
-            f'a model is its name, the path of a model.yaml, a Model or a ModelFile, not of type '
-            f'{type(given).__name__}'
+            f'a model is its name, the path of a model.yaml, a Model or the result of identify or '
+            f'discover, not of type {type(given).__name__}'
         )
     if isinstance(given, Path) or given.endswith(('.yaml', '.yml')):
         return ModelFile.load(given)
     return named(given)
 
 
-def chain_of(given: str | Path | Model | ModelFile) -> tuple[Model, dict[str, float]]:
+def with_values(given: ModelLike) -> ModelFile:
+    """Return the model with its values that is meant.
+
+    Raises
+    ------
+    ModelError
+        As `chosen` does, or if the values of the model are not known.
+    """
+    found = chosen(given)
+    if isinstance(found, Model):
+        raise ModelError(
+            f'model {found.name} has no values: identify it from records, or give the path of a '
+            'model.yaml'
+        )
+    return found
+
+
+def chain_of(given: ModelLike) -> tuple[Model, dict[str, float]]:
     """Return the chain that is meant, and where a fit of it starts; of a name nothing is known.
 
     Raises

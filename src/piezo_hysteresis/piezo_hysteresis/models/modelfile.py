@@ -10,14 +10,17 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.results import Tabular
 from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Discrepancy
+from piezo_hysteresis.models.named import named
 from piezo_hysteresis.models.plain import (
     mapping,
     number,
@@ -73,9 +76,9 @@ class Provenance:
     records: tuple[Fingerprint, ...] = ()
 
 
-@dataclass(frozen=True)
-class ModelFile:
-    """A model with its numbers.
+@dataclass(frozen=True, repr=False)
+class ModelFile(Tabular):
+    """A model with the values of its parameters; `piezo_hysteresis.Model` is this class.
 
     Attributes
     ----------
@@ -125,6 +128,68 @@ class ModelFile:
                 'remove it or identify again'
             )
         self.model.pack(self.values)
+
+    @classmethod
+    def from_name(cls, name: str, **values: float) -> ModelFile:
+        """Return a named model with the default values of its parameters.
+
+        Parameters
+        ----------
+        name : str
+            ``NAME[+BLOCK...]``, such as ``'classical'`` or ``'bouc_wen_mode+creep'``.
+        **values : float
+            Parameters that differ from their defaults, in SI units.
+
+        Raises
+        ------
+        ModelError
+            If there is no such model, block or parameter, or a value is impossible.
+        """
+        chain = named(name)
+        return cls(chain, chain.unpack(chain.pack(values)))
+
+    def __repr__(self) -> str:
+        lines = [f'Model {self.model.name}']
+        for q in self.model.parameters:
+            std = self.deviations.get(q.name)
+            spread = '' if std is None else f' ± {std:.1g}'
+            lines.append(f'  {q.name} = {self.values[q.name]:.4g}{spread} {q.unit}')
+        return '\n'.join(lines)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the parameters by column: parameter, value, std, unit, held."""
+        return parameter_columns(self.model, self.values, self.deviations)
+
+    def simulate(self, voltage: ArrayLike, dt: float, *, frequency: float = 0.0) -> FloatArray:
+        """Return the displacement that a voltage causes, from rest at 0 V.
+
+        Parameters
+        ----------
+        voltage : array_like, shape (n,)
+            Commanded input [V], held from sample to sample.
+        dt : float
+            Sampling interval [s].
+        frequency : float
+            Fundamental frequency of the voltage [Hz], for blocks that depend on it.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Displacement [m]; sample k is measured before voltage k acts, as in a `Record`.
+
+        Raises
+        ------
+        ModelError
+            If the voltage is not a series of finite numbers, or the interval is not positive.
+        """
+        u = _series(voltage)
+        if not (isinstance(dt, (int, float)) and np.isfinite(dt) and dt > 0):
+            raise ModelError(f'the sampling interval must be a positive number [s], got {dt!r}')
+        chain, state = self.model, None
+        if chain.answers_at_once:  # at the end of a tick, which is the sample behind it
+            u = np.concatenate([[0.0], u[:-1]])
+            state = chain.initial_state(dt, -dt)
+        return chain.respond(u, self.packed, dt, state=state, frequency=frequency)
 
     def covariance(self) -> tuple[tuple[str, ...], FloatArray]:
         """Return names and covariance of the values that were fitted, in SI units.
@@ -284,6 +349,35 @@ class ModelFile:
         if late:
             provenance['notes'] = {OFFSET_NOTE: late}
         return _from_dict({**content, **({'provenance': provenance} if provenance else {})})
+
+
+def parameter_columns(
+    model: Model, values: Mapping[str, float], deviations: Mapping[str, float]
+) -> dict[str, list[Any]]:
+    """Return parameters by column; std is None for a parameter that was not fitted."""
+    rows = model.parameters
+    return {
+        'parameter': [q.name for q in rows],
+        'value': [float(values[q.name]) for q in rows],
+        'std': [deviations.get(q.name) for q in rows],
+        'unit': [q.unit for q in rows],
+        'held': [q.name in model.held for q in rows],
+    }
+
+
+def _series(voltage: ArrayLike) -> FloatArray:
+    try:
+        found = np.ascontiguousarray(voltage, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ModelError(
+            f'the voltage must be a series of numbers [V], not of type {type(voltage).__name__}'
+        ) from None
+    if np.ndim(voltage) != 1 or not found.size or not np.all(np.isfinite(found)):
+        raise ModelError(
+            'the voltage must be a series of finite numbers [V], got an array of shape '
+            f'{np.shape(voltage)}'
+        )
+    return found
 
 
 _KEYS = {'schema', 'name', 'chain', 'parameters', 'correlation', 'discrepancy', 'provenance'}

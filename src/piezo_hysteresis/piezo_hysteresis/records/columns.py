@@ -102,7 +102,9 @@ def _unit(text: str, what: str, *, exactly: bool = False) -> str:
     return ''
 
 
-def assigned(names: Sequence[str], where: object) -> tuple[dict[int, tuple[str, str]], str]:
+def assigned(
+    names: Sequence[str], where: object, *, of_file: bool = True
+) -> tuple[dict[int, tuple[str, str]], str]:
     """Return which column means what in which unit, by its place, and what was guessed.
 
     Parameters
@@ -111,6 +113,8 @@ def assigned(names: Sequence[str], where: object) -> tuple[dict[int, tuple[str, 
         Of the columns.
     where : object
         File, for messages.
+    of_file : bool
+        Whether the columns are those of a file, which the verb `import` can name.
 
     Raises
     ------
@@ -135,7 +139,7 @@ def assigned(names: Sequence[str], where: object) -> tuple[dict[int, tuple[str, 
         else:
             chosen[places[0]] = (what, meanings[places[0]].unit)
     chosen = _one_input(chosen, meanings, where)
-    _require(chosen, names, meanings, doubtful, where)
+    _require(chosen, names, meanings, doubtful, where, of_file)
     guesses = [f'{what} from column {names[k]!r} in {unit}' for k, (what, unit) in chosen.items()
                if meanings[k].rank != CERTAIN]  # fmt: skip
     return chosen, ', '.join(guesses)
@@ -160,6 +164,7 @@ def _require(
     meanings: Sequence[Meaning],
     doubtful: Sequence[str],
     where: object,
+    of_file: bool,
 ) -> None:
     """Say what is missing, and how to name it."""
     found = {what for what, _ in chosen.values()}
@@ -174,10 +179,11 @@ def _require(
     advice = '; '.join([*doubtful, *unclear]) or f'columns are named like {EXAMPLE}'
     options = ' '.join(f'--{what} COLUMN:UNIT' for what in missing)
     last = f' and {missing[-1]}' if len(missing) > 1 else missing[-1]
+    other = f', or use `import` with {options}' if of_file else ''
     listed = ', '.join(repr(name) for name in names)[:120]
     raise RecordError(
         f'{where}: it has no column of {", ".join(missing[:-1])}{last} that is understood (its '
-        f'columns are {listed}); {advice}, or use `import` with {options}'
+        f'columns are {listed}); {advice}{other}'
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
@@ -21,7 +22,10 @@ from piezo_hysteresis.records.damage import (
     LeftOutWarning,
 )
 from piezo_hysteresis.records.formats.reading import FORMATS, has_format, table_records
+from piezo_hysteresis.records.frames import Columns, DataFrameLike, frame_records
 from piezo_hysteresis.records.record import Record
+
+Source: TypeAlias = str | Path | Columns | Record
 
 
 @dataclass(frozen=True)
@@ -53,31 +57,41 @@ class Survey:
 
 
 def load(
-    paths: str | Path | Sequence[str | Path],
+    source: Source | Sequence[Source],
     *,
+    dt: float | None = None,
     salvage: bool = False,
     actuator: str | None = None,
 ) -> list[Record]:
-    """Read records from any mix of bag folders, ``.mcap``/``.db3`` files and files of columns.
+    """Return records from files, from arrays or from data frames, in any mix.
 
     A record that was cancelled or refused is left out, with a `LeftOutWarning`.
 
     Parameters
     ----------
-    paths : str, Path or sequence of them
-        At least one.
+    source : str, Path, mapping, data frame, Record, or sequence of them
+        At least one bag folder, ``.mcap``/``.db3`` file or file of columns; or columns in memory,
+        such as ``{'voltage': u, 'displacement': y}`` or a data frame of pandas or polars. Columns
+        are named like those of a file, ``time_s, voltage_V, displacement_um``; a quantity without
+        its unit is in SI units.
+    dt : float, optional
+        Sampling interval of columns in memory without a time [s].
     salvage : bool
         Return what is readable of damaged data; everything lost or mended is a `DamageWarning`.
     actuator : str, optional
         Name or namespace of the actuator, where a bag holds several.
+
+    Returns
+    -------
+    list of Record
+        With unique names.
 
     Raises
     ------
     RecordError
         If the data cannot be used as they are.
     """
-    several = [paths] if isinstance(paths, str | Path) else paths
-    found = survey(several, salvage=salvage, actuator=actuator)
+    found = survey(_several(source), dt=dt, salvage=salvage, actuator=actuator)
     for damage in found.damage:
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
     for record in found.left_out:
@@ -87,9 +101,25 @@ def load(
     return found.records
 
 
+def _several(source: Source | Sequence[Source]) -> Sequence[Source]:
+    """Return one source or several as a sequence."""
+    if isinstance(source, (str, Path, Mapping, Record, DataFrameLike)):
+        return [source]
+    if isinstance(source, Sequence):
+        return source
+    raise RecordError(_UNKNOWN.format(type(source).__name__))
+
+
+_UNKNOWN = (
+    'data are a path, a dictionary of arrays, a data frame, a Record or a list of them, not of '
+    'type {}'
+)
+
+
 def survey(
-    paths: Sequence[str | Path],
+    sources: Sequence[Source],
     *,
+    dt: float | None = None,
     salvage: bool = False,
     actuator: str | None = None,
     log: DamageLog | None = None,
@@ -103,25 +133,38 @@ def survey(
     RecordError
         If the data cannot be used as they are, or if nothing of them is readable.
     """
-    if not paths:
+    if not sources:
         raise RecordError('no data were given; name a bag folder or a CSV file')
     log = DamageLog(salvage) if log is None else log
     records: list[Record] = []
     bags: list[BagContent] = []
-    for path in map(Path, paths):
-        before = len(log.findings)
-        try:
-            with sentences(path):
-                found = _read(path, log, bags, actuator)
-        except RecordError as error:
-            lost = '; '.join(each.what for each in log.findings[before : before + 2])
-            raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
-        if not found:
-            lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
-            raise RecordError(f'{path}: no record in it is readable ({lost})')
-        records += found
+    for source in sources:
+        if isinstance(source, (str, Path)):
+            records += _of_path(Path(source), log, bags, actuator)
+        elif isinstance(source, Record):
+            records.append(source)
+        elif isinstance(source, (Mapping, DataFrameLike)):
+            records += frame_records(source, 'record', dt, log)
+        else:
+            raise RecordError(_UNKNOWN.format(type(source).__name__))
     named = _uniquely_named(records)
     return Survey(named, log.findings, log.notes, bags, log.left_out, log.guesses)
+
+
+def _of_path(
+    path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
+) -> list[Record]:
+    before = len(log.findings)
+    try:
+        with sentences(path):
+            found = _read(path, log, bags, actuator)
+    except RecordError as error:
+        lost = '; '.join(each.what for each in log.findings[before : before + 2])
+        raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
+    if not found:
+        lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
+        raise RecordError(f'{path}: no record in it is readable ({lost})')
+    return found
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.results import Plottable
 from piezo_hysteresis.errors import RecordError
 
 
@@ -43,8 +44,8 @@ class RecordInfo:
     start: str = 'auto'
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Plottable):
     """One experiment at a constant rate; two of them are equal only if they are the same one.
 
     ``voltage[k]`` is what is commanded at tick k; ``displacement[k]`` is what is measured at tick
@@ -123,6 +124,21 @@ class Record:
 
     def __len__(self) -> int:
         return int(self.voltage.size)
+
+    def __repr__(self) -> str:
+        info = self.info
+        drive = f', {info.excitation}' if info.excitation != 'unknown' else ''
+        drive += f' of {info.frequency:g} Hz' if info.frequency > 0 else ''
+        return (
+            f'Record {self.name}: {len(self)} samples at {self.rate:g} Hz, {self.duration:g} s'
+            f'{drive}'
+        )
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Return the samples by column, each of shape (n,): ``time_s``, ``voltage_V``, ..."""
+        drive = 'force_N' if self.info.input_unit == 'N' else 'voltage_V'
+        found = {'time_s': self.time, drive: self.voltage, 'displacement_m': self.displacement}
+        return found if self.reference is None else {**found, 'reference_m': self.reference}
 
     @property
     def rate(self) -> float:

@@ -3,105 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
-from math import inf
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.live.apply import simulator_parameters
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
-from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
-from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 from piezo_hysteresis.reporting.discovery_report import discovery_page
 from piezo_hysteresis.reporting.folder import write_folder
-
-
-def model_file(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
-    """Return the final model with its values, deviations and where they come from."""
-    final = found.final
-    own = {name: final.values[name] for name in final.model.parameter_names}
-    deviations, together = _uncertainty(found, own)
-    effects = ', '.join(e.name for e in found.verdict.effects) or 'none'
-    return ModelFile(
-        final.model,
-        own,
-        deviations,
-        Provenance(
-            data=tuple(data),
-            date=datetime.now(UTC).isoformat(timespec='seconds'),
-            fit=f'discover, baseline {found.verdict.baseline}, seed {found.verdict.seed}',
-            rate=found.data.records[0].rate,
-            noise_floor=found.floor,
-            free_run_rms=final.rms,
-            notes={
-                'effects': effects,
-                OFFSET_NOTE: float(final.sampling_offset),
-                **_clock_known(found),
-            },
-            records=_seen(found),
-        ),
-        together,
-        what_is_left(found),
-    )
-
-
-def _clock_known(found: Discovery) -> dict[str, float]:
-    """Return the note on how well the clock is known: by the fit, or by the file it came from."""
-    fitted, given = found.final.fitted, found.given
-    std = fitted.std.get(SAMPLING_OFFSET, inf) if fitted is not None else inf
-    if given is not None and given.sampling_offset == found.final.sampling_offset:
-        std = min(std, given.sampling_offset_std)
-    return {OFFSET_STD_NOTE: float(std)} if np.isfinite(std) else {}
-
-
-def _seen(found: Discovery) -> tuple[Fingerprint, ...]:
-    """Return the records that made the model: those before, where its values were held, too."""
-    before = found.given.provenance.records if found.given is not None else ()
-    return tuple(dict.fromkeys((*before, *fingerprints(found.data.records))))
-
-
-def _uncertainty(
-    found: Discovery, own: Mapping[str, float]
-) -> tuple[dict[str, float], Correlation | None]:
-    """Return deviations and correlation: of what was fitted, and of values that were held.
-
-    Values that stayed as the baseline had them keep what its file says of them.
-    """
-    final = found.final
-    std = final.fitted.std if final.fitted is not None else {}
-    fitted = {k: v for k, v in std.items() if k in own and np.isfinite(v)}
-    if found.given is not None and found.given.discrepancy is not None:
-        before = found.given
-        kept = {
-            k: v
-            for k, v in before.deviations.items()
-            if own.get(k) == before.values[k] and k not in fitted
-        }
-        known = before.correlation
-        if known is not None and not set(known.names) & set(fitted):
-            return {**kept, **fitted}, Correlation.among(known.names, known.matrix, tuple(kept))
-        fitted = {**kept, **fitted}
-    if final.fitted is None:
-        return fitted, None
-    renewed = tuple(name for name in fitted if name in final.fitted.free)
-    return fitted, Correlation.among(final.fitted.free, final.fitted.correlation, renewed)
-
-
-def what_is_left(found: Discovery) -> Discrepancy | None:
-    """Return what the final model misses, by frequency, harmonic and amplitude."""
-    records = {r.name: r for r in found.data.records}
-    views = found.data.training
-    kept = [records[view.name] for view in views]
-    left = residuals_of(
-        found.final.model, found.final.values, kept, views, found.final.sampling_offset
-    )
-    return discrepancy_of(left, held_out=False)
 
 
 def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ()) -> None:
@@ -112,7 +22,7 @@ def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ())
     PiezoError
         If the folder cannot be written, or holds the results of another verb.
     """
-    saved = model_file(found, data)
+    saved = found.model_file(data)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
     simulator = simulator_parameters(saved)
     note = ''

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.errors import RecordErrors
-from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.identification.validate import Validation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
@@ -15,39 +15,22 @@ from piezo_hysteresis.reporting.units import micrometres
 
 
 def validation_page(
-    saved: ModelFile,
-    records: Sequence[Record],
-    simulated: Mapping[str, FloatArray],
-    rows: Sequence[RecordErrors],
-    noise_floor: float,
-    remarks: Sequence[str],
-    *,
-    model: str = 'model.yaml',
-    data: Sequence[str] = (),
+    validation: Validation, *, model: str = 'model.yaml', data: Sequence[str] = ()
 ) -> str:
     """Return the whole report as HTML.
 
     Parameters
     ----------
-    saved : ModelFile
-        The model.
-    records : sequence of Record
-        What was measured.
-    simulated : mapping of str to ndarray
-        Free run by record name [m].
-    rows : sequence of RecordErrors
-        How far each is off.
-    noise_floor : float
-        Of the records [m]; 0 where it is not known.
-    remarks : sequence of str
-        What is to be known besides: the comparison with the known discrepancy, warnings.
+    validation : Validation
+        Errors of a model on records.
     model : str
         File of the model, for the command that comes next.
     data : sequence of str
         Paths, as well; ``DATA`` where not given or many.
     """
     where = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
-    worst = max(rows, key=lambda row: largest_if_unknown(row.nrmse_percent))
+    saved, rows, worst = validation.given, validation.records, validation.worst
+    noise_floor, simulated = validation.noise_floor, validation.simulated
     many = f' in the worst of {len(rows)} records' if len(rows) > 1 else ''
     sentence = (
         f'The model {saved.model.name} is off by {micrometres(worst.free_run_rms)} µm rms '
@@ -56,9 +39,11 @@ def validation_page(
     if noise_floor > 0.0:
         sentence += f', {worst.free_run_rms / noise_floor:.3g} times the noise floor'
     sections = [
-        _table(rows, noise_floor, remarks),
-        PageSection('Does the model follow the actuator?', '', fit_figures(records, simulated)),
-        _rest(records, simulated, worst.record),
+        _table(rows, noise_floor, [validation.remark, *validation.warnings]),
+        PageSection(
+            'Does the model follow the actuator?', '', fit_figures(validation.data, simulated)
+        ),
+        _rest(validation.data, simulated, worst.record),
         PageSection(
             'What next?',
             f'- `{discover_command(saved.model, data)}` names what the model lacks, with '

@@ -1,0 +1,184 @@
+"""How far a model is off on records, and whether that is more than it is known to miss."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.common.results import Reportable
+from piezo_hysteresis.common.wording import counted
+from piezo_hysteresis.identification.clock import clock_of
+from piezo_hysteresis.identification.comparison import (
+    Comparison,
+    compared,
+    comparison_summary,
+    comparison_words,
+)
+from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
+from piezo_hysteresis.identification.errors import RecordErrors, free_run_of, judged, views_of
+from piezo_hysteresis.identification.identify import record_summary
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.noise import floor_of
+from piezo_hysteresis.identification.units import require_plausible
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models.choice import Modelled, ModelLike, with_values
+from piezo_hysteresis.records import Record, listed
+from piezo_hysteresis.records.fingerprint import fingerprints
+
+
+@dataclass(frozen=True, repr=False)
+class Validation(Reportable, Modelled):
+    """The errors of a model on records.
+
+    Attributes
+    ----------
+    given : ModelFile
+        The model as it was given.
+    updated : ModelFile
+        The same model, with its errors on these records as its discrepancy.
+    records : tuple of RecordErrors
+        Free-run and one-step errors of every record.
+    simulated : dict of str to ndarray, shape (n,)
+        Free run by record name [m].
+    noise_floor : float
+        Rms noise of one sample [m]; NaN where no record repeats itself.
+    sampling_offset : float
+        Time by which the displacement was sampled after the convention of a `Record` [s].
+    comparisons : tuple of Comparison
+        The error on each record and the error that the discrepancy of the model predicts.
+    warnings : tuple of str
+        Units that look wrong.
+    seconds : float
+        Computing time [s].
+    data : tuple of Record
+        The records.
+    """
+
+    given: ModelFile
+    updated: ModelFile
+    records: tuple[RecordErrors, ...]
+    simulated: dict[str, FloatArray]
+    noise_floor: float
+    sampling_offset: float
+    comparisons: tuple[Comparison, ...]
+    warnings: tuple[str, ...]
+    seconds: float
+    data: tuple[Record, ...] = field(repr=False)
+
+    def __repr__(self) -> str:
+        lines = [
+            f'Validation of {self.given.model.name} on {counted(len(self.records), "record")}'
+        ]
+        lines += [
+            f'  {row.record}: free run within {1e6 * row.free_run_rms:.3g} µm rms '
+            f'({row.nrmse_percent:.3g} %)'
+            for row in self.records
+        ]
+        return '\n'.join([*lines, f'  {self.remark}'])
+
+    @property
+    def remark(self) -> str:
+        """One sentence on whether the errors are larger than the discrepancy of the model."""
+        return comparison_words(self.comparisons, self.given.discrepancy)
+
+    @property
+    def worst(self) -> RecordErrors:
+        """The record with the largest free-run error relative to its displacement."""
+        return max(self.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
+
+    def model_file(self) -> ModelFile:
+        """Return the model with its errors on these records as its discrepancy."""
+        return self.updated
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the errors by column, one row per record; lengths are in metres."""
+        rows = [record_summary(row) for row in self.records]
+        return {name: [row[name] for row in rows] for name in rows[0]}
+
+    def summary(self) -> dict[str, Any]:
+        """Return the content of ``summary.json``; numbers that are not finite become null."""
+        model = self.given.model
+        return {
+            'model': model.name,
+            'method': 'validate',
+            'parameters': {
+                q.name: {
+                    'value': float(self.given.values[q.name]),
+                    'std': self.given.deviations.get(q.name),
+                    'unit': q.unit,
+                }
+                for q in model.parameters
+            },
+            'records': [record_summary(row) for row in self.records],
+            'noise_floor_rms_m': self.noise_floor if self.noise_floor > 0 else None,
+            'sampling_offset_s': self.sampling_offset,
+            'discrepancy': comparison_summary(self.comparisons, self.given.discrepancy),
+            'warnings': list(self.warnings),
+            'seconds': self.seconds,
+        }
+
+
+def validate(
+    records: Record | Sequence[Record],
+    model: ModelLike,
+    *,
+    begins: str = 'auto',
+    zero: str = 'auto',
+) -> Validation:
+    """Compare a model with records in free run, without fitting it to them.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        Of one actuator; records that were not fitted are the ones that count.
+    model : str, Path, ModelFile, Identification or Discovery
+        A model with values, the path of a ``model.yaml``, or a result that contains a model.
+    begins : str
+        How the records begin: ``auto``, ``rest``, ``step``, ``settled`` or ``estimate``.
+    zero : str
+        Zero of the displacement: ``record``, ``common`` or ``auto``.
+
+    Returns
+    -------
+    Validation
+        Errors by record, in metres and in per cent of the displacement.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or its values are not known.
+    RecordError
+        If something else than records is given.
+    IdentificationError
+        If the records cannot be those of a piezo actuator.
+    """
+    started = time.perf_counter()
+    records = listed(records)
+    given = with_values(model)
+    warnings = require_plausible(records)
+    late = given.sampling_offset
+    views = views_of(given.model, given.values, records, late, Choices(begins, zero))
+    late = clock_of(given, views)
+    left = residuals_of(given.model, given.values, records, views, late)
+    known = compared(left, given.discrepancy) if given.discrepancy is not None else []
+    seen = (*given.provenance.records, *fingerprints(records))
+    updated = replace(
+        given,
+        discrepancy=discrepancy_of(left, held_out=True),
+        provenance=replace(given.provenance, records=seen),
+    )
+    return Validation(
+        given=given,
+        updated=updated,
+        records=judged(given.model, given.values, views, late),
+        simulated={v.name: free_run_of(given.model, given.values, v, late) for v in views},
+        noise_floor=floor_of(records).rms,
+        sampling_offset=late,
+        comparisons=tuple(known),
+        warnings=tuple(map(str, warnings)),
+        seconds=time.perf_counter() - started,
+        data=tuple(records),
+    )

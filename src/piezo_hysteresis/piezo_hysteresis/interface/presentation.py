@@ -1,0 +1,143 @@
+"""Axes and reports of the results of the Python interface; imported when a result is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import singledispatch
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.discovery import Discovery
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification import Identification, Validation
+from piezo_hysteresis.interface.compensate_runs import Compensation
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.discovery_folder import write_discovery
+from piezo_hysteresis.reporting.identification_folder import write_identification
+from piezo_hysteresis.reporting.identification_report import free_runs
+from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
+from piezo_hysteresis.reporting.signals import last_periods, thinned
+from piezo_hysteresis.reporting.units import MICRO
+from piezo_hysteresis.reporting.validation_folder import write_validation
+
+
+def draw(result: Any, axes: Axes | None, record: str) -> Axes:
+    """Draw a result on axes, on new ones where none are given."""
+    if axes is None:
+        axes = plt.subplots(layout='constrained')[1]
+    _draw(result, axes, record)
+    return axes
+
+
+@singledispatch
+def _draw(result: Any, axes: Axes, record: str) -> None:
+    raise PiezoError(f'there is no plot of a {type(result).__name__}')
+
+
+@singledispatch
+def write(result: Any, path: str) -> None:
+    """Write the folder of a result."""
+    raise PiezoError(f'there is no report of a {type(result).__name__}')
+
+
+@_draw.register
+def _(result: Record, axes: Axes, record: str) -> None:
+    part = last_periods(len(result), result.info.frequency, result.dt, 2, result.warm_up_samples)
+    axes.plot(result.voltage[part], MICRO * result.displacement[part], lw=1.2)
+    _label(axes, result)
+
+
+@_draw.register
+def _(result: Identification, axes: Axes, record: str) -> None:
+    _require_data(result.data)
+    _free_run(axes, result.data, free_runs(result.data, result), _named(result, record))
+
+
+@_draw.register
+def _(result: Validation, axes: Axes, record: str) -> None:
+    _free_run(axes, result.data, result.simulated, _named(result, record))
+
+
+@_draw.register
+def _(result: Discovery, axes: Axes, record: str) -> None:
+    rows = result.proof.rows
+    place = np.arange(len(rows))
+    before, after = ([MICRO * getattr(row, key) for row in rows] for key in ('before', 'after'))
+    axes.bar(place - 0.2, before, 0.4, color=ROLES['before'], label=result.verdict.baseline)
+    axes.bar(place + 0.2, after, 0.4, color=ROLES['after'], label='with the effects found')
+    axes.axhline(MICRO * result.floor, color='k', ls=':', label='noise')
+    axes.set_xticks(place, [row.record for row in rows], rotation=45, ha='right')
+    axes.set(yscale='log', ylabel='rms error [µm]', title='Held-out records')
+    axes.legend()
+
+
+@_draw.register
+def _(result: Compensation, axes: Axes, record: str) -> None:
+    for run in sorted(result.runs, key=lambda each: -each.metrics.rms):
+        time, error = thinned(run.result.time, run.result.error)
+        label = f'{run.name}: {MICRO * run.metrics.rms:.3g} µm rms'
+        axes.plot(time, MICRO * error, lw=0.8, label=label)
+    axes.set(xlabel='time [s]', ylabel='tracking error [µm]', title=result.reference)
+    axes.legend()
+
+
+@write.register
+def _(result: Identification, path: str) -> None:
+    _require_data(result.data)
+    write_identification(path, result, result.data)
+
+
+@write.register
+def _(result: Validation, path: str) -> None:
+    write_validation(path, result)
+
+
+@write.register
+def _(result: Discovery, path: str) -> None:
+    write_discovery(path, result)
+
+
+@write.register
+def _(result: Compensation, path: str) -> None:
+    result.write(path)
+
+
+def _require_data(records: Sequence[Record]) -> None:
+    if not records:
+        raise PiezoError('the result does not contain its records; identify again')
+
+
+def _named(result: Identification | Validation, record: str) -> str:
+    """Return the name of the record that is drawn: the one that is asked for, or the worst."""
+    names = [row.record for row in result.records]
+    if not record:
+        return max(result.records, key=lambda row: largest_if_unknown(row.nrmse_percent)).record
+    if record not in names:
+        raise PiezoError(
+            f'there is no record {record}{near(record, names)}; there are {", ".join(names)}'
+        )
+    return record
+
+
+def _free_run(
+    axes: Axes, records: Sequence[Record], simulated: Mapping[str, FloatArray], name: str
+) -> None:
+    """Draw measured and simulated displacement of one record over its voltage."""
+    (drawn,) = (record for record in records if record.name == name)
+    part = last_periods(len(drawn), drawn.info.frequency, drawn.dt, 2, drawn.warm_up_samples)
+    voltage = drawn.voltage[part]
+    axes.plot(voltage, MICRO * drawn.displacement[part], color=GREY, lw=3.5, label='measured')
+    model = MICRO * simulated[name][part]
+    axes.plot(voltage, model, '--', color=ROLES['model'], label='model')
+    _label(axes, drawn)
+    axes.legend()
+
+
+def _label(axes: Axes, record: Record) -> None:
+    drive = 'force [N]' if record.info.input_unit == 'N' else 'voltage [V]'
+    axes.set(title=record.name, xlabel=drive, ylabel='displacement [µm]')

@@ -1,0 +1,49 @@
+"""The folder that a validation leaves: report, errors, figures and the model; whole or not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+from piezo_hysteresis.identification.validate import Validation
+from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.reporting.identification_figures import figures
+from piezo_hysteresis.reporting.validation_report import validation_page
+
+
+def write_validation(
+    out: str, validation: Validation, *, model: str = 'model.yaml', data: Sequence[str] = ()
+) -> None:
+    """Write report.html, summary.json, model.yaml and figures.
+
+    Parameters
+    ----------
+    out : str
+        Folder; made where it is not there.
+    validation : Validation
+        Errors of a model on records.
+    model : str
+        File of the model, for the command that comes next.
+    data : sequence of str
+        Paths of the records, as well.
+
+    Raises
+    ------
+    PiezoError
+        If the folder cannot be written or holds the results of another verb.
+    """
+    write_folder(
+        out,
+        {
+            'report.html': validation_page(validation, model=model, data=data),
+            'summary.json': json.dumps(validation.summary(), indent=2, allow_nan=False) + '\n',
+            'model.yaml': validation.updated.text(),
+            **figures(
+                validation.data,
+                validation.simulated,
+                validation.records,
+                noise_floor=validation.noise_floor,
+            ),
+        },
+        'validate',
+    )
