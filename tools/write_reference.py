@@ -26,15 +26,17 @@ PAGES = {
     ),
     'compensation': (
         'Voltages from a reference. In words: [compensation](../compensation.md).',
-        tuple(
-            f'compensation.{name}'
-            for name in (
-                'base', 'inverses.choice', 'loop', 'model_plant', 'harmonics.attenuation',
-                'harmonics.settings', 'feedback.settings', 'feedback.pid',
-                'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
-            )
-        )
-        + ('interface.compensate_runs',),
+        (
+            *(
+                f'compensation.{name}'
+                for name in (
+                    'base', 'inverses.choice', 'loop', 'model_plant', 'harmonics.attenuation',
+                    'harmonics.settings', 'feedback.settings', 'feedback.pid',
+                    'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
+                )
+            ),
+            'interface.compensate_runs',
+        ),
     ),
     'discovery': (
         'What a model misses. In words: [discovery](../discovery.md).',

@@ -1,10 +1,14 @@
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
 package = 'piezo_sim'
-nodes = ['simulator']
 
+# The node is an executable for `ros2 run`, in a folder of this package. pip puts executables where
+# those of all programs are: there it is `piezo node simulator`.
+by_pip = not {'bdist_wheel', 'dist_info', 'editable_wheel'}.isdisjoint(sys.argv)
+nodes = [] if by_pip else ['simulator']
 
 setup(
     name=package,
