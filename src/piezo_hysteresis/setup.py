@@ -75,6 +75,7 @@ setup(
         'dask': ['distributed>=2024.1'],
         'formats': ['h5py>=3,<4', 'npTDMS>=1.7,<2', 'openpyxl>=3.1,<4', 'pyarrow>=14'],
         'pandas': ['pandas>=2,<4'],  # data frames of results
+        'serial': ['pyserial>=3.5,<4'],  # controllers on a serial port
         'test': ['hypothesis>=6', 'pytest>=8', 'pytest-xdist>=3'],
     },
     entry_points={

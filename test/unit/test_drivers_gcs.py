@@ -1,4 +1,4 @@
-"""Sweeps in a controller that speaks GCS 2, against the simulated one."""
+"""Sweeps in a controller, against the simulated ones: GCS 2 by TCP and serial, and NV200."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,36 +15,67 @@ import pytest
 import yaml
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.drivers.gcs import Connection, DriveLimits, DriverError, GcsController, sweep
-from piezo_hysteresis.drivers.gcs.controller import MOST_POINTS, Measurement
-from piezo_hysteresis.drivers.gcs.tracking import Learning
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.drivers import DriverError, Measurement, open_controller, sweep
+from piezo_hysteresis.drivers.controller import UNLIMITED
+from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController
+from piezo_hysteresis.drivers.tracking import Learning
+from piezo_hysteresis.drivers.wires import TcpWire
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import load
 from piezo_hysteresis.waveforms import Sine
-from piezo_sim.gcs.controller import SimulatedController
-from piezo_sim.gcs.server import FAULTS, Fault, GcsServer
+from piezo_sim.gcs.controller import OUTPUT, SimulatedController
+from piezo_sim.gcs.language import Language
+from piezo_sim.gcs.nv200 import Nv200Language
+from piezo_sim.gcs.server import FAULTS, Fault, GcsServer, PtyServer
 from piezo_sim.plant import Plant
 
 PRESET, RATE = 'fdk_pzba_00030', 20_000.0
 
 
+KINDS = ('tcp', 'serial', 'nv200')
+
+
 @contextmanager
-def serving(speed: float = np.inf, fault: Fault | None = None) -> Iterator[GcsServer]:
-    server = GcsServer(SimulatedController(Plant.from_preset(PRESET, RATE), speed), 0, fault)
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
+def running(server: Any, *words: Any) -> Iterator[None]:
+    thread = threading.Thread(target=server.serve_forever, args=words, daemon=True)
     thread.start()
     try:
-        yield server
+        yield
     finally:
         server.shutdown()
-        server.server_close()
         thread.join()
 
 
+@contextmanager
+def serving(speed: float = np.inf, fault: Fault | None = None) -> Iterator[GcsServer]:
+    server = GcsServer(SimulatedController(Plant.from_preset(PRESET, RATE), speed), 0, fault)
+    with running(server, 0.01):
+        yield server
+    server.server_close()
+
+
+@contextmanager
+def served(
+    kind: str, speed: float = np.inf, fault: Fault | None = None
+) -> Iterator[tuple[str, SimulatedController]]:
+    """Yield the address of a simulated controller, and the controller."""
+    if kind == 'tcp':
+        with serving(speed, fault) as server:
+            yield f'gcs://127.0.0.1:{server.server_address[1]}', server.controller
+        return
+    controller = SimulatedController(Plant.from_preset(PRESET, RATE), speed)
+    language = (Nv200Language if kind == 'nv200' else Language)(controller)
+    pty = PtyServer(controller, language, fault)
+    with running(pty):
+        yield f'{"nv200" if kind == "nv200" else "gcs"}://{pty.path}', controller
+
+
 def connected(
-    server: GcsServer, limits: DriveLimits | None = None, timeout: float = 5.0
+    server: GcsServer, limits: Limits = UNLIMITED, timeout: float = 5.0
 ) -> GcsController:
-    return GcsController(Connection('127.0.0.1', server.server_address[1], timeout), limits)
+    wire = TcpWire('127.0.0.1', server.server_address[1], timeout)
+    return GcsController(GcsConnection(wire), limits)
 
 
 @pytest.fixture
@@ -73,6 +105,84 @@ def test_a_wave_comes_back_as_the_plant_answers_it(server: GcsServer) -> None:
     np.testing.assert_allclose(played.voltage, wave, rtol=0, atol=2e-9)
     assert np.ptp(played.displacement) > 5e-5
     assert server.controller.voltage == 0.0
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_every_driver_connects_measures_and_comes_to_rest(kind: str) -> None:
+    with served(kind) as (address, controller):
+        controller.set_voltage(1.5)
+        with open_controller(address, low=-2.0, high=2.0) as made:
+            assert controller.voltage in (0.0, 1.5)
+            assert made.identity.rate == RATE
+            made.open_loop()
+            assert made.voltage == 0.0
+            first, second = sweep(made, [20.0, 50.0], [1.0], 0.2, actuator='bender')
+            with pytest.raises(DriverError, match=r'leaves the range -2 \.\. 2 V'):
+                sweep(made, [20.0], [2.5], 0.2)
+            assert made.about()['limits']['high'] == 2.0
+        assert abs(controller.voltage) < 1e-5
+    assert first.rate == second.rate == RATE / made.divider_for(0.5)
+    np.testing.assert_allclose(np.abs(first.voltage).max(), 1.0, rtol=0.01)
+    assert np.ptp(first.displacement) > 5e-5
+    assert second.info.actuator == 'bender'
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_an_axis_that_is_not_there_leaves_no_connection(kind: str) -> None:
+    with served(kind) as (address, _):
+        with pytest.raises(DriverError, match='there is no axis 7; it has 1'):
+            open_controller(address, '7')
+        open_controller(address).disconnect()  # one client at a time
+
+
+def test_a_verb_measures_by_a_serial_port(tmp_path: Path) -> None:
+    words = [
+        '--frequencies',
+        '20',
+        '--amplitudes',
+        '0.5',
+        '--seconds',
+        '0.2',
+        '--range',
+        '-1',
+        '1',
+    ]
+    with served('nv200') as (address, _):
+        bag = tmp_path / 'bag'
+        assert main(['sweep', '--on', address, *words, '--out', str(bag)]) == 0
+    (record,) = load(bag)
+    about = yaml.safe_load((bag / 'controller.yaml').read_text())
+    assert about['rate'] == record.rate
+    assert 'low-pass of the position at 1000 Hz' in about['filters']
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [('--plant model.yaml --rounds 3', '--rounds: of a controller, not used with --plant'),
+     ('--on gcs://x --rate 500 --noise 1e-9', '--noise, --rate: of a study, not used with --on')],
+)  # fmt: skip
+def test_words_that_would_be_ignored_are_refused(
+    words: str, sentence: str, capsys: Any, tmp_path: Path
+) -> None:
+    needed = ['--model', 'm.yaml', '--reference', 'sine:', '--out', str(tmp_path / 'out')]
+    assert main(['compensate', *words.split(), *needed]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_an_address_of_another_kind_is_said() -> None:
+    with (
+        served('serial') as (address, _),
+        pytest.raises(DriverError, match='no answer'),
+    ):
+        open_controller(address.replace('gcs', 'nv200'), timeout=0.1)
+
+
+@pytest.mark.parametrize('limits', [(1.0, 2.0, None), (2.0, -2.0, None), (None, None, 0.0)])
+def test_limits_that_allow_nothing_are_refused(
+    limits: tuple[float | None, float | None, float | None],
+) -> None:
+    with pytest.raises(DriverError, match='allow nothing'):
+        open_controller('gcs://127.0.0.1', '1', *limits)
 
 
 @pytest.mark.slow
@@ -105,15 +215,15 @@ def tracked(port: int, tmp_path: Path) -> None:
     assert np.sqrt(np.mean(error**2)) < 3 * 2e-8  # noise floors
 
 
-REFUSED: dict[str, tuple[DriveLimits, dict[str, Any], str]] = {
-    'range': (DriveLimits(-0.5, 0.5), {}, 'leaves the range -0.5 .. 0.5 V'),
+REFUSED: dict[str, tuple[Limits, dict[str, Any], str]] = {
+    'range': (Limits(-0.5, 0.5, np.inf), {}, 'leaves the range -0.5 .. 0.5 V'),
     'range of the controller': (
-        DriveLimits(-99.0, 99.0),
+        Limits(-99.0, 99.0, np.inf),
         {'amplitudes': [6.0]},
         'the range -5 .. 5 V',
     ),
-    'slew': (DriveLimits(slew=10.0), {'frequencies': [50.0]}, 'the limit is 10 V/s'),
-    'rate': (DriveLimits(), {'frequencies': [15_000.0]}, 'cannot be sampled at 20000 Hz'),
+    'slew': (replace(UNLIMITED, slew=10.0), {'frequencies': [50.0]}, 'the limit is 10 V/s'),
+    'rate': (UNLIMITED, {'frequencies': [15_000.0]}, 'cannot be sampled at 20000 Hz'),
 }
 
 
@@ -135,7 +245,7 @@ def test_a_long_record_is_sampled_slower(server: GcsServer) -> None:
         made.open_loop()
         (record,) = sweep(made, [1.0], [1.0], 5.0)
     assert record.rate == RATE / 2
-    assert len(record) == 50_000 < MOST_POINTS
+    assert len(record) == 50_000 < GcsController.most_points
 
 
 @pytest.mark.parametrize(
@@ -147,7 +257,7 @@ def test_a_refusal_of_the_controller_is_a_sentence(
     server: GcsServer, text: str, sentence: str
 ) -> None:
     with (
-        closing(Connection('127.0.0.1', server.server_address[1])) as line,
+        closing(GcsConnection(TcpWire('127.0.0.1', server.server_address[1]))) as line,
         pytest.raises(DriverError, match=sentence),
     ):
         line.command(text)
@@ -157,6 +267,9 @@ def test_wrong_addresses_are_said(capsys: Any) -> None:
     words = ['--frequencies', '1', '--amplitudes', '1', '--out', 'nowhere']
     assert main(['sweep', '--on', 'tcp://x', *words]) == 2
     assert 'write gcs://HOST' in capsys.readouterr().err
+    for address in ('gcs:///dev/none', 'gcs://', 'gcs:///dev/x?bauds=1', 'nv200:///dev/x?baud=a'):
+        assert main(['sweep', '--on', address, *words]) == 2
+        assert capsys.readouterr().err.count('\n') == 1
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]
@@ -164,10 +277,10 @@ def test_wrong_addresses_are_said(capsys: Any) -> None:
     assert 'no controller answers' in capsys.readouterr().err
 
 
-def measured(server: GcsServer) -> str:
+def measured(address: str) -> str:
     """Return '' or the sentence with which a sweep ended."""
     try:
-        with connected(server, timeout=0.2) as made:
+        with open_controller(address, timeout=0.2) as made:
             made.open_loop()
             sweep(made, [20.0], [1.0], 0.05)
     except DriverError as error:
@@ -175,34 +288,41 @@ def measured(server: GcsServer) -> str:
     return ''
 
 
-def lines_of_a_sweep() -> int:
-    with serving(fault=Fault('count', 10**9)) as made:
-        assert measured(made) == ''
-        return 10**9 - made.fault.after
+def largest_voltage(controller: SimulatedController) -> float:
+    """Return the largest voltage that was recorded [V]."""
+    recorder = controller.recorder
+    tables = [table for table, option in recorder.options.items() if option == OUTPUT]
+    parts = [part for table in tables for part in recorder.samples.get(table, [])]
+    return max((float(np.abs(part).max(initial=0.0)) for part in parts), default=0.0)
+
+
+def lines_of_a_sweep(kind: str) -> int:
+    fault = Fault('count', 10**9)
+    with served(kind, fault=fault) as (address, _):
+        assert measured(address) == ''
+    return 10**9 - fault.after
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('kind', FAULTS)
-def test_a_connection_lost_at_any_moment_leaves_the_output_at_rest(kind: str) -> None:
+@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_connection_lost_at_any_moment_leaves_the_output_at_rest(kind: str, fault: str) -> None:
     """Twenty random moments: the generator ends by itself, within the limits, at 0 V."""
-    rng, total = np.random.default_rng(7), lines_of_a_sweep()
+    rng, total = np.random.default_rng(7), lines_of_a_sweep(kind)
     for after in rng.integers(0, total, 20):
-        with serving(fault=Fault(kind, int(after))) as made:
-            assert '\n' not in measured(made)
-            made.controller.advance()
-            assert not made.controller.is_running
-            assert made.controller.voltage == 0.0
-            largest = max(
-                np.abs(part).max(initial=0.0)
-                for part in made.controller.recorder.samples.get(2, [np.zeros(1)])
-            )
-            assert largest <= 1.0 + 1e-9  # fmt: skip
+        with served(kind, fault=Fault(fault, int(after))) as (address, controller):
+            assert '\n' not in measured(address)
+            controller.advance()
+            assert not controller.is_running
+            assert abs(controller.voltage) < 1e-5  # percent of a range, as NV200 takes it
+            assert largest_voltage(controller) <= 1.0 + 1e-5
 
 
-def test_a_lost_connection_is_a_sentence() -> None:
-    with serving(fault=Fault('drop', 12)) as made:
-        assert 'the connection is lost' in measured(made)
-        assert made.controller.voltage == 0.0
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_lost_connection_is_a_sentence(kind: str) -> None:
+    with served(kind, fault=Fault('drop', 12)) as (address, controller):
+        assert 'the connection is lost' in measured(address)
+        assert abs(controller.voltage) < 1e-5
 
 
 def test_the_generator_goes_on_to_its_end_without_a_client() -> None:
@@ -221,8 +341,8 @@ def test_the_generator_goes_on_to_its_end_without_a_client() -> None:
 
 
 def test_a_run_that_fails_is_stopped_and_brought_to_rest(monkeypatch: Any) -> None:
-    monkeypatch.setattr('piezo_hysteresis.drivers.gcs.controller._AFTER', -0.35)
-    with serving(speed=1.0) as made, connected(made, DriveLimits(slew=1e6)) as controller:
+    monkeypatch.setattr('piezo_hysteresis.drivers.controller._AFTER', -0.35)
+    with serving(speed=1.0) as made, connected(made, replace(UNLIMITED, slew=1e6)) as controller:
         controller.open_loop()
         wave = np.concatenate([[0.0], np.ones(8000), [0.0]])
         with pytest.raises(DriverError, match='does not end'):

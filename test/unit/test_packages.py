@@ -57,7 +57,7 @@ def test_every_import_is_a_named_dependency(package: Any) -> None:
 # What pip does not bring: ROS, and what comes with a requirement or where a user wants it.
 ROS = re.compile(r'rclpy|launch|ament_\w+|\w+_(ros|msgs|srvs|interfaces)')
 WITH_OTHERS = {'apsw', 'lz4', 'backports', 'piezo_sim'}
-BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2', 'nptdms': 'npTDMS'}
+BY_PIP = {'yaml': 'PyYAML', 'jinja2': 'Jinja2', 'nptdms': 'npTDMS', 'serial': 'pyserial'}
 
 
 def metadata(

@@ -47,7 +47,11 @@ def build_parser() -> argparse.ArgumentParser:
     verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
     configure_stage(verbs.add_parser('stage', help='a flexure stage from its dimensions'))
     _configure_plant(verbs.add_parser('plant', help='an actuator for another program, by a pipe'))
-    _configure_gcs(verbs.add_parser('gcs', help='a controller that speaks GCS 2, on a TCP port'))
+    for name, what in (
+        ('gcs', 'a controller that speaks GCS 2, on a TCP port or a pty'),
+        ('nv200', 'an amplifier NV200 of piezosystem jena, on a pty'),
+    ):
+        _configure_controller(verbs.add_parser(name, help=what), name)
     describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
     describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
     describe.set_defaults(run=_describe)
@@ -120,18 +124,22 @@ def _configure_plant(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=lambda options: serve.run(options, dict(options.set)))
 
 
-def _configure_gcs(parser: argparse.ArgumentParser) -> None:
+def _configure_controller(parser: argparse.ArgumentParser, language: str) -> None:
     add = parser.add_argument
     add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
-    add('--rate', type=float, default=20_000.0, help='servo rate in Hz (default 20000)')
-    add('--port', type=int, default=50_000, help='TCP port on this machine; 0 takes a free one')
+    if language == 'gcs':
+        add('--rate', type=float, default=20_000.0, help='servo rate in Hz (default 20000)')
+        add('--port', type=int, default=50_000, help='TCP port on this machine; 0: a free one')
+        add('--pty', action='store_true', help='on a pseudo terminal, as by a serial cable')
+    else:
+        parser.set_defaults(rate=20_000.0)
     add('--speed', type=float, default=1.0, help='times real time; inf plays waves at once')
     add('--seed', type=int, default=0, help='seed of all noise')
     add('--fault', default='', metavar='KIND:N',
         help=f'one of {", ".join(FAULTS)}, once, after N lines')  # fmt: skip
     add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
         help='parameter, or effects.NAME=true|false')  # fmt: skip
-    parser.set_defaults(run=lambda options: server.run(options, dict(options.set)))
+    parser.set_defaults(run=lambda options: server.run(options, dict(options.set), language))
 
 
 def _overrides(options: argparse.Namespace) -> dict[str, float | bool]:

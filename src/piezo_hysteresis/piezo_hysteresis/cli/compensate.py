@@ -27,6 +27,7 @@ from piezo_hysteresis.cli.compensate_study import (
 from piezo_hysteresis.cli.compensate_study import write_results as write
 from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder
@@ -34,6 +35,9 @@ from piezo_hysteresis.reporting.folder import check_folder
 HELP = 'how well a model compensates a plant: a study offline, or on a controller'
 
 PRESET = 'preset:'
+# Words that both ways take, and those that only a controller takes.
+_COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
+_OF_CONTROLLER = {'axis', 'rounds'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -48,11 +52,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     what.add_argument(
         '--on',
-        metavar='gcs://HOST[:PORT]',
-        help='the actuator on a controller: its wave is learnt from run to run',
+        metavar='ADDRESS',
+        help=f'the actuator on a controller: its wave is learnt from run to run; {FORMS}',
     )
-    add('--axis', default='1', help='of the controller')
-    add('--rounds', type=int, default=8, metavar='N', help='runs that learn, at most')
+    add('--axis', default='1', help='of the controller (1)')
+    add('--rounds', type=int, default=8, metavar='N', help='with --on: runs that learn, at most')
     add(
         '--plant-set',
         nargs='+',
@@ -75,6 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
     started = time.perf_counter()
+    _require_used(arguments)
     check_folder(arguments.out, 'compensate')
     if arguments.on is not None:
         return run_on(arguments)
@@ -98,6 +103,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(remark)
     print(f'written to {out}; open {out}/report.html')
     return 0
+
+
+def _require_used(arguments: argparse.Namespace) -> None:
+    """Refuse words of a study on a controller, and of a controller in a study."""
+    parser = argparse.ArgumentParser()
+    configure(parser)
+    needed = ['--model', '', '--on', '', '--reference', '', '--out', '']
+    given = {
+        name
+        for name, default in vars(parser.parse_args(needed)).items()
+        if name not in _COMMON and getattr(arguments, name, default) != default
+    }
+    unused = given - _OF_CONTROLLER if arguments.on is not None else given & _OF_CONTROLLER
+    if unused:
+        names = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(unused))
+        ways = ('a study', '--on') if arguments.on is not None else ('a controller', '--plant')
+        raise CompensationError(f'{names}: of {ways[0]}, not used with {ways[1]}; leave it out')
 
 
 def _study(

@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 
 from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, write_results
-from piezo_hysteresis.cli.sweep import controller_of
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.drivers.gcs.tracking import Learning, LearntRun
+from piezo_hysteresis.drivers import open_controller
+from piezo_hysteresis.drivers.tracking import Learning, LearntRun
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.records import Record, write_csv
@@ -28,17 +27,16 @@ def run_on(arguments: argparse.Namespace) -> int:
             'a controller learns a sine: --reference sine:frequency=23,amplitude=40e-6,duration=2'
         )
     model = ModelFile.load(arguments.model)
-    with controller_of(
+    with open_controller(
         arguments.on, arguments.axis, arguments.low, arguments.high, arguments.slew
     ) as controller:
         controller.open_loop()
         learning = Learning(controller, model, reference)
         runs = [_reported(each) for each in learning.runs(arguments.rounds)]
-        limits = controller.limits
         study = Study(
             model=model, slow=None, law='auto', switch=0.0, plant='', waveform=reference,
             controller=controller.identity.name, dt=learning.dt,
-            limits=Limits(limits.low, limits.high, limits.slew), attenuation=None,
+            limits=controller.limits, attenuation=None,
             gain_model=None, feedback=None, together=False, noise=0.0, seed=0,
             from_seconds=learning.from_seconds,
         )  # fmt: skip

@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import math
-from dataclasses import asdict
 from pathlib import Path
-from urllib.parse import urlsplit
-
-import yaml
 
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.common.wording import counted
-from piezo_hysteresis.drivers.gcs import Connection, DriveLimits, DriverError, GcsController, sweep
-from piezo_hysteresis.drivers.gcs.connection import PORT
+from piezo_hysteresis.drivers import open_controller, sweep, write_measured
+from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import PiezoError, RecordError
-from piezo_hysteresis.records import write_bag
 
-HELP = 'measure a sweep on a controller (PI, GCS 2)'
-
-#: What the controller says of itself, beside the bag.
-ABOUT = 'controller.yaml'
+HELP = 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     add = parser.add_argument
-    add('--on', required=True, metavar='gcs://HOST[:PORT]', help='the controller')
+    add('--on', required=True, metavar='ADDRESS', help=f'the controller: {FORMS}')
     add('--axis', default='1', help='of the controller (default 1)')
     add('--frequencies', required=True, type=_numbers, metavar='HZ,...')
     add('--amplitudes', required=True, type=_numbers, metavar='V,...')
@@ -49,64 +40,20 @@ def run(arguments: argparse.Namespace) -> int:
         raise RecordError(f'{out} exists already; remove it or choose another name')
     low, high = arguments.range or (None, None)
     with (
-        controller_of(arguments.on, arguments.axis, low, high, arguments.slew) as controller,
+        open_controller(arguments.on, arguments.axis, low, high, arguments.slew) as controller,
         progress_bar('sweep') as tell,
     ):
-        about = {
-            'controller': asdict(controller.identity),
-            'axis': arguments.axis,
-            'voltage': 'control voltage of the output [V]',
-            'displacement': 'position as the controller measures it, with its own filters',
-            'limits': asdict(controller.limits),
-        }
         controller.open_loop()
         records = sweep(
             controller, arguments.frequencies, arguments.amplitudes, arguments.seconds,
             warm_up=arguments.warm_up, waveform=arguments.waveform, options=arguments.options,
             actuator=arguments.actuator, progress=tell,
         )  # fmt: skip
-    write_bag(out, records)
-    (out / ABOUT).write_text(yaml.safe_dump(about, sort_keys=False), 'utf-8')
+        about = controller.about()
+    write_measured(out, records, about)
     samples = sum(len(record) for record in records)
     print(f'{out}: {counted(len(records), "record")}, {samples} samples at {records[0].rate:g} Hz')
     return 0
-
-
-def controller_of(
-    text: str, axis: str, low: float | None, high: float | None, slew: float | None
-) -> GcsController:
-    """Connect to the controller that ``gcs://HOST[:PORT]`` names, with limits where given.
-
-    Raises
-    ------
-    PiezoError
-        If the text is something else, or no controller answers.
-    """
-    host, port = address(text)
-    limits = DriveLimits(
-        -math.inf if low is None else low,
-        math.inf if high is None else high,
-        math.inf if slew is None else slew,
-    )
-    return GcsController(Connection(host, port), limits, axis)
-
-
-def address(text: str) -> tuple[str, int]:
-    """Return host and port of ``gcs://HOST[:PORT]``.
-
-    Raises
-    ------
-    PiezoError
-        If it is something else.
-    """
-    try:
-        parts = urlsplit(text)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if host is None or parts.scheme != 'gcs':
-        raise DriverError(f'{text!r} is no controller: write gcs://HOST or gcs://HOST:{PORT}')
-    return host, PORT if port is None else port
 
 
 def _numbers(text: str) -> list[float]:

@@ -1,1 +1,18 @@
 """Controllers of the lab: sweeps that run in the controller, at its own rate."""
+
+from piezo_hysteresis.drivers.addresses import open_controller
+from piezo_hysteresis.drivers.controller import Controller, Identity, Measurement
+from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.sweep import measured, planned_sweep, sweep, write_measured
+
+__all__ = [
+    'Controller',
+    'DriverError',
+    'Identity',
+    'Measurement',
+    'measured',
+    'open_controller',
+    'planned_sweep',
+    'sweep',
+    'write_measured',
+]

@@ -1,1 +1,1 @@
-"""A piezo controller that speaks GCS 2, with an actuator of `piezo_sim` behind it."""
+"""Piezo controllers, with an actuator of `piezo_sim` behind them: GCS 2, and the NV200."""

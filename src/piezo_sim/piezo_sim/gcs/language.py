@@ -34,6 +34,8 @@ class Language:
         What they are about.
     """
 
+    controls: tuple[int, ...] = (5, 7, 9, 24)
+
     def __init__(self, controller: SimulatedController) -> None:
         self._controller = controller
         self._known: dict[str, Callable[[Words], str | None]] = {
@@ -86,6 +88,10 @@ class Language:
         if byte == 24:
             self._stop()
         return None
+
+    def framed(self, answer: str) -> bytes:
+        """Return lines as they are sent: all but the last end with a space."""
+        return (answer.replace('\n', ' \n') + '\n').encode('latin-1')
 
     def _last_error(self, _: Words) -> str:
         number, self._controller.error = self._controller.error, 0

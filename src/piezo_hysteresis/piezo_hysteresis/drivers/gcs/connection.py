@@ -1,10 +1,9 @@
-"""Commands and answers of GCS 2 over TCP."""
+"""Commands and answers of GCS 2."""
 
 from __future__ import annotations
 
-import socket
-
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.wires import Wire, silent
 
 PORT = 50_000
 STOP, RUNNING = b'\x18', b'\x09'
@@ -21,42 +20,22 @@ ERRORS = {
 }
 
 
-class DriverError(PiezoError):
-    """A controller cannot be reached, or refuses."""
-
-
-class Connection:
-    """A TCP connection that sends commands and reads whole answers.
+class GcsConnection:
+    """Sends commands and reads whole answers.
 
     Parameters
     ----------
-    host : str
-        Name or address of the controller.
-    port : int
-        TCP port, 50000 for most.
-    timeout : float
-        Longest time to wait for an answer [s].
-
-    Raises
-    ------
-    DriverError
-        If the controller cannot be reached.
+    wire : Wire
+        To the controller.
     """
 
-    def __init__(self, host: str, port: int = PORT, timeout: float = 5.0) -> None:
-        self.address = f'{host}:{port}'
+    def __init__(self, wire: Wire) -> None:
+        self._wire, self.address = wire, wire.address
         self._rest = b''
-        try:
-            self._socket = socket.create_connection((host, port), timeout)
-        except OSError as error:
-            raise DriverError(
-                f'{self.address}: no controller answers ({error.strerror or error}); check cable, '
-                'address and port'
-            ) from None
 
     def close(self) -> None:
         """Close the connection; the controller goes on with what it does."""
-        self._socket.close()
+        self._wire.close()
 
     def send(self, text: str | bytes) -> None:
         """Send a command, or a command of a single character.
@@ -66,11 +45,7 @@ class Connection:
         DriverError
             If the connection is lost.
         """
-        data = text if isinstance(text, bytes) else text.encode('ascii') + b'\n'
-        try:
-            self._socket.sendall(data)
-        except OSError as error:
-            raise self._lost(error) from None
+        self._wire.send(text if isinstance(text, bytes) else text.encode('ascii') + b'\n')
 
     def ask(self, text: str | bytes) -> list[str]:
         """Send a query; return the lines of its answer.
@@ -108,10 +83,14 @@ class Connection:
             If there is one; `text` says of what.
         """
         (answer,) = self.ask('ERR?')
-        number = int(answer)
+        number = self._integer(answer, 'ERR?')
         if number:
             reason = ERRORS.get(number, f'error {number}; see its manual')
             raise DriverError(f'{self.address}: {text[:40]!r} is refused: {reason}')
+
+    def is_running(self) -> bool:
+        """Return whether a wave generator plays."""
+        return self._integer(self.ask(RUNNING)[0], RUNNING, 16) != 0
 
     def value(self, text: str) -> str:
         """Return what stands behind the ``=`` of the answer to a query."""
@@ -129,26 +108,17 @@ class Connection:
         except ValueError:
             raise DriverError(f'{self.address}: {text!r} is answered by {value!r}') from None
 
+    def _integer(self, answer: str, text: str | bytes, base: int = 10) -> int:
+        try:
+            return int(answer, base)
+        except ValueError:
+            raise DriverError(f'{self.address}: {text!r} is answered by {answer!r}') from None
+
     def _line(self, text: str | bytes) -> str:
         while b'\n' not in self._rest:
             try:
-                data = self._socket.recv(1 << 16)
+                self._rest += self._wire.receive()
             except TimeoutError:
-                raise DriverError(
-                    f'{self.address}: no answer to {text!r} in time; the controller is busy, or '
-                    'something else answers there'
-                ) from None
-            except OSError as error:
-                raise self._lost(error) from None
-            if not data:
-                raise self._lost('closed by the controller')
-            self._rest += data
+                raise silent(self.address, text) from None
         line, self._rest = self._rest.split(b'\n', 1)
         return line.decode('latin-1') + '\n'
-
-    def _lost(self, reason: object) -> DriverError:
-        why = getattr(reason, 'strerror', None) or reason
-        return DriverError(
-            f'{self.address}: the connection is lost ({why}); a wave that runs ends at 0 V by '
-            'itself; check the cable, then try again'
-        )

@@ -22,9 +22,9 @@ from piezo_hysteresis.compensation.loop import (
     tracking_metrics,
 )
 from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.drivers.gcs.connection import DriverError
-from piezo_hysteresis.drivers.gcs.controller import GcsController
-from piezo_hysteresis.drivers.gcs.sweep import REST, whole
+from piezo_hysteresis.drivers.controller import Controller
+from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.sweep import REST, whole
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.smooth import smooth_ramp
@@ -73,7 +73,7 @@ class Learning:
 
     Parameters
     ----------
-    controller : GcsController
+    controller : Controller
         In open loop.
     loaded : ModelFile
         Model that is inverted.
@@ -86,7 +86,7 @@ class Learning:
         If the reference is endless or not sampled finely enough.
     """
 
-    def __init__(self, controller: GcsController, loaded: ModelFile, reference: Sine) -> None:
+    def __init__(self, controller: Controller, loaded: ModelFile, reference: Sine) -> None:
         duration, frequency = reference.duration, reference.frequency
         if not (isfinite(duration) and _WINDOW * duration * frequency >= 1.0):
             raise DriverError(

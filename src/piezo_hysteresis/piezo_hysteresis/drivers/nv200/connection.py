@@ -1,0 +1,83 @@
+"""Commands and answers of the NV200: lines of ASCII, each answered up to the byte XON."""
+
+from __future__ import annotations
+
+from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.wires import Wire, silent
+
+#: Of its telnet server.
+PORT = 23
+XON = b'\x11'
+_AROUND = '\x00\x01\x11\x13\r\n <>'  # what stands around an answer
+
+#: What the error numbers mean.
+ERRORS = {
+    1: 'it does not say why',
+    2: 'it does not know the command',
+    3: 'a parameter is missing',
+    4: 'a parameter is out of range',
+    5: 'there are too many parameters',
+    6: 'the parameter is locked',
+    7: 'underload',
+    8: 'overload',
+    9: 'a parameter is too low',
+    10: 'a parameter is too high',
+}
+
+
+class Nv200Connection:
+    """Sends commands and reads whole answers.
+
+    Parameters
+    ----------
+    wire : Wire
+        To the controller.
+    """
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire, self.address = wire, wire.address
+        self._rest = b''
+
+    def close(self) -> None:
+        """Close the connection; the controller goes on with what it does."""
+        self._wire.close()
+
+    def ask(self, text: str) -> str:
+        """Send a line; return its answer, empty for a command.
+
+        Raises
+        ------
+        DriverError
+            If it is refused, the connection is lost, or the answer does not come in time.
+        """
+        self._wire.send(text.encode('ascii') + b'\r\n')
+        while XON not in self._rest:
+            try:
+                self._rest += self._wire.receive()
+            except TimeoutError:
+                raise silent(self.address, text) from None
+        raw, self._rest = self._rest.split(XON, 1)
+        answer = raw.decode('latin-1').strip(_AROUND)
+        if answer.startswith('error'):
+            number = answer.partition(',')[2].strip()
+            reason = ERRORS.get(int(number) if number.isdigit() else 1, f'error {number}')
+            raise DriverError(f'{self.address}: {text[:40]!r} is refused: {reason}')
+        return answer
+
+    def values(self, text: str) -> list[str]:
+        """Return what stands behind the command in the answer to a query."""
+        answer = self.ask(text)
+        word, *values = answer.split(',')
+        if word.strip() != text.split(',', 1)[0] or not values:
+            raise DriverError(f'{self.address}: {answer[:40]!r} is no answer to {text!r}')
+        return [value.strip(_AROUND) for value in values]
+
+    def number(self, text: str, place: int = 0) -> float:
+        """Return one of the numbers that answer a query."""
+        values = self.values(text)
+        try:
+            return float(values[place])
+        except (ValueError, IndexError):
+            raise DriverError(
+                f'{self.address}: {text!r} is answered by {",".join(values)[:40]!r}'
+            ) from None

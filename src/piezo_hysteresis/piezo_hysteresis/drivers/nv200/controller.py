@@ -1,0 +1,180 @@
+"""An amplifier NV200 of piezosystem jena: a wave of 1024 points, two recorders of 6144 values.
+
+The wave is given in percent of the range of its output; the voltage that counts is the recorded
+one. Its output cannot be asked for where it has a sensor: a recorder of one value tells it.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
+from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.nv200.connection import Nv200Connection
+
+#: Of its servo, recorder and generator [Hz].
+SERVO = 20_000.0
+_POSITION, _OUTPUT = 0, 2  # what a recorder holds: position [um], voltage of the output [V]
+_LINE, _GENERATOR = 0, 3  # what gives the set point: this connection, or the wave generator
+_SLEW_OFF = 2000.0  # of the limiter of the set point [%/ms]
+_RECORDED = 1.0  # longest time that a recorder of one value takes [s]
+
+
+class Nv200Controller(Controller):
+    """Its one axis in open loop.
+
+    Parameters
+    ----------
+    connection : Nv200Connection
+        To the controller; closed where it is of another kind.
+    limits : Limits
+        What is never exceeded, besides the limits of the controller.
+    axis : str
+        It has one, ``1``.
+
+    Raises
+    ------
+    DriverError
+        If something else answers, or another axis is asked for.
+    """
+
+    most_points = 1024
+
+    def __init__(
+        self, connection: Nv200Connection, limits: Limits = UNLIMITED, axis: str = '1'
+    ) -> None:
+        self._line, self.axis, self.address = connection, axis, connection.address
+        try:
+            self._look(limits)
+        except BaseException:
+            connection.close()
+            raise
+
+    def _look(self, given: Limits) -> None:
+        ask, number = self._line.ask, self._line.number
+        if self.axis != '1':
+            raise DriverError(f'{self.address}: there is no axis {self.axis}; it has 1')
+        name = ask('')
+        if 'NV200' not in name:
+            raise DriverError(f'{self.address}: {name[:40]!r} answers, which is no NV200')
+        actuator, serial = ','.join(self._line.values('desc')), self._line.values('acserno')[0]
+        self.identity = Identity(f'piezosystem jena {name}, {actuator}, {serial}', '', SERVO)
+        self._low, self._high = number('avmin'), number('avmax')
+        if not self._low < self._high:
+            raise DriverError(f'{self.address}: a range of {self._low:g} .. {self._high:g} V')
+        percent = number('sr')
+        own = np.inf if percent >= _SLEW_OFF else 10.0 * percent * (self._high - self._low)
+        self.limits = Limits(
+            max(self._low, given.low), min(self._high, given.high), min(own, given.slew)
+        )
+        self.filters = self._filters()
+
+    def _filters(self) -> str:
+        """Say which filters are on, which stay as they are."""
+        number, found = self._line.number, []
+        for switch, frequency, what in (
+            ('setlpon', 'setlpf', 'low-pass of the set point'),
+            ('poslpon', 'poslpf', 'low-pass of the position'),
+            ('notchon', 'notchf', 'notch of the set point'),
+        ):
+            if number(switch):
+                found.append(f'{what} at {number(frequency):g} Hz')
+        return ', '.join(found) or 'none is on'
+
+    def disconnect(self) -> None:
+        """Leave the controller as it is."""
+        self._line.close()
+
+    @property
+    def voltage(self) -> float:
+        """Voltage of the output [V], recorded now."""
+        for text in ('recast,0', f'recsrc,1,{_OUTPUT}', 'recstr,1', 'reclen,1', 'recrun,1'):
+            self._line.ask(text)
+        end = time.monotonic() + _RECORDED
+        while self._line.number('recrun'):
+            if time.monotonic() > end:
+                raise DriverError(f'{self.address}: the recorder does not end')
+            time.sleep(0.001)
+        return self._line.number('recout,1,0,1', 2)
+
+    @property
+    def displacement(self) -> float:
+        """Position as the controller measures it [m]."""
+        return 1e-6 * self._line.number('meas')
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the wave generator plays."""
+        return self._line.number('grun') != 0.0
+
+    def open_loop(self) -> None:
+        """Switch the servo off, and go to 0 V.
+
+        Raises
+        ------
+        DriverError
+            If the controller keeps the servo on.
+        """
+        ask = self._line.ask
+        before = self.voltage
+        ask('cl,0')
+        if self._line.number('cl') != 0.0:
+            raise DriverError(f'{self.address}: the loop stays closed; open it there')
+        self.set_voltage(before)
+        ask(f'modsrc,{_LINE}')
+        self.ramp_to(0.0)
+
+    def set_voltage(self, voltage: float) -> None:
+        """Set the set point of the output at once [V]."""
+        self._line.ask(f'set,{voltage:.6f}')
+
+    def halt(self) -> None:
+        """Stop the wave generator; the voltage stays where it is."""
+        ask = self._line.ask
+        ask('grun,0')
+        if self._line.number('cl') == 0.0:
+            self.set_voltage(self.voltage)
+        ask(f'modsrc,{_LINE}')
+
+    def load(self, voltages: FloatArray, divider: int) -> None:
+        """Load a wave [V], to be played once, and prepare the recorder."""
+        ask, count = self._line.ask, voltages.size
+        if self._line.number('cl') != 0.0:
+            raise DriverError(f'{self.address}: the loop is closed, a wave would be a position')
+        percent = 100.0 * (voltages - self._low) / (self._high - self._low)
+        for k, value in enumerate(percent):
+            ask(f'gbarb,{k},{value:.7g}')
+        for text in (
+            'gsarb,0', f'gearb,{count - 1}', 'goarb,0', 'gcarb,1', f'gtarb,{divider}',
+            f'recsrc,0,{_POSITION}', f'recsrc,1,{_OUTPUT}', f'recstr,{divider}', f'reclen,{count}',
+            'recast,2',
+        ):  # fmt: skip
+            ask(text)
+        for k in (0, count // 2, count - 1):  # did it arrive where it belongs
+            if abs(self._line.number(f'gbarb,{k}', 1) - percent[k]) > 1e-3:
+                raise DriverError(f'{self.address}: the wave did not arrive whole; try again')
+
+    def start(self) -> None:
+        """Start wave generator and recorder."""
+        self.set_voltage(0.0)
+        self._line.ask(f'modsrc,{_GENERATOR}')
+        self._line.ask('grun,1')
+
+    def recorded_count(self) -> int:
+        """Return how many samples the recorder holds: all, or none while it writes."""
+        return 0 if self._line.number('recrun') else int(self._line.number('reclen'))
+
+    def recorded(self, count: int, divider: int) -> Measurement:
+        """Return what the recorder holds."""
+        columns = []
+        for channel in (0, 1):
+            values = self._line.values(f'recoutf,{channel}')[1:]
+            try:
+                columns.append(np.array(values, np.float64))
+            except ValueError:
+                raise DriverError(f'{self.address}: the record cannot be read') from None
+        return Measurement(divider / SERVO, columns[1], 1e-6 * columns[0])

@@ -1,0 +1,184 @@
+"""Bytes to and from a controller: over TCP or a serial port."""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import Any, Protocol
+
+from piezo_hysteresis.drivers.errors import DriverError
+
+#: Longest time to wait for an answer [s].
+TIMEOUT = 5.0
+#: Of a serial port, where the address gives none [1/s].
+BAUD = 115_200
+_LOOK = 0.05  # how often a serial port is looked at, at least [s]
+
+
+class Wire(Protocol):
+    """What carries bytes.
+
+    Attributes
+    ----------
+    address : str
+        For messages.
+    """
+
+    address: str
+
+    def send(self, data: bytes) -> None:
+        """Send all of it.
+
+        Raises
+        ------
+        DriverError
+            If the connection is lost.
+        """
+
+    def receive(self) -> bytes:
+        """Return what comes next, one byte at least.
+
+        Raises
+        ------
+        DriverError
+            If the connection is lost.
+        TimeoutError
+            If nothing comes in time.
+        """
+
+    def close(self) -> None:
+        """Close the connection; the controller goes on with what it does."""
+
+
+class TcpWire:
+    """A TCP connection.
+
+    Parameters
+    ----------
+    host : str
+        Name or address of the controller.
+    port : int
+        TCP port.
+    timeout : float
+        Longest time to wait for an answer [s].
+
+    Raises
+    ------
+    DriverError
+        If the controller cannot be reached.
+    """
+
+    def __init__(self, host: str, port: int, timeout: float = TIMEOUT) -> None:
+        self.address = f'{host}:{port}'
+        try:
+            self._socket = socket.create_connection((host, port), timeout)
+        except (OSError, OverflowError) as error:
+            why = getattr(error, 'strerror', None) or error
+            raise DriverError(
+                f'{self.address}: no controller answers ({why}); check cable, address and port'
+            ) from None
+
+    def send(self, data: bytes) -> None:
+        """Send all of it."""
+        try:
+            self._socket.sendall(data)
+        except OSError as error:
+            raise lost(self.address, error) from None
+
+    def receive(self) -> bytes:
+        """Return what comes next."""
+        try:
+            data = self._socket.recv(1 << 16)
+        except TimeoutError:
+            raise
+        except OSError as error:
+            raise lost(self.address, error) from None
+        if not data:
+            raise lost(self.address, 'closed by the controller')
+        return data
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._socket.close()
+
+
+class SerialWire:
+    """A serial port, by pyserial.
+
+    Parameters
+    ----------
+    path : str
+        Of the port: ``/dev/ttyUSB0``, ``COM3``.
+    baud : int
+        Rate [1/s].
+    timeout : float
+        Longest time to wait for an answer [s].
+
+    Raises
+    ------
+    DriverError
+        If the port cannot be opened, or pyserial is not installed.
+    """
+
+    def __init__(self, path: str, baud: int = BAUD, timeout: float = TIMEOUT) -> None:
+        self.address, self._timeout = path, timeout
+        try:
+            import serial
+        except ImportError:
+            raise DriverError(
+                f"{path}: serial ports need pyserial: pip install 'piezo_hysteresis[serial]'"
+            ) from None
+        # pyserial's own errors are OSErrors; a port that is gone can give it None
+        self._failures = (OSError, TypeError)
+        try:
+            self._port: Any = serial.Serial(
+                path, baud, timeout=_LOOK, write_timeout=timeout, exclusive=True
+            )
+            self._port.reset_input_buffer()
+        except (*self._failures, ValueError) as error:
+            # pyserial puts a second exception into its message
+            why = getattr(error, 'strerror', None) or str(error).splitlines()[0]
+            raise DriverError(
+                f'{path}: the port cannot be opened ({why}); check cable, name and rights'
+            ) from None
+
+    def send(self, data: bytes) -> None:
+        """Send all of it."""
+        try:
+            self._port.write(data)
+        except self._failures as error:
+            raise lost(self.address, error) from None
+
+    def receive(self) -> bytes:
+        """Return what comes next."""
+        end = time.monotonic() + self._timeout
+        while True:
+            try:
+                data = bytes(self._port.read(max(1, self._port.in_waiting)))
+            except self._failures as error:
+                raise lost(self.address, error) from None
+            if data:
+                return data
+            if time.monotonic() > end:
+                raise TimeoutError
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+
+def lost(address: str, reason: object) -> DriverError:
+    """Return the error that says that a connection is lost."""
+    why = getattr(reason, 'strerror', None) or reason
+    return DriverError(
+        f'{address}: the connection is lost ({why}); a wave that runs ends at 0 V by itself; '
+        'check the cable, then try again'
+    )
+
+
+def silent(address: str, query: object) -> DriverError:
+    """Return the error that says that nothing answers a query."""
+    return DriverError(
+        f'{address}: no answer to {query!r} in time; the controller is busy, or something else '
+        'answers there'
+    )

@@ -1,0 +1,309 @@
+"""A thread that owns a controller: it looks at it now and then, and runs one sweep at a time."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from piezo_hysteresis.drivers.controller import Controller
+from piezo_hysteresis.drivers.errors import ConnectionLostError, DriverError
+from piezo_hysteresis.drivers.sweep import measured, planned_sweep, write_measured
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.records import Record
+from piezo_hysteresis.runtime.sweep_plan import SweepRecord
+
+#: Time between two tries to connect [s].
+RETRY = 1.0
+_LOOK = 0.05  # how often it is looked whether a pause should end [s]
+_REST = 30.0  # longest time to come to rest [s]
+
+
+class _Stopped(Exception):
+    """Somebody wants the sweep to end."""
+
+
+@dataclass(frozen=True)
+class SweepOrder:
+    """A sweep to run.
+
+    Attributes
+    ----------
+    bag : Path
+        To be written.
+    frequencies, amplitudes : list of float
+        [Hz], [V].
+    seconds, warm_up, pause : float
+        Length of each record, what errors leave out of it, and rest behind it [s].
+    waveform, options, actuator : str
+        As `sweep` takes them.
+    """
+
+    bag: Path
+    frequencies: list[float]
+    amplitudes: list[float]
+    seconds: float
+    warm_up: float = 0.0
+    pause: float = 0.0
+    waveform: str = 'sine'
+    options: str = ''
+    actuator: str = ''
+
+
+@dataclass(frozen=True)
+class SweepProgress:
+    """How a sweep stands.
+
+    Attributes
+    ----------
+    record : str
+        That is running.
+    frequency, amplitude : float
+        Of it [Hz], [V].
+    seconds_left, fraction : float
+        Until the sweep ends [s], and what of it is done.
+    """
+
+    record: str
+    frequency: float
+    amplitude: float
+    seconds_left: float
+    fraction: float
+
+
+class SweepOutcome(NamedTuple):
+    """What became of a sweep.
+
+    Attributes
+    ----------
+    records : list of Record
+        Those that are complete; they are in the bag.
+    rate : float
+        Of them [Hz].
+    reason : str
+        Why it failed, empty where not.
+    is_cancelled : bool
+        Whether somebody ended it; the output is at rest.
+    """
+
+    records: list[Record]
+    rate: float
+    reason: str = ''
+    is_cancelled: bool = False
+
+
+@dataclass
+class _Job:
+    order: SweepOrder
+    progress: Callable[[SweepProgress], None]
+    stopped: Callable[[], bool]
+    future: Future[SweepOutcome] = field(default_factory=Future)
+
+
+class ControllerThread:
+    """Connects, and connects again after a loss; nothing moves before a sweep is asked for.
+
+    A connection that was lost after that is followed by a stop and a ramp to 0 V as soon as the
+    controller answers again.
+
+    Parameters
+    ----------
+    connect : callable
+        Returns a new connection.
+    on_state : callable
+        Called in the thread with voltage [V] and displacement [m].
+    every : float
+        Time between two looks at them [s].
+
+    Attributes
+    ----------
+    problem : str
+        Why there is no connection, empty where there is one.
+    losses : int
+        How often it was lost.
+    doing : str
+        The record that runs.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Controller],
+        on_state: Callable[[float, float], None],
+        every: float = 0.1,
+    ) -> None:
+        self._connect, self._on_state, self._every = connect, on_state, every
+        self.problem, self.doing, self.losses = 'not connected yet', '', 0
+        self._controller: Controller | None = None
+        self._has_driven = False
+        self._jobs: queue.Queue[_Job] = queue.Queue()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name='controller', daemon=True)
+        self._thread.start()
+
+    def check(self, order: SweepOrder) -> str:
+        """Return why a sweep would be refused, empty where it would not; from any thread."""
+        controller = self._controller
+        if controller is None:
+            return self.problem
+        try:
+            _planned(controller, order)
+        except PiezoError as error:
+            return str(error)
+        return ''
+
+    def run(
+        self,
+        order: SweepOrder,
+        progress: Callable[[SweepProgress], None] = lambda progress: None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> Future[SweepOutcome]:
+        """Run a sweep in the thread; from any thread.
+
+        Parameters
+        ----------
+        order : SweepOrder
+            What to run.
+        progress : callable
+            Called in the thread.
+        stopped : callable
+            Asked in the thread whether somebody wants it to end.
+        """
+        job = _Job(order, progress, stopped)
+        self._jobs.put(job)
+        return job.future
+
+    def close(self) -> None:
+        """Stop what runs, go to 0 V where something was driven, and disconnect."""
+        self._closing.set()
+        self._thread.join(_REST)
+
+    def _serve(self) -> None:
+        while not self._closing.is_set():
+            if self._controller is None and not self._connected():
+                self._closing.wait(RETRY)
+                continue
+            try:
+                job = self._jobs.get(timeout=self._every)
+            except queue.Empty:
+                self._look()
+                continue
+            job.future.set_result(self._swept(job))
+        while not self._jobs.empty():
+            self._jobs.get().future.set_result(SweepOutcome([], 0.0, 'the driver ends'))
+        self._leave()
+
+    def _connected(self) -> bool:
+        try:
+            self._controller = self._connect()
+            if self._has_driven:
+                self._controller.stop()
+        except PiezoError as error:
+            self._lose(error)
+            return False
+        self.problem = ''
+        return True
+
+    def _lose(self, error: PiezoError) -> None:
+        self.problem = str(error)
+        if self._controller is not None:
+            self._controller.disconnect()
+            self._controller = None
+            self.losses += 1
+
+    def _leave(self) -> None:
+        if self._controller is None:
+            return
+        try:
+            if self._has_driven:
+                self._controller.stop()
+        except DriverError as error:
+            self.problem = str(error)
+        finally:
+            self._controller.disconnect()
+
+    def _look(self) -> None:
+        assert self._controller is not None
+        try:
+            state = self._controller.state()
+        except DriverError as error:
+            self._lose(error)
+            return
+        if state is not None:
+            self._on_state(*state)
+
+    def _swept(self, job: _Job) -> SweepOutcome:
+        """Run a sweep and write what is complete."""
+        controller = self._controller
+        assert controller is not None
+        records: list[Record] = []
+        reason, is_cancelled = '', False
+        try:
+            self._has_driven = True
+            controller.open_loop()
+            self._measure(controller, job, records)
+        except _Stopped:
+            is_cancelled = True
+        except PiezoError as error:
+            reason = str(error)
+            if isinstance(error, ConnectionLostError):
+                self._lose(error)
+        finally:
+            self.doing = ''
+        if self._controller is not None and (reason or is_cancelled):
+            try:
+                self._controller.stop()
+            except DriverError as error:
+                self._lose(error)
+                reason = reason or str(error)
+        if records:
+            try:
+                job.order.bag.parent.mkdir(parents=True, exist_ok=True)
+                write_measured(job.order.bag, records, controller.about())
+            except (PiezoError, OSError) as error:
+                reason = reason or str(error)
+        rate = records[0].rate if records else 0.0
+        return SweepOutcome(records, rate, reason, is_cancelled and not reason)
+
+    def _measure(self, controller: Controller, job: _Job, records: list[Record]) -> None:
+        order = job.order
+        planned, divider = _planned(controller, order)
+        length = order.seconds + order.pause
+        for k, each in enumerate(planned):
+            began, name = time.monotonic(), each.name
+            self.doing = name
+
+            def watch(k: int = k, name: str = name, began: float = began) -> None:
+                if self._closing.is_set() or job.stopped():
+                    raise _Stopped
+                info = planned[k].info
+                share = min(1.0, (time.monotonic() - began) / length)
+                left = len(planned) - k - share
+                job.progress(
+                    SweepProgress(
+                        name, info.frequency, info.amplitude, left * length,
+                        1.0 - left / len(planned),
+                    )
+                )  # fmt: skip
+                state = controller.state()
+                if state is not None:
+                    self._on_state(*state)
+
+            watch()
+            info = replace(each.info, actuator=order.actuator)
+            records.append(measured(controller, name, each.voltages, info, divider, watch))
+            end = time.monotonic() + order.pause
+            while k + 1 < len(planned) and time.monotonic() < end:
+                watch()
+                time.sleep(_LOOK)
+
+
+def _planned(controller: Controller, order: SweepOrder) -> tuple[list[SweepRecord], int]:
+    return planned_sweep(
+        controller, order.frequencies, order.amplitudes, order.seconds,
+        order.warm_up, order.waveform, order.options,
+    )  # fmt: skip

@@ -1,0 +1,200 @@
+"""The commands of an NV200 of piezosystem jena, with the same actuator behind it.
+
+A line is answered up to the byte XON. With the loop open, set point and wave are voltages; the
+wave generator drives the output where it is the source of the set point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from piezo_sim.gcs.controller import (
+    LIMITS,
+    OUTPUT,
+    POSITION,
+    GcsError,
+    SimulatedController,
+)
+
+#: Points of the wave, values of a recorder.
+POINTS, VALUES = 1024, 6144
+_UNKNOWN, _MISSING, _RANGE = 2, 3, 4  # numbers of refusals
+_SOURCES = {0: POSITION, 2: OUTPUT}
+_FIXED = {'desc': 'SIMULATED', 'acserno': '1', 'sr': '2000', 'setlpon': '0', 'poslpon': '1',
+          'notchon': '0', 'setlpf': '10000', 'poslpf': '1000', 'notchf': '1000',
+          'stat': '129'}  # fmt: skip
+Words = Sequence[str]
+
+
+class Nv200Error(Exception):
+    """A command that is refused, by its number."""
+
+
+class Nv200Language:
+    """Answers lines of a client.
+
+    Parameters
+    ----------
+    controller : SimulatedController
+        What they are about.
+    """
+
+    controls: tuple[int, ...] = ()
+
+    def __init__(self, controller: SimulatedController) -> None:
+        self._controller = controller
+        self._wave = np.full(POINTS, self._percent(0.0))
+        self._numbers = {'modsrc': 0, 'gsarb': 0, 'gearb': POINTS - 1, 'goarb': 0, 'gcarb': 1,
+                         'gtarb': 1, 'recast': 0, 'recstr': 1, 'reclen': VALUES}  # fmt: skip
+        self._set_point = 0.0
+        self._sources = {0: 0, 1: 2}
+        self._single: dict[int, float] | None = None
+        self._known: dict[str, Callable[[Words], str | None]] = {
+            'cl': self._loop, 'set': self._set, 'meas': self._measured,
+            'avmin': lambda _: f'{controller.low:.3f}',
+            'avmax': lambda _: f'{controller.high:.3f}',
+            'gbarb': self._point, 'grun': self._run, 'giarb': lambda _: '0',
+            'recsrc': self._source, 'recrun': self._record, 'recout': self._value,
+            'recoutf': self._all,
+        }  # fmt: skip
+
+    def control(self, byte: int) -> str | None:
+        """Return None: no byte is a command."""
+
+    def framed(self, answer: str) -> bytes:
+        """Return an answer as it is sent."""
+        line = f'{answer}\r\n' if answer else ''
+        return b'\x13' + line.encode('latin-1') + b'\x11'
+
+    def answer(self, line: str) -> str:
+        """Return the answer to a line, empty for a command."""
+        word, *parts = line.strip('\r').split(',')
+        if not word:
+            return 'NV200/D_NET>'
+        self._controller.advance()
+        try:
+            found = self._found(word, parts)
+        except Nv200Error as error:
+            return f'error,{error.args[0]}'
+        except GcsError as error:
+            return f'error,{_RANGE if error.number == LIMITS else 1}'
+        except (ValueError, KeyError):
+            return f'error,{_RANGE}'
+        except IndexError:
+            return f'error,{_MISSING}'
+        return '' if found is None else f'{word},{found}'
+
+    def _found(self, word: str, parts: Words) -> str | None:
+        if word in self._known:
+            return self._known[word](parts)
+        if word in _FIXED:
+            return _FIXED[word]
+        if word not in self._numbers:
+            raise Nv200Error(_UNKNOWN)
+        if not parts:
+            return str(self._numbers[word])
+        self._numbers[word] = int(parts[0])
+        if word == 'modsrc':
+            self._apply()
+        return None
+
+    def _percent(self, voltage: float) -> float:
+        low, high = self._controller.low, self._controller.high
+        return 100.0 * (voltage - low) / (high - low)
+
+    def _apply(self) -> None:
+        """Give the set point to the output, where it is its source."""
+        if self._numbers['modsrc'] == 0 and not self._controller.servo:
+            self._controller.set_voltage(self._set_point)
+
+    def _loop(self, parts: Words) -> str | None:
+        if not parts:
+            return str(int(self._controller.servo))
+        self._controller.servo = bool(int(parts[0]))
+        return None
+
+    def _set(self, parts: Words) -> str | None:
+        if not parts:
+            return f'{self._set_point:.3f}'
+        voltage = float(parts[0])
+        if not self._controller.low <= voltage <= self._controller.high:
+            raise Nv200Error(_RANGE)
+        self._set_point = voltage
+        self._apply()
+        return None
+
+    def _measured(self, _: Words) -> str:
+        return f'{1e6 * self._controller.position:.6f}'
+
+    def _point(self, parts: Words) -> str | None:
+        index = int(parts[0])
+        if not 0 <= index < POINTS:
+            raise Nv200Error(_RANGE)
+        if len(parts) < 2:
+            return f'{index},{self._wave[index]:.6f}'
+        value = float(parts[1])
+        if not 0.0 <= value <= 100.0:
+            raise Nv200Error(_RANGE)
+        self._wave[index] = value
+        return None
+
+    def _run(self, parts: Words) -> str | None:
+        made = self._controller
+        if not parts:
+            return str(int(made.is_running))
+        if not int(parts[0]):
+            made.stop()
+            return None
+        if self._numbers['modsrc'] != 3:
+            raise Nv200Error(_RANGE)
+        first, last = self._numbers['gsarb'], self._numbers['gearb']
+        share = 0.01 * self._wave[first : last + 1]
+        made.tables[1] = made.low + share * (made.high - made.low)
+        made.generator.table, made.generator.divider = 1, self._numbers['gtarb']
+        made.generator.cycles, made.generator.offset = self._numbers['gcarb'], 0.0
+        made.recorder.options = {k: _SOURCES[self._sources[k]] for k in (0, 1)}
+        made.recorder.divider, self._single = self._numbers['recstr'], None
+        made.start()
+        return None
+
+    def _source(self, parts: Words) -> str | None:
+        channel = int(parts[0])
+        if len(parts) < 2:
+            return f'{channel},{self._sources[channel]}'
+        if int(parts[1]) not in _SOURCES:
+            raise Nv200Error(_RANGE)
+        self._sources[channel] = int(parts[1])
+        return None
+
+    def _record(self, parts: Words) -> str | None:
+        """Record one value at once, or tell whether the wave is still recorded."""
+        made = self._controller
+        if parts:
+            if int(parts[0]):
+                now = {0: 1e6 * made.position, 2: made.voltage}
+                self._single = {k: now[self._sources[k]] for k in (0, 1)}
+            return None
+        if self._single is not None:
+            return '0'
+        return str(int(self._count() < min(self._numbers['reclen'], VALUES)))
+
+    def _count(self) -> int:
+        return min(self._controller.recorder.count(k) for k in (0, 1))
+
+    def _value(self, parts: Words) -> str:
+        channel, index = int(parts[0]), int(parts[1])
+        values = self._values(channel)
+        return f'{channel},{index},{values[index]:.6f}'
+
+    def _all(self, parts: Words) -> str:
+        channel = int(parts[0])
+        return ','.join([str(channel), *(f'{value:.6f}' for value in self._values(channel))])
+
+    def _values(self, channel: int) -> Sequence[float]:
+        if self._single is not None:
+            return [self._single[channel]]
+        pieces = self._controller.recorder.samples.get(channel, [])
+        found = np.concatenate(pieces) if pieces else np.empty(0)
+        return [float(value) for value in found[: min(self._numbers['reclen'], VALUES)]]
