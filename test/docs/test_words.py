@@ -66,10 +66,6 @@ EXEMPT: set[str] = {
     'docs/simulator.md',
     'docs/target.md',
     'docs/testing.md',
-    'docs/tutorials/compensate.md',
-    'docs/tutorials/discover.md',
-    'docs/tutorials/identify.md',
-    'docs/tutorials/investigate.md',
 }
 LONGEST_PAGE = 2500  # words of prose
 
