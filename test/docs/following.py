@@ -154,8 +154,9 @@ class Follower:
             self._start(block)
             return
         refused = any(isinstance(e, Outcome) and e.kind == 'refused' for e in block.expected)
+        python = shutil.which('python', path=self._env['PATH']) or sys.executable
         words = (
-            [sys.executable, '-c', block.text]
+            [python, '-c', block.text]
             if block.language == 'python'
             else ['bash', '-eo', 'pipefail', '-c', block.text]
         )

@@ -27,7 +27,7 @@ ARGUMENTS = {
     'scenario': ('tracking', 'Parameter file: a name of config/scenarios, or a path to your own.'),
     'preset': ('fdk_pzba_00030', 'Actuator that is simulated.'),
     'clock': ('real_time', 'real_time, or lock_step as fast as the nodes answer.'),
-    'speed_factor': ('1.0', 'How many times real time the real_time clock runs.'),
+    'speed_factor': ('1.0', 'Speed of the real_time clock relative to real time.'),
     'simulator': ('true', 'false where a driver of real hardware runs instead.'),
     'correction': ('attenuation', 'Link behind the feedforward: attenuation or feedback.'),
     'identification': ('true', 'Identify online.'),

@@ -14,32 +14,48 @@ DASHBOARD = ParameterTable(
         ParameterSpec(
             'actuators',
             [''],
-            'Namespaces of the actuators; where none is given, its own, or all that are found.',
+            'Namespaces of the actuators; by default its own, or all that are found.',
             read_only=True,
         ),
         ParameterSpec(
-            'folder', RESULTS, 'Folder for recorded sweeps and discoveries; reports in it are '
-            'served.', read_only=True,
-        ),
-        ParameterSpec(
-            'port', 5006, 'Where the page is served; 0 takes a free port.', low=0, high=65535,
+            'folder',
+            RESULTS,
+            'Folder for recorded sweeps and discoveries; reports in it are served.',
             read_only=True,
         ),
         ParameterSpec(
-            'address', '127.0.0.1', 'Address it listens at; others than this machine see it only '
-            'at another one, and can then move the actuator.', read_only=True,
-        ),
-        ParameterSpec(
-            'origins', [''], 'Further HOST:PORT that browsers may open the page as.',
+            'port',
+            5006,
+            'Port of the page; 0 selects a free port.',
+            low=0,
+            high=65535,
             read_only=True,
         ),
         ParameterSpec(
-            'token', '', 'What a reader has to show once, as ?token=... behind the address; '
-            'empty: nothing. At least 16 characters.', read_only=True,
+            'address',
+            '127.0.0.1',
+            'Address to listen on; with another address, other '
+            'machines can open the page and move the actuator.',
+            read_only=True,
         ),
-        ParameterSpec('refresh', 10.0, 'How often it is drawn.', 'Hz', 1.0, 30.0, read_only=True),
+        ParameterSpec(
+            'origins',
+            [''],
+            'Additional HOST:PORT names of the page for browsers.',
+            read_only=True,
+        ),
+        ParameterSpec(
+            'token',
+            '',
+            'Token that a browser must send once, as ?token=... in the address, '
+            'at least 16 characters; empty requires none.',
+            read_only=True,
+        ),
+        ParameterSpec(
+            'refresh', 10.0, 'Refresh rate of the plots.', 'Hz', 1.0, 30.0, read_only=True
+        ),
     )
-)  # fmt: skip
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -22,7 +22,7 @@ SHORTEST_WINDOW = 11
 MODEL_FOLDER = ParameterSpec(
     'model_folder',
     '',
-    'Folder inside which services read and write models; empty is the working folder.',
+    'Folder in which services read and write models; empty is the working folder.',
     read_only=True,
 )
 
@@ -52,15 +52,13 @@ def _plant_rule(values: Mapping[str, Value]) -> str:
 
 LINK = (
     RATE,
-    ParameterSpec('limits.low', -1.2, 'Lowest voltage passed on.', 'V', -500.0, 500.0),
-    ParameterSpec('limits.high', 1.2, 'Highest voltage passed on.', 'V', -500.0, 500.0),
-    ParameterSpec(
-        'limits.slew', 2000.0, 'Fastest change of the voltage.', 'V/s', above=0.0, high=1e9
-    ),
+    ParameterSpec('limits.low', -1.2, 'Lowest output voltage.', 'V', -500.0, 500.0),
+    ParameterSpec('limits.high', 1.2, 'Highest output voltage.', 'V', -500.0, 500.0),
+    ParameterSpec('limits.slew', 2000.0, 'Slew limit of the voltage.', 'V/s', above=0.0, high=1e9),
     ParameterSpec(
         'energy_limit',
         0.0,
-        'Mean power that the voltage may take from the amplifier; 0 sets no limit.',
+        'Limit of the mean power taken from the amplifier; 0 sets no limit.',
         'W',
         0.0,
         1e6,
@@ -68,7 +66,8 @@ LINK = (
     ParameterSpec(
         'capacitance',
         1e-6,
-        'Of the actuator, for energy_limit; behind an amplifier of gain G, G^2 times that.',
+        'Capacitance of the actuator, for energy_limit; with an amplifier of gain G, G^2 '
+        'times that.',
         'F',
         above=0.0,
         high=1e3,
@@ -79,7 +78,7 @@ LINK = (
     ParameterSpec(
         'watchdog',
         0.05,
-        'Time of the actuator without input until the voltage goes to safe_voltage; 0 never.',
+        'Actuator time without input until the voltage ramps to safe_voltage; 0 disables it.',
         's',
         0.0,
         3600.0,
@@ -87,16 +86,18 @@ LINK = (
     ParameterSpec(
         'safe_voltage',
         0.0,
-        'Where the voltage goes without input, within the limits.',
+        'Voltage without input, within the limits.',
         'V',
         -500.0,
         500.0,
     ),
-    ParameterSpec('safe_ramp', 1.0, 'How fast it goes there.', 'V/s', above=0.0, high=1e9),
+    ParameterSpec(
+        'safe_ramp', 1.0, 'Slew of the ramp to safe_voltage.', 'V/s', above=0.0, high=1e9
+    ),
     ParameterSpec(
         'transition',
         0.2,
-        'Time over which a change of model, law or life cycle goes over.',
+        'Duration of the transition after a change of model, law or lifecycle state.',
         's',
         0.0,
         60.0,
@@ -108,15 +109,15 @@ PLANT = (
     ParameterSpec(
         'model_file',
         '',
-        'Model file that the plant is taken from, where plant.gain is 0.',
+        'Model file for the plant, used if plant.gain is 0.',
         read_only=True,
     ),
     MODEL_FOLDER,
     ParameterSpec(
         'plant.gain',
         0.0,
-        'Quasi-static displacement per volt, negative where the sensor counts the other way; 0 '
-        'takes the plant from the model, and without one finds it out from 1e-4 m/V.',
+        'Quasi-static displacement per volt, negative for an inverted sensor; 0 uses the '
+        'plant of the model, or without a model estimates it, starting at 1e-4 m/V.',
         'm/V',
         -1.0,
         1.0,
@@ -124,7 +125,7 @@ PLANT = (
     ParameterSpec(
         'plant.natural_frequency',
         0.0,
-        'Natural frequency; 0 for none; belongs to plant.gain.',
+        'Natural frequency, 0 for none; requires plant.gain.',
         'Hz',
         0.0,
         1e5,
@@ -148,7 +149,7 @@ FEEDFORWARD = ParameterTable(
         ParameterSpec(
             'start',
             0.5,
-            'Time over which the reference is eased in; for models loaded from then on.',
+            'Duration of the smooth start of the reference; applies to models loaded afterwards.',
             's',
             0.0,
             60.0,
@@ -156,11 +157,11 @@ FEEDFORWARD = ParameterTable(
         ParameterSpec(
             'law',
             'auto',
-            'How a model is inverted: the best way there is for it, the law of a paper, the exact '
-            'inverse of one Bouc-Wen block, the numeric one of any chain, or a mere gain.',
+            'Inverse of the model: the best available (auto), the law of a paper, the exact '
+            'inverse of one Bouc-Wen block, the numeric inverse of any chain, or a gain.',
             choices=INVERSES,
         ),
-        ParameterSpec('follow_estimate', False, 'Take every model/estimate as soon as it comes.'),
+        ParameterSpec('follow_estimate', False, 'Use every model/estimate on reception.'),
     ),
     rules=(_range_rule, _window_rule),
 )
@@ -168,7 +169,7 @@ FEEDFORWARD = ParameterTable(
 ATTENUATION = ParameterTable(
     (
         *LINK,
-        ParameterSpec('enabled', True, 'Correct the voltage; false passes it on.'),
+        ParameterSpec('enabled', True, 'Correct the voltage; false forwards it unchanged.'),
         *specs_of(AttenuationSettings),
         *PLANT,
     ),
@@ -186,15 +187,14 @@ FEEDBACK = ParameterTable(
         ParameterSpec(
             'method',
             'none',
-            'Law on the tracking error; none passes the voltage on.',
+            'Control law on the tracking error; none forwards the voltage.',
             choices=('none', 'pid', 'fuzzy_pid', 'h_infinity'),
         ),
         *specs_of(PidGains, 'pid.'),
         ParameterSpec(
             'fuzzy.tables',
             '',
-            'YAML file with the 7 x 7 rules of fuzzy_pid, like config/fuzzy/symmetric.yaml; empty '
-            'takes those.',
+            'YAML file with the 7 x 7 rules of fuzzy_pid; empty uses config/fuzzy/symmetric.yaml.',
             read_only=True,
         ),
         *specs_of(FuzzyScales, 'fuzzy.'),
@@ -202,10 +202,10 @@ FEEDBACK = ParameterTable(
         ParameterSpec(
             'plant.numerator',
             [0.0],
-            'Transfer function from V to m, highest power of s first, for h_infinity; [0.0] takes '
-            'the three numbers below.',
+            'Numerator of the transfer function from V to m, highest power of s first, for '
+            'h_infinity; [0.0] uses the three parameters below.',
         ),
-        ParameterSpec('plant.denominator', [0.0], 'Its denominator.'),
+        ParameterSpec('plant.denominator', [0.0], 'Denominator of the transfer function.'),
         *PLANT,
     ),
     rules=(_range_rule, _window_rule, _plant_rule),

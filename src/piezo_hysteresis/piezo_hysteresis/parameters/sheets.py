@@ -28,11 +28,11 @@ def _told(voltage: str) -> tuple[str, str]:
 _ALL = (
     NodeSheet(
         'excitation',
-        'Answers the state of tick k with the reference (or open-loop voltage) of tick k + 1, and '
-        'runs sweeps, one record per frequency and amplitude. It finds the recorders by itself: a '
-        'record begins once each has confirmed its marker, counts once each has all its samples, '
-        'and is run again where one missed some. Voltages beyond what the actuator says in '
-        '`loop/status` that it takes are refused before the first sample.',
+        'Publishes the reference (or open-loop voltage) of tick k + 1 after the state of tick '
+        'k, and runs sweeps, one record per frequency and amplitude. It finds the recorders '
+        'automatically. A record starts when each recorder has confirmed its marker, is valid '
+        'when each has all samples, and is repeated otherwise. Voltages beyond the range in '
+        '`loop/status` are refused before the first sample.',
         tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         publishes=(
@@ -45,9 +45,9 @@ _ALL = (
     ),
     NodeSheet(
         'feedforward',
-        'First link of the voltage chain: the voltage that the loaded model says the reference '
-        'takes. Without a model it divides by `gain`, which is no compensation. It hears the '
-        'actuator only while no reference comes.',
+        'First controller of the voltage chain: computes the voltage for the reference by the '
+        'inverse of the loaded model. Without a model it divides by `gain`, which compensates '
+        'nothing. It subscribes to the actuator only while it receives no reference.',
         tables.FEEDFORWARD,
         subscribes=(topics.REFERENCE, topics.ESTIMATE, topics.STATE),
         publishes=(*_told(topics.VOLTAGE_FEEDFORWARD), '~/status', '/diagnostics'),
@@ -57,7 +57,7 @@ _ALL = (
     ),
     NodeSheet(
         'attenuation',
-        'Second link of the voltage chain: takes harmonics of the tracking error off.',
+        'Second controller of the voltage chain: suppresses harmonics of the tracking error.',
         tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(*_told(topics.VOLTAGE_COMMAND), topics.HARMONICS, '~/status', '/diagnostics'),
@@ -66,8 +66,9 @@ _ALL = (
     ),
     NodeSheet(
         'feedback',
-        'Optional link of the voltage chain: PID, fuzzy PID or H-infinity on the tracking error. '
-        'It speaks the topics of `attenuation`; remap them to put it behind or in front of it.',
+        'Optional controller of the voltage chain: PID, fuzzy PID or H-infinity on the '
+        'tracking error. It uses the topics of `attenuation`; remap them to place it before '
+        'or after that node.',
         tables.FEEDBACK,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(*_told(topics.VOLTAGE_COMMAND), '~/status', '/diagnostics'),
@@ -76,9 +77,9 @@ _ALL = (
     ),
     NodeSheet(
         'control_loop',
-        'Holds `feedforward`, `attenuation` and `feedback` in one process, each with its own '
-        'name, parameters and life cycle: `-p attenuation:orders:=[3]` sets one of them. The '
-        'voltage goes on within the process before it is published.',
+        'Runs `feedforward`, `attenuation` and `feedback` in one process, each with its own '
+        'name, parameters and lifecycle: `-p attenuation:orders:=[3]` sets one of them. The '
+        'voltage is forwarded within the process before it is published.',
         ParameterTable(()),
         subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
         publishes=(
@@ -100,8 +101,8 @@ _ALL = (
     ),
     NodeSheet(
         'gap_monitor',
-        'Runs the loaded model beside the actuator and says how far apart they are, in multiples '
-        'of the noise floor and by harmonic.',
+        'Simulates the loaded model in parallel with the actuator and publishes the residual '
+        'in multiples of the noise floor and by harmonic.',
         tables.GAP_MONITOR,
         subscribes=(topics.STATE,),
         publishes=(topics.GAP, '/diagnostics'),
@@ -110,10 +111,10 @@ _ALL = (
     ),
     NodeSheet(
         'discovery',
-        'Finds what a model misses: in recorded data, as the verb `discover` does, or on the '
-        'running actuator, as `investigate` does, by experiments that it chooses, has the '
-        'excitation run and records itself. While it records it hears `actuator/state` and '
-        '`record/marker`, and its status tells what it has taken.',
+        'Finds effects that a model lacks: in recorded data, as the verb `discover`, or on '
+        'the running actuator, as `investigate`, with experiments that it selects, starts and '
+        'records. While it records it subscribes to `actuator/state` and `record/marker`, and '
+        'its status contains the number of recorded samples.',
         tables.DISCOVERY,
         subscribes=(topics.LOOP_STATUS,),
         publishes=('~/status', '/diagnostics'),
@@ -121,25 +122,26 @@ _ALL = (
     ),
     NodeSheet(
         'dashboard',
-        'Serves the live page: see [dashboard.md](dashboard.md). It hears the topics of every '
-        'actuator that somebody looks at, through nodes `dashboard_recorder` beside it, and is a '
-        'client of the parameters and actions of the others.',
+        'Serves the live page: see [dashboard.md](dashboard.md). It subscribes to the topics '
+        'of every displayed actuator through nodes `dashboard_recorder`, and is a client of '
+        'the parameters and actions of the other nodes.',
         tables.DASHBOARD,
         publishes=('/diagnostics',),
         words=dashboard.configure,
     ),
     NodeSheet(
         'recorder',
-        'Writes topics into a rosbag2 bag that is readable at every instant, even after a kill. '
-        'Its status tells what it has taken, so that an excitation or a player can wait for it.',
+        'Writes topics into a rosbag2 bag that is readable at any time, even after a kill. '
+        'Its status contains the number of recorded samples, so that an excitation or a '
+        'player can wait for it.',
         tables.RECORDER,
         subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
         publishes=('~/status', '/diagnostics'),
     ),
     NodeSheet(
         'player',
-        'Plays a bag, on time or in lock-step with its listeners. It publishes the topics of the '
-        'bag, too. Recorders that are there get every sample: it waits for them.',
+        'Plays a bag by the clock or in lock-step with its subscribers. It also publishes the '
+        'topics of the bag. It waits for present recorders, so that they receive every sample.',
         tables.PLAYER,
         subscribes=('/diagnostics',),
         publishes=('/diagnostics',),

@@ -32,16 +32,16 @@ EXCITATION = ParameterTable(
         ParameterSpec(
             'mode',
             'idle',
-            'What is published: a reference, an open-loop voltage, or nothing.',
+            'Published signal: a reference, an open-loop voltage, or nothing.',
             choices=('idle', 'reference', 'voltage'),
         ),
         ParameterSpec('actuator', '', 'Name written into the markers of recorded sweeps.'),
-        ParameterSpec('waveform', 'sine', 'Shape.', choices=tuple(KINDS)),
+        ParameterSpec('waveform', 'sine', 'Shape of the signal.', choices=tuple(KINDS)),
         ParameterSpec(
             'waveform_options',
             '',
-            'Further settings of the waveform, as YAML: {seed: 3}; `ros2 param set` wants them in '
-            'two pairs of quotes, "\'{seed: 3}\'".',
+            'Further settings of the waveform as YAML: {seed: 3}; `ros2 param set` needs two '
+            'pairs of quotes, "\'{seed: 3}\'".',
         ),
         ParameterSpec('frequency', 1.0, 'Fundamental frequency.', 'Hz', 0.0, 1e4),
         ParameterSpec('reference.amplitude', 5e-5, 'Amplitude of the reference.', 'm', 0.0, 0.01),
@@ -52,20 +52,20 @@ EXCITATION = ParameterTable(
         ParameterSpec(
             'slew',
             0.0,
-            'Fastest change of the voltage by sweeps and mode voltage, also where commands come '
-            'late; 0 is any.',
+            'Slew limit of sweeps and of mode voltage, also if commands are late; 0 sets no '
+            'limit.',
             'V/s',
             0.0,
             1e12,
         ),
-        ParameterSpec('duration', 0.0, 'Length of the experiment; 0 has no end.', 's', 0.0, 1e6),
+        ParameterSpec('duration', 0.0, 'Length of the experiment; 0 is unlimited.', 's', 0.0, 1e6),
         ParameterSpec(
-            'wait_for', 0, 'Subscribers that must be there before the first tick.', low=0, high=99
+            'wait_for', 0, 'Number of subscribers required before the first tick.', low=0, high=99
         ),
         ParameterSpec(
             'marker_listeners',
             0,
-            'Subscribers of record/marker that must be there before a sweep begins, at least.',
+            'Minimum number of subscribers of record/marker before a sweep starts.',
             low=0,
             high=99,
         ),
@@ -73,7 +73,7 @@ EXCITATION = ParameterTable(
         ParameterSpec(
             'deadline',
             10.0,
-            'Silence of the actuator after which the experiment is given up.',
+            'Time without a state of the actuator after which the experiment is aborted.',
             's',
             above=0.0,
             high=3600.0,
@@ -94,7 +94,7 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'forgetting',
             0.0,
-            "Forgetting factor; 1 forgets nothing, 0 takes the method's own.",
+            'Forgetting factor; 1 weights all samples equally, 0 uses the default of the method.',
             '1',
             0.0,
             1.0,
@@ -102,7 +102,7 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'publish_every', 500, 'Samples between two estimates.', '1', low=1, high=1000000
         ),
-        ParameterSpec('only_records', True, 'Leave out what lies between the records of a sweep.'),
+        ParameterSpec('only_records', True, 'Ignore samples between the records of a sweep.'),
         MODEL_FOLDER,
         ParameterSpec(
             'variant',
@@ -114,28 +114,30 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'offset',
             False,
-            'rls: a constant column beside A0, which in steady state does the same; identify has '
-            'none and takes the offset from free runs afterwards.',
+            'rls: an additional constant column, equivalent to A0 in steady state; identify '
+            'has none and estimates the offset from free runs.',
         ),
         ParameterSpec('harmonic', 0, 'rls: exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
         ParameterSpec(
             'frequency',
             0.0,
-            'rls: fundamental, for the harmonic, until the marker of a record tells its own.',
+            'rls: fundamental frequency of the harmonic until the marker of a record states it.',
             'Hz',
             0.0,
             1e4,
         ),
         ParameterSpec(
-            'p0', 1.0, 'rls: P starts as this times the identity.', '1', above=0.0, high=1e12
+            'p0', 1.0, 'rls: initial P as a multiple of the identity.', '1', above=0.0, high=1e12
         ),
         ParameterSpec(
-            'start', [''], "rls: start values NAME=VALUE in SI units; the papers' for the others."
+            'start',
+            [''],
+            'rls: initial values NAME=VALUE in SI units; others are those of the papers.',
         ),
         ParameterSpec(
             'unit',
             'mm',
-            'rls: unit the recursion works in; with P0 = I it matters.',
+            'rls: unit of the recursion; relevant with P0 = I.',
             choices=('m', 'mm', 'um', 'nm'),
         ),
         ParameterSpec(
@@ -149,7 +151,7 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'displacement_range',
             1e-4,
-            'rls_ud, pi_bank: displacement that belongs to it, to an order of magnitude.',
+            'rls_ud, pi_bank: displacement at voltage_range, to an order of magnitude.',
             'm',
             above=0.0,
             high=0.01,
@@ -157,7 +159,7 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'natural_frequency',
             0.0,
-            'rls_ud, pi_bank: the frozen mode; 0 leaves it out.',
+            'rls_ud, pi_bank: frequency of the fixed mode; 0 omits it.',
             'Hz',
             0.0,
             1e5,
@@ -165,7 +167,7 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'damping_ratio',
             0.02,
-            'rls_ud, pi_bank: damping ratio of the frozen mode.',
+            'rls_ud, pi_bank: damping ratio of the fixed mode.',
             '1',
             above=0.0,
             high=10.0,
@@ -173,7 +175,8 @@ IDENTIFICATION = ParameterTable(
         ParameterSpec(
             'quiet',
             0.01,
-            'rls_ud, pi_bank: speed of the voltage below which nothing is learnt, ranges per s.',
+            'rls_ud, pi_bank: rate of the voltage below which parameters are not updated, in '
+            'ranges per s.',
             '1/s',
             0.0,
             100.0,
@@ -187,7 +190,7 @@ RECORDER = ParameterTable(
         ParameterSpec(
             'topics',
             [''],
-            'Topics to record; state, reference and markers where none are given.',
+            'Topics to record; by default state, reference and markers.',
             read_only=True,
         ),
     )
@@ -196,23 +199,28 @@ RECORDER = ParameterTable(
 PLAYER = ParameterTable(
     (
         ParameterSpec('bag', '', 'Bag folder, .mcap or .db3 file to play.', read_only=True),
-        ParameterSpec('topics', [''], 'Topics to play; all where none are given.', read_only=True),
+        ParameterSpec('topics', [''], 'Topics to play; by default all.', read_only=True),
         ParameterSpec(
             'rate_factor',
             1.0,
-            'Speed against the recording.',
+            'Speed relative to the recording.',
             '1',
             above=0.0,
             high=1e6,
             read_only=True,
         ),
-        ParameterSpec('loop', False, 'Begin again at the end.', read_only=True),
+        ParameterSpec('loop', False, 'Restart at the end.', read_only=True),
         ParameterSpec(
-            'lock_step', False, 'Go as fast as the listeners take the samples.', read_only=True
+            'lock_step',
+            False,
+            'Play at the rate at which subscribers process the samples.',
+            read_only=True,
         ),
-        ParameterSpec('salvage', False, 'Play what is readable of a damaged bag.', read_only=True),
+        ParameterSpec(
+            'salvage', False, 'Play the readable part of a damaged bag.', read_only=True
+        ),
         ParameterSpec('publish_clock', False, 'Publish log times on /clock.', read_only=True),
-        ParameterSpec('wait', 10.0, 'Longest wait for a listener.', 's', above=0.0, high=3600.0),
+        ParameterSpec('wait', 10.0, 'Longest wait for a subscriber.', 's', above=0.0, high=3600.0),
     )
 )
 
@@ -221,12 +229,12 @@ GAP_MONITOR = ParameterTable(
         RATE,
         ParameterSpec('model_file', '', 'Model file to compare with.', read_only=True),
         MODEL_FOLDER,
-        ParameterSpec('noise_floor', 0.0, 'Noise rms; 0 takes that of the model.', 'm', 0.0, 0.01),
-        ParameterSpec('window', 1.0, 'Time over which the gap is taken.', 's', 0.05, 600.0),
+        ParameterSpec('noise_floor', 0.0, 'Noise rms; 0 uses that of the model.', 'm', 0.0, 0.01),
+        ParameterSpec('window', 1.0, 'Time window of the gap.', 's', 0.05, 600.0),
         ParameterSpec(
             'advise_from',
             0.01,
-            'Gap as a part of the motion from which on it warns and advises a discovery.',
+            'Gap relative to the motion above which the node warns and recommends a discovery.',
             '1',
             0.0,
             1.0,
@@ -236,11 +244,7 @@ GAP_MONITOR = ParameterTable(
 
 DISCOVERY = ParameterTable(
     (
-        ParameterSpec(
-            'folder', RESULTS, 'Folder in which data, baselines and results lie.', read_only=True
-        ),
-        ParameterSpec(
-            'model_file', '', 'Model in use, where an investigation is given none.', read_only=True
-        ),
+        ParameterSpec('folder', RESULTS, 'Folder of data, baselines and results.', read_only=True),
+        ParameterSpec('model_file', '', 'Default model of an investigation.', read_only=True),
     )
 )

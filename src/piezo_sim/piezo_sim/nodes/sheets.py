@@ -19,8 +19,8 @@ def _plant() -> dict[str, ParameterTable]:
 SHEETS = {
     'simulator': NodeSheet(
         'simulator',
-        'Stands in for the actuator, its amplifier and its sensor. Every effect of the plant has '
-        'a switch `effects.NAME` and its numbers, all of them tunable while it runs: see '
+        'Simulates the actuator, its amplifier and its sensor. Every effect of the plant has '
+        'a switch `effects.NAME` and parameters, all tunable at run time: see '
         '[simulator.md](simulator.md).',
         simulator_table(),
         subscribes=(

@@ -13,7 +13,7 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'preset',
                 'fdk_pzba_00030',
-                'Actuator that is simulated; setting it loads all its numbers, at rest.',
+                'Simulated actuator; setting it loads all its parameters, at rest.',
             ),
             ParameterSpec(
                 'rate', 1000.0, 'Sampling rate.', 'Hz', low=1.0, high=1e5, read_only=True
@@ -21,14 +21,14 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'clock',
                 'real_time',
-                'lock_step waits for the command of every tick, real_time keeps its own pace.',
+                'lock_step waits for the command of every tick; real_time runs by the clock.',
                 choices=('real_time', 'lock_step'),
                 read_only=True,
             ),
             ParameterSpec(
                 'speed_factor',
                 1.0,
-                'How many times real time the real_time clock runs.',
+                'Speed of the real_time clock relative to real time.',
                 '1',
                 above=0.0,
                 high=100.0,
@@ -36,7 +36,7 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'lock_step_deadline',
                 5.0,
-                'Silence after which a lock-step loop is reported as broken.',
+                'Time without a command after which a lock-step loop is reported as broken.',
                 's',
                 above=0.0,
                 high=3600.0,
@@ -44,7 +44,8 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'command_timeout',
                 0.1,
-                'Silence after which the voltage ramps to safe_voltage (real_time).',
+                'Time without a command after which the voltage ramps to safe_voltage '
+                '(real_time).',
                 's',
                 above=0.0,
                 high=3600.0,
@@ -52,19 +53,19 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'wait_for',
                 0,
-                'Subscribers of the state that must be there before the first tick (lock_step).',
+                'Number of subscribers of the state required before the first tick (lock_step).',
                 low=0,
                 high=99,
             ),
+            ParameterSpec('safe_voltage', 0.0, 'Voltage without commands.', 'V', -500.0, 500.0),
             ParameterSpec(
-                'safe_voltage', 0.0, 'Where the voltage goes without commands.', 'V', -500.0, 500.0
+                'ramp', 1.0, 'Slew of the ramp to safe_voltage.', 'V/s', above=0.0, high=1e6
             ),
-            ParameterSpec('ramp', 1.0, 'How fast it goes there.', 'V/s', above=0.0, high=1e6),
             ParameterSpec(
                 'command_slew',
                 1e9,
-                'Fastest change of the command that is applied, where voltage/command/slew does '
-                'not tell a slower one; jumps become ramps.',
+                'Slew limit of the applied command, unless voltage/command/slew is lower; '
+                'jumps become ramps.',
                 'V/s',
                 above=0.0,
                 high=1e9,

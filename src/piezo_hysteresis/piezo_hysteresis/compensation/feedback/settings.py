@@ -24,14 +24,14 @@ class PidGains:
     derivative: float = setting(0.0, 'Derivative gain.', 'V s/m', low=0.0, high=1e12)
     derivative_filter: float = setting(
         2e-3,
-        'Time constant of the low-pass on the derivative, which amplifies noise without it.',
+        'Time constant of the low-pass filter on the derivative.',
         's',
         above=0.0,
         high=60.0,
     )
     tracking_time: float = setting(
         0.05,
-        'Anti-windup: time in which the integral follows what was cut off.',
+        'Anti-windup: tracking time constant of the integral in saturation.',
         's',
         above=0.0,
         high=1e6,
@@ -59,9 +59,9 @@ class FuzzyScales:
         If one is impossible.
     """
 
-    error_scale: float = setting(5e-6, 'Error that is big.', 'm', above=0.0, high=0.01)
+    error_scale: float = setting(5e-6, 'Error that counts as big.', 'm', above=0.0, high=0.01)
     rate_scale: float = setting(
-        1e-3, 'Rate of the error that is big.', 'm/s', above=0.0, high=100.0
+        1e-3, 'Rate of the error that counts as big.', 'm/s', above=0.0, high=100.0
     )
     proportional_range: float = setting(
         0.0, 'Largest change of the proportional gain.', 'V/m', low=0.0, high=1e12
@@ -89,14 +89,14 @@ class HInfinityWeights:
     """
 
     bandwidth: float = setting(
-        2.0, 'Frequency up to which errors are fought.', 'Hz', above=0.0, high=1e4
+        2.0, 'Bandwidth: frequency up to which errors are attenuated.', 'Hz', above=0.0, high=1e4
     )
     steady_error: float = setting(
-        1e-3, 'Share of a constant disturbance that may remain.', '1', above=0.0, high=1.0
+        1e-3, 'Remaining fraction of a constant disturbance.', '1', above=0.0, high=1.0
     )
     peak: float = setting(
         1.6,
-        'Largest amplification of errors beyond the bandwidth; small ones give robustness.',
+        'Largest amplification of errors beyond the bandwidth; small values give robustness.',
         '1',
         above=1.0,
         high=100.0,
@@ -104,8 +104,8 @@ class HInfinityWeights:
     control: float = setting(0.5, 'Weight of the voltage.', '1', above=0.0, high=1e6)
     delay_ticks: int = setting(
         1,
-        'Samples by which a measurement is late; 1 in lock-step. The hold of the voltage is taken '
-        'into account besides.',
+        'Delay of the measurement in samples; 1 in lock-step. The hold of the voltage is '
+        'included separately.',
         '1',
         low=0,
         high=20,

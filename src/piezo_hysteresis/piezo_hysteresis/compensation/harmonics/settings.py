@@ -38,7 +38,7 @@ class AttenuationSettings:
     )
     orders: tuple[int, ...] = setting(
         (0, 1, 2, 3, 5),
-        'Harmonic orders to attenuate; 0 is the mean, which only afc takes off.',
+        'Harmonic orders to attenuate; 0 is the mean, which only afc supports.',
         '1',
         low=0,
         high=99,
@@ -53,25 +53,25 @@ class AttenuationSettings:
     )
     settle: float = setting(
         0.3,
-        'afc: wait after each step of the correction; two time constants of the mode.',
+        'afc: waiting time after each step of the correction; two time constants of the mode.',
         's',
         above=0.0,
         high=60.0,
     )
     span: float = setting(
         0.25,
-        'afc: time that is evaluated, rounded to whole periods, at least one.',
+        'afc: evaluated time, rounded to whole periods, at least one.',
         's',
         above=0.0,
         high=60.0,
     )
     step_size: float = setting(
-        0.9, 'afc: share of the error that one step removes.', '1', above=0.0, high=1.0
+        0.9, 'afc: fraction of the error that one step removes.', '1', above=0.0, high=1.0
     )
     first_step: float = setting(
         1.0,
-        'afc: share of that step that an order takes until one observation has confirmed the gain '
-        'of the plant; 0.05 at most where nothing is known of the plant.',
+        'afc: fraction of that step until one observation has confirmed the gain of the '
+        'plant; at most 0.05 for an unknown plant.',
         '1',
         above=0.0,
         high=1.0,
@@ -84,16 +84,15 @@ class AttenuationSettings:
     )
     forgetting: float = setting(
         0.9995,
-        'rls, filtered_rls: forgetting factor per sample; Fujii 2018 gives none, which is 1.',
+        'rls, filtered_rls: forgetting factor per sample; Fujii 2018 uses none, which is 1.',
         '1',
         low=0.9,
         high=1.0,
     )
     gain: float = setting(
         16666.7,
-        'rls: volts per metre of error, and with it the strength of the feedback; Fujii 2018 '
-        'gives no '
-        'unit, and this gives the 5 to 25 dB of its figures.',
+        'rls: gain from error to voltage; Fujii 2018 states no unit, and the default gives '
+        'the 5 to 25 dB of its figures.',
         'V/m',
         above=0.0,
         high=1e12,
@@ -111,8 +110,8 @@ class AttenuationSettings:
     )
     switch_frequency: float = setting(
         66.0,
-        'rls, printed: orders up to here use Fujii 2018 (22), above it (23); 66 Hz is the '
-        "paper's.",
+        'rls, printed: orders up to this frequency use Fujii 2018 (22), above it (23); 66 Hz '
+        'is from the paper.',
         'Hz',
         low=0.0,
         high=1e5,
