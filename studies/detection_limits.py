@@ -58,9 +58,9 @@ def added(
     bounds = {q.name: (q.low, q.high) for q in candidate.model.parameters}
     for name, size in limit.size.items():
         neutral = limit.neutral[name]
-        values[name] = (
-            size / multiple if abs(neutral) > 1e3 else neutral + multiple * (size - neutral)
-        )
+        threshold = abs(neutral) > 1e3
+        moved = size / multiple if threshold else neutral + multiple * (size - neutral)
+        values[name] = min(max(moved, bounds[name][0]), bounds[name][1])
     before = responses(final.model, final.values, final.sampling_offset, records)
     after = responses(candidate.model, values, final.sampling_offset, records)
     return [

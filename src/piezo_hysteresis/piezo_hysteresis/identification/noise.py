@@ -47,8 +47,8 @@ _SLOWEST = 0.99
 _TERMS = 400
 # Standard deviations within which what may be is taken to lie.
 SURE = 3.0
-# Samples of differences that tell as much as a line of a spectrum: 300 draws of white noise of 500
-# to 40 000 samples scatter by 11 to 1.1 %, which is 0.72 / sqrt(lines) with a tenth of the samples.
+# Samples of differences that tell as much as a line of a spectrum: 300 draws of white noise of
+# 500 to 40 000 samples scatter by 11 to 1.1 %, as 0.72 / sqrt(lines) does with a tenth of them.
 _SAMPLES_A_LINE = 10
 _LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
 # Levels from which the smallest distance between two is the step of a converter, and none of a

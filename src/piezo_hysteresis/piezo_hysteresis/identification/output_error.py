@@ -75,6 +75,7 @@ def output_error(
     count: int | None = None,
     max_evaluations: int = 200,
     workers: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit a chain to records by free-run least squares, with start values from the data.
@@ -97,6 +98,8 @@ def output_error(
         16) where not given.
     max_evaluations : int
         For the polish; each other start gets a sixth of it.
+    stopped : callable
+        Asked before each step whether there is no time for it: the best so far is returned.
 
     Returns
     -------
@@ -131,7 +134,7 @@ def output_error(
 
     common: dict[str, Any] = {
         'free': names, 'priors': priors, 'weights': weights,
-        'sampling_offset': sampling_offset, 'workers': workers,
+        'sampling_offset': sampling_offset, 'workers': workers, 'stopped': stopped,
     }  # fmt: skip
 
     def follow(seen: Sequence[Target], begins: Sequence[Start]) -> FitResult:
@@ -140,7 +143,7 @@ def output_error(
             return _attempt(chain, seen, begin, max_evaluations=evaluations, **common)
 
         guessed = [Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses]
-        return _followed([*guessed, *begins], attempt)
+        return _followed([*guessed, *begins], attempt, stopped)
 
     def end(seen: Sequence[Target], best: FitResult) -> FitResult:
         return refined(
@@ -154,10 +157,10 @@ def output_error(
             **common,
         )
 
-    found = starts(chain, few, names, known, count=count)
+    found = starts(chain, few, names, known, count=count, stopped=stopped)
     best = follow(few, found)
     result = end(targets, best)
-    if leaves_noise(result):
+    if leaves_noise(result) or stopped():
         return result
     apart = _by_own_zeros(chain, few, names, known, found, choices)
     if apart is None:
@@ -189,7 +192,9 @@ def _by_own_zeros(
 
 
 def _followed(
-    begins: Sequence[Start], attempt: Callable[[Mapping[str, float]], FitResult]
+    begins: Sequence[Start],
+    attempt: Callable[[Mapping[str, float]], FitResult],
+    stopped: Callable[[], bool],
 ) -> FitResult:
     """Return the best fit of several starts, followed until it is hardly to be bettered.
 
@@ -200,7 +205,7 @@ def _followed(
         found.append(attempt(begin.values))
         best = min(found, key=lambda each: each.cost)
         same = [each for each in found if each.cost <= _SAME * best.cost]
-        if len(same) >= _ENOUGH or leaves_noise(found[-1]):
+        if len(same) >= _ENOUGH or leaves_noise(found[-1]) or stopped():
             return best
     return best
 
@@ -231,6 +236,7 @@ def refined(
     sampling_offset: bool | float = True,
     max_evaluations: int = 200,
     workers: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit from one start, and again with what the fit tells of the records, until that rests.
@@ -251,6 +257,8 @@ def refined(
         See `fit`; a sampling offset that explains nothing is set to zero.
     max_evaluations : int
         Of each fit.
+    stopped : callable
+        As of `output_error`.
     """
     names = tuple(model.free_names if free is None else free)
 
@@ -260,18 +268,20 @@ def refined(
         return _attempt(
             model, seen, values, free=names, priors=priors, weights=weights,
             sampling_offset=late, max_evaluations=max_evaluations, workers=workers,
-            progress=progress,
+            stopped=stopped, progress=progress,
         )  # fmt: skip
 
     result = attempt(targets, start, sampling_offset)
     for _ in range(_REVISIONS):
-        if not np.isfinite(result.cost):
+        if not np.isfinite(result.cost) or stopped():
             return result
         seen = revised(model, result.values, result.sampling_offset, targets, records, choices)
         if all(map(_alike, targets, seen, result.residuals.values())):
             break
         targets = seen
         result = attempt(targets, _with_offset(result), sampling_offset)
+    if stopped():
+        return result
     search = search_by(model, result.values, result.sampling_offset, records, choices.start)
     other = search.with_steps(targets)
     if other is not None:

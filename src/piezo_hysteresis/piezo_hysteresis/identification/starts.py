@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -43,6 +43,7 @@ def starts(
     given: Mapping[str, float] | None = None,
     *,
     count: int = 8,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> list[Start]:
     """Return up to `count` start points that lie in different basins, the best first.
 
@@ -62,6 +63,8 @@ def starts(
         Values that are not scanned; a start that holds all unknowns is returned as it is, first.
     count : int
         How many.
+    stopped : callable
+        Asked before each point whether there is no time for it: the best so far is returned.
     """
     seen = representative(targets)
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)
@@ -83,7 +86,11 @@ def starts(
     pool = [judged(base)]
     for kept, moves in _rounds(model, scanned, amplitude, seen):
         for start in _distinct(pool, scanned, kept):
-            pool += [judged({**start.values, **stated(start.values, move)}) for move in moves]
+            pool += [
+                judged({**start.values, **stated(start.values, move)})
+                for move in moves
+                if not stopped()
+            ]
     return _distinct(pool, scanned, count)
 
 

@@ -16,6 +16,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     fitted_to,
     judged_on,
 )
+from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.output_error import output_error, suited
@@ -53,7 +54,11 @@ class Baselines:
 
 
 def fitted_baselines(
-    data: Dataset, given: Model | ModelFile, choices: Choices, workers: int = 1
+    data: Dataset,
+    given: Model | ModelFile,
+    choices: Choices,
+    workers: int = 1,
+    deadline: Deadline | None = None,
 ) -> tuple[Baselines, Dataset]:
     """Fit the baseline, and let it tell how each record began, until that rests.
 
@@ -69,44 +74,58 @@ def fitted_baselines(
     IdentificationError
         If the model cannot be fitted to the records at all.
     """
+    end = deadline or Deadline()
     model = given.model if isinstance(given, ModelFile) else suited(given, list(data.records))
-    specs = [ModelSpec(model, values) for values in _from_data(data, model, choices, workers)]
+    specs = [ModelSpec(model, values) for values in _from_data(data, model, choices, workers, end)]
     nominal = None
     if isinstance(given, ModelFile):
         nominal = ModelSpec(model, dict(given.values))
         specs = [nominal, *specs]
-    fits = [_first_fit(spec, data, choices, workers) for spec in specs]
-    found = [each for each in fits if each is not None]
+    found: list[tuple[CandidateFit, Dataset]] = []
+    for spec in specs:
+        if found and end.skips('another start of the baseline'):
+            break
+        fit = _first_fit(spec, data, choices, workers, end)
+        if fit is not None:
+            found.append(fit)
     if not found:
         raise IdentificationError(
             f'the baseline {model.name} cannot be fitted to these records: choose another one'
         )
-    joint, seen = _rested(*min(found, key=lambda each: each[0].floors), data, choices, workers)
+    best = min(found, key=lambda each: each[0].floors)
+    joint, seen = _rested(*best, data, choices, workers, end)
     views = seen.training
     as_given = None if nominal is None else judged_on(nominal, views)
-    return Baselines(joint, _slow(joint, views, workers), as_given), seen
+    return Baselines(joint, _slow(joint, views, workers, end), as_given), seen
 
 
 def _first_fit(
-    spec: ModelSpec, data: Dataset, choices: Choices, workers: int
+    spec: ModelSpec, data: Dataset, choices: Choices, workers: int, end: Deadline
 ) -> tuple[CandidateFit, Dataset] | None:
     """Return a fit to some of the samples, with initial conditions by `spec`."""
     seen = with_revised_starts(spec, data, choices, workers)
-    fit = _fitted(spec, thinned(seen.training, START_SAMPLES, data.periods), workers)
+    fit = _fitted(spec, thinned(seen.training, START_SAMPLES, data.periods), workers, end)
     return None if fit is None else (fit, seen)
 
 
 def _rested(
-    fit: CandidateFit, seen: Dataset, data: Dataset, choices: Choices, workers: int
+    fit: CandidateFit,
+    seen: Dataset,
+    data: Dataset,
+    choices: Choices,
+    workers: int,
+    end: Deadline,
 ) -> tuple[CandidateFit, Dataset]:
     """Return the fit to all samples, and the records with initial conditions by it."""
-    fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
+    fit = _fitted(fit, seen.training, workers, end) or judged_on(fit, seen.training)
     for _ in range(_REVISIONS):
+        if end.passed:
+            break
         renewed = with_revised_starts(fit, data, choices, workers)
         if begin_alike(seen, renewed):
             break
         seen = renewed
-        fit = _fitted(fit, seen.training, workers) or judged_on(fit, seen.training)
+        fit = _fitted(fit, seen.training, workers, end) or judged_on(fit, seen.training)
     return fit, seen
 
 
@@ -136,9 +155,13 @@ def begin_alike(one: Dataset, other: Dataset) -> bool:
     return all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs)
 
 
-def _slow(joint: CandidateFit, views: Sequence[Target], workers: int) -> CandidateFit | None:
+def _slow(
+    joint: CandidateFit, views: Sequence[Target], workers: int, end: Deadline
+) -> CandidateFit | None:
     slowest = _slowest(views)
-    fit = _fitted(joint, slowest, workers) if len(slowest) < len(views) else None
+    if len(slowest) == len(views) or end.skips('the baseline on the slowest records'):
+        return None
+    fit = _fitted(joint, slowest, workers, end)
     return None if fit is None else judged_on(ModelSpec(joint.model, fit.values), views)
 
 
@@ -162,7 +185,7 @@ def with_revised_starts(
 
 
 def _from_data(
-    data: Dataset, model: Model, choices: Choices, workers: int
+    data: Dataset, model: Model, choices: Choices, workers: int, end: Deadline
 ) -> list[dict[str, float]]:
     """Start values from output error on the training records, jointly and on the slowest."""
     known = {r.name: r for r in data.records}
@@ -171,12 +194,15 @@ def _from_data(
         known[view.name] if few is view else known[view.name].section(0, few.voltage.size)
         for view, few in zip(data.training, short, strict=True)
     ]
-    slow, starts = _slow_records(records), []
+    slow, starts = _slow_records(records), list[dict[str, float]]()
     for chosen in (records, slow) if len(slow) < len(records) else (records,):
+        if starts and end.skips('starts from the slowest records'):
+            break
         try:
             result = output_error(
                 model, chosen, count=_COUNT, sampling_offset=False,
                 begins=choices.start, zero=choices.zero, workers=workers,
+                stopped=lambda: end.passed,
             )  # fmt: skip
         except IdentificationError:
             continue
@@ -194,8 +220,17 @@ def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
     return tuple(sorted(driven, key=lambda v: v.frequency)[:SLOWEST]) or tuple(views)
 
 
-def _fitted(spec: ModelSpec, views: Sequence[Target], workers: int) -> CandidateFit | None:
-    return fitted_to(spec, views, evaluations=EVALUATIONS, tolerance=TOLERANCE, workers=workers)
+def _fitted(
+    spec: ModelSpec, views: Sequence[Target], workers: int, end: Deadline
+) -> CandidateFit | None:
+    return fitted_to(
+        spec,
+        views,
+        evaluations=EVALUATIONS,
+        tolerance=TOLERANCE,
+        stopped=lambda: end.passed,
+        workers=workers,
+    )
 
 
 def with_renewed_starts(

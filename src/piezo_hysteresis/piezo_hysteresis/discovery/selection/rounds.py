@@ -14,7 +14,7 @@ from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.restart import better_of_both
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.models import described
+from piezo_hysteresis.models import Candidate, described
 
 Progress = Callable[[float, str], None]
 
@@ -81,7 +81,8 @@ def select(
     every = competing(evaluator, before)
     free = evaluator.free_of(before)
     screen = Screen(before, evaluator.screened, free, evaluator.workers)
-    scores = evaluator.map(screen.score, every)
+    screened = evaluator.map(lambda each: _screened(evaluator, screen, each), every)
+    scores = [each for each in screened if each is not None]
     progress(0.2, f'{len(every)} candidates screened')
     least = rules.least_promise(evaluator.excess(before), evaluator.policy)
     chosen = choose_trials(scores, least, evaluator.policy)
@@ -100,6 +101,11 @@ def select(
         return None
     progress(1.0, f'{len(finalists)} finalists')
     return round_of(evaluator, before, finalists, len(every), start)
+
+
+def _screened(evaluator: Evaluator, screen: Screen, candidate: Candidate) -> ScreeningScore | None:
+    """Return what a candidate promises, None where there is no time to look at it."""
+    return None if evaluator.deadline.skips(candidate.effect.name) else screen.score(candidate)
 
 
 def _finalists(

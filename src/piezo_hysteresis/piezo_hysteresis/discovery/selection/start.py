@@ -97,7 +97,7 @@ def find(
             outcome = replace(outcome, remainder=left)
         return Baselines(nominal, None, nominal), outcome
     choices = zeros_apart(how.choices, data)
-    base, seen = fitted_baselines(data, given, choices, how.workers)
+    base, seen = fitted_baselines(data, given, choices, how.workers, how.deadline)
     progress(0.12, 'baselines fitted')
     evaluator = FreeEvaluator(
         seen, how.seed, how.workers, how.policy(POLICY), how.deadline, choices

@@ -1,0 +1,180 @@
+"""Detection limits: sizes that show, sizes that hide, and what they are called."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezo_hysteresis.discovery import Discovery, discover
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
+from piezo_hysteresis.discovery.detection.statements import in_prefixes, sentence, statements
+from piezo_hysteresis.discovery.detection.whitening import Nuisances, Whitening
+from piezo_hysteresis.identification.free_run import simulated
+from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.models import Model, candidates, named
+from piezo_hysteresis.records import Record, RecordInfo
+from piezo_hysteresis.reporting.detection_table import detection_section, limits_line
+
+DT = 1e-3
+
+
+def records(model: Model, values: dict[str, float], seed: int = 0) -> list[Record]:
+    """Return noisy sines of a model."""
+    found = []
+    for k, frequency in enumerate((1.0, 4.0, 15.0)):
+        u = np.sin(2 * np.pi * frequency * DT * np.arange(4000))
+        y = model.respond(u, model.pack(values), DT)
+        y = y + np.random.default_rng(10 * seed + k).normal(0, 2e-8, u.size)
+        found.append(Record(f'{frequency:g} Hz', DT, u, y, info=RecordInfo(frequency=frequency)))
+    return found
+
+
+@pytest.fixture(scope='module')
+def nothing() -> Discovery:
+    model = named('classical')
+    return discover(records(model, model.defaults()), 'classical')
+
+
+def limit_of(found: Discovery, variant: str) -> DetectionLimit:
+    return next(each for each in found.verdict.detection_limits if each.variant == variant)
+
+
+@pytest.mark.component
+def test_nothing_missing_is_a_statement_about_every_effect(nothing: Discovery) -> None:
+    verdict = nothing.verdict
+    assert verdict.verdict == 'none'
+    names = {each.effect for each in verdict.detection_limits}
+    assert {'creep', 'transport_delay', 'resonance', 'drift'} <= names
+    assert 'known effects from' in verdict.unexplained.description
+    assert verdict.to_dict()['detection_limits'][0]['units']
+    creep = limit_of(nothing, 'creep')
+    assert 0.0 < creep.size['creep_share'] < 0.05
+    assert 1e-9 < creep.displacement_rms_m < 1e-7
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('variant', ['creep', 'amplifier_lag', 'drift'])
+def test_twice_the_limit_is_seen_and_a_quarter_is_not(nothing: Discovery, variant: str) -> None:
+    limit, final = limit_of(nothing, variant), nothing.final
+    candidate = next(
+        each
+        for each in candidates(final.model, nothing.data.amplitude, nothing.data.span)
+        if each.effect.variant == variant
+    )
+    verdicts = []
+    for multiple in (0.25, 2.0):
+        values = candidate.values(final.values, limit.size | limit.shape)
+        hidden = scaled(candidate, values, multiple)
+        verdicts.append(
+            discover(records(candidate.model, hidden, seed=3), 'classical').verdict.verdict
+        )
+    assert verdicts[0] == 'none'
+    assert verdicts[1] != 'none'
+
+
+@pytest.mark.component
+def test_a_delay_below_a_sample_passes_for_the_clock(nothing: Discovery) -> None:
+    assert limit_of(nothing, 'transport_delay').size['delay'] > 0.9 * DT
+
+
+def limit(**changes: Any) -> DetectionLimit:
+    whole = DetectionLimit(
+        effect='creep',
+        variant='creep',
+        size={'creep_share': 0.004},
+        neutral={'creep_share': 0.0},
+        shape={'creep_time': 3.0},
+        units={'creep_share': '1', 'creep_time': 's'},
+        displacement_rms_m=2e-8,
+        shown=True,
+        apart_factor=1.0,
+        nearest='drift',
+        experiment='step and hold',
+    )
+    return replace(whole, **changes)
+
+
+def test_a_statement_gives_the_range_of_sizes_once_for_both_signs() -> None:
+    found = statements(
+        [
+            limit(),
+            limit(size={'creep_share': -0.0041}),
+            limit(size={'creep_share': 0.05}, shape={'creep_time': 30.0}, displacement_rms_m=3e-8),
+        ]
+    )
+    assert [each.brief for each in found] == ['0.4 % to 5 %']
+    assert found[0].sizes.count('creep_time') == 2
+    assert found[0].displacement_m == (2e-8, 3e-8)
+
+
+def test_what_shows_at_no_size_is_stated() -> None:
+    (found,) = statements([limit(shown=False)])
+    assert (found.brief, found.hidden) == ('no size', 'creep_time 3 s')
+    assert 'do not show creep at any size' in sentence(
+        [found, *statements([limit(effect='drift', variant='drift')])]
+    )
+
+
+def test_a_look_alike_is_named_with_the_size_that_tells_them_apart() -> None:
+    (found,) = statements([limit(apart_factor=12.0)])
+    assert found.apart == 'drift below 12 times that'
+    section = detection_section([limit(apart_factor=12.0)])
+    assert section is not None
+    assert limits_line([limit()]) == 'creep 0.4 %'
+
+
+@pytest.mark.parametrize(
+    ('value', 'unit', 'text'),
+    [
+        (1.9e-4, 's', '190 µs'),
+        (1.74e-8, 'm/s', '17.4 nm/s'),
+        (0.97, 'V', '970 mV'),
+        (52000.0, '1/m^2', '5.2e+04 1/m^2'),
+        (0.02, '1', '0.02'),
+    ],
+)
+def test_numbers_have_a_prefix_of_their_unit(value: float, unit: str, text: str) -> None:
+    assert in_prefixes(value, unit) == text
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31), st.integers(200, 900))
+def test_whitened_noise_has_unit_variance_and_comes_back(seed: int, size: int) -> None:
+    generator = np.random.default_rng(seed)
+    error = 3e-8 * generator.standard_normal(size)
+    whitening = Whitening([error], [1e-9])
+    assert np.std(whitening([error])) == pytest.approx(1.0, rel=0.15)
+    change = generator.standard_normal(size)
+    np.testing.assert_allclose(whitening.inverse(whitening([change]))[0], change, atol=1e-9)
+
+
+def test_nuisances_take_what_is_theirs_and_the_clock_within_its_bounds() -> None:
+    t = np.linspace(0.0, 1.0, 500)
+    free, clock = np.sin(40 * t), np.cos(40 * t)
+    nuisances = Nuisances([free], clock, 2.0)
+    assert np.max(np.abs(nuisances.remove(3.0 * free + 1.5 * clock))) < 1e-9
+    left = nuisances.remove(5.0 * clock)
+    assert np.linalg.norm(left) == pytest.approx(3.0 * np.linalg.norm(clock), rel=0.01)
+
+
+def test_sizes_are_scaled_from_where_an_effect_changes_nothing() -> None:
+    model = named('classical')
+    every = {each.effect.variant: each for each in candidates(model, 1.0, 1e-5)}
+    creep = every['creep']
+    values = creep.values(model.defaults(), creep.starts[0])
+    assert scaled(creep, values, 0.5)['creep_share'] == 0.5 * values['creep_share']
+    slow = every['slew_limit']
+    start = slow.values(model.defaults(), slow.starts[0])
+    assert scaled(slow, start, 0.5)['slew_rate'] == 2.0 * start['slew_rate']
+    record = records(model, model.defaults())[0]
+    neutral = scaled(creep, values, 0.0)
+    np.testing.assert_allclose(
+        simulated(creep.model, creep.model.pack(neutral), whole(record)),
+        simulated(model, model.pack(model.defaults()), whole(record)),
+        atol=1e-15,
+    )
