@@ -1,8 +1,9 @@
 # make demo   sets up and runs the main job: record, identify, compensate, report
 # make test   sets up, checks the style and runs the tests;  make studies  runs the long ones
 # make setup  only sets up;  make dev  with what tests need;  make clean  removes what was made
+# make site   builds the documentation as a site: out/site/index.html
 
-.PHONY: demo test studies lint setup build dev clean
+.PHONY: demo test studies lint setup build dev site clean
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -12,7 +13,7 @@ run := source setup.bash &&
 SHELL := /bin/bash
 
 help:
-	@sed -n '1,3s/^# //p' Makefile
+	@sed -n '1,4s/^# //p' Makefile
 
 setup build:
 	@bash tools/setup.sh
@@ -40,5 +41,12 @@ studies: dev
 	@$(run) $(pytest) -m slow --junitxml=out/tests/studies.xml \
 	  --dist loadfile --no-loadscope-reorder test
 
+# In an environment of its own: nothing else needs these packages.
+site:
+	@test -x .venv-docs/bin/pip || python3 -m venv .venv-docs
+	@.venv-docs/bin/pip install -q --disable-pip-version-check -r requirements-docs.txt
+	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build -q --strict
+	@echo out/site/index.html
+
 clean:
-	rm -rf build install log .venv out
+	rm -rf build install log .venv .venv-docs out

@@ -156,7 +156,8 @@ def _reason(
     )
     text = (
         'law, rule table and all gains but KD = 120 (read as V s/m) of Fang 2019 are missing from '
-        'its text. The encoder is assumed to have 5 nm steps and 3 nm noise. Beside plain PID of '
+        'its text. The encoder is assumed to have 5 nm steps and 3 nm noise. Compared with '
+        'plain PID of '
         f'the same base gains and the same inverse, fuzzy PID {gain} ({fuzzy:.3f} against '
         f'{plain:.3f} um)'
     )

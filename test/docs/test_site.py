@@ -1,0 +1,63 @@
+"""The site of the pages: its navigation, its links and its pinned tools; .ci/run builds it."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import pytest
+import yaml
+from pages import ROOT
+
+sys.path.insert(0, str(ROOT / 'tools'))
+import site_hooks
+
+CONFIG = yaml.safe_load((ROOT / 'mkdocs.yml').read_text(encoding='utf-8'))
+
+
+def entries(nav: object) -> list[str]:
+    if isinstance(nav, dict):
+        return [each for inner in nav.values() for each in entries(inner)]
+    if isinstance(nav, list):
+        return [each for inner in nav for each in entries(inner)]
+    return [str(nav)]
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    listed = entries(site_hooks.on_config({'nav': CONFIG['nav']})['nav'])
+    pages = {path.relative_to(ROOT / 'docs').as_posix() for path in ROOT.glob('docs/**/*.md')}
+    generated = {*site_hooks.OUTSIDE.values(), 'tutorials/python.md'}
+    assert sorted(listed) == sorted(pages | generated)
+
+
+@pytest.mark.parametrize(
+    ('link', 'folder', 'shown'),
+    [
+        ('[a](../CONTRIBUTING.md#x)', 'docs', '[a](contributing.md#x)'),
+        ('[a](../../CHANGELOG.md)', 'docs/tutorials', '[a](../changelog.md)'),
+        ('[a](../CITATION.cff)', 'docs', 'a'),
+        ('[a](python.ipynb)', 'docs/tutorials', '[a](python.md)'),
+        ('![a](pictures/a.png)', 'docs', '![a](pictures/a.png)'),
+        ('[a](effects/)', 'docs', '[a](effects/amplifier_lag.md)'),
+        ('[a](https://a.b/c) [b](#c)', 'docs', '[a](https://a.b/c) [b](#c)'),
+    ],
+)
+def test_links_lead_to_pages_of_the_site(link: str, folder: str, shown: str) -> None:
+    inside = folder.removeprefix('docs').strip('/')
+    assert site_hooks._relinked(link, inside, 'docs') == shown
+
+
+def test_the_changelog_links_into_the_pages() -> None:
+    assert site_hooks._relinked('[a](docs/nodes.md)', '.', '') == '[a](nodes.md)'
+
+
+def test_the_notebook_becomes_a_page_with_its_pictures() -> None:
+    page = site_hooks._notebook(ROOT / 'docs' / site_hooks.NOTEBOOK)
+    assert page.startswith('# ')
+    assert '```python' in page
+    assert 'src="data:image/png;base64,' in page
+
+
+def test_tools_are_pinned() -> None:
+    lines = (ROOT / 'requirements-docs.txt').read_text(encoding='utf-8').splitlines()
+    assert all(re.fullmatch(r'#.*|[\w-]+==[\d.]+', line) for line in lines)

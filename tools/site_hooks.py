@@ -1,0 +1,133 @@
+"""Hooks of mkdocs.yml: wildcards in the navigation, the notebook and pages outside of docs/."""
+
+from __future__ import annotations
+
+import json
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / 'docs'
+NOTEBOOK = 'tutorials/python.ipynb'
+# Pages of the repository that the site shows, by their path there.
+OUTSIDE = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.md': 'changelog.md'}
+# A browser starts no worker for a page that is opened as a file, and the theme would then load a
+# substitute from the network. This one runs the search in a hidden frame.
+SUBSTITUTE = re.compile(r'<script src="https://unpkg.com/iframe-worker/shim"></script>')
+FRAME = """<script>
+if (location.protocol === 'file:') window.Worker = class extends EventTarget {
+  constructor(url) {
+    super();
+    const frame = document.body.appendChild(document.createElement('iframe'));
+    frame.hidden = true;
+    this.inside = frame.contentWindow;
+    this.inside.postMessage = data => this.dispatchEvent(new MessageEvent('message', {data}));
+    const script = this.inside.document.createElement('script');
+    this.ready = new Promise(loaded => { script.onload = loaded; });
+    script.src = url;
+    this.inside.document.body.appendChild(script);
+  }
+  async postMessage(data) {
+    await this.ready;
+    this.inside.dispatchEvent(new MessageEvent('message', {data}));
+  }
+  terminate() {}
+};
+</script>"""
+LINK = re.compile(r'(!?)\[([^\]]*)\]\(([^)\s]+)\)')
+
+
+def on_config(config: Any) -> Any:
+    """Replace each wildcard of the navigation by the pages that it matches."""
+    config['nav'] = _expanded(config['nav'])
+    return config
+
+
+def _expanded(nav: Any) -> Any:
+    if isinstance(nav, dict):
+        return {title: _expanded(inner) for title, inner in nav.items()}
+    if not isinstance(nav, list):
+        return nav
+    out: list[Any] = []
+    for entry in nav:
+        if isinstance(entry, str) and '*' in entry:
+            found = sorted(p.relative_to(DOCS).as_posix() for p in DOCS.glob(entry))
+            out += [page for page in found if not page.endswith('README.md')]
+        else:
+            out.append(_expanded(entry))
+    return out
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the notebook and the pages of the repository."""
+    from mkdocs.structure.files import File
+
+    for path, name in OUTSIDE.items():
+        text = (ROOT / path).read_text(encoding='utf-8')
+        files.append(File.generated(config, name, content=_relinked(text, '.', '')))
+    if notebook := files.get_file_from_path(NOTEBOOK):
+        files.remove(notebook)
+    page = NOTEBOOK.replace('.ipynb', '.md')
+    files.append(File.generated(config, page, content=_notebook(DOCS / NOTEBOOK)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
+    """Let links to the notebook and out of docs/ lead to pages of the site."""
+    if page.file.src_uri in OUTSIDE.values():
+        return markdown
+    return _relinked(markdown, posixpath.dirname(page.file.src_uri), 'docs')
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """Let the search work without a network."""
+    return SUBSTITUTE.sub(lambda _: FRAME, output)
+
+
+def _relinked(markdown: str, folder: str, root: str) -> str:
+    """Return a page of the folder with its links as the site has them.
+
+    A link to a file of the repository that is no page of the site becomes its text.
+    """
+
+    def target(found: re.Match[str]) -> str:
+        image, text, link = found.groups()
+        if re.match(r'[a-z]+:|#', link):
+            return found[0]
+        path, mark, anchor = link.partition('#')
+        whole = posixpath.normpath(posixpath.join(root, folder, path))
+        if whole in OUTSIDE:
+            inside = OUTSIDE[whole]
+        elif whole.startswith('docs/'):
+            inside = whole.removeprefix('docs/').replace(NOTEBOOK, NOTEBOOK[:-5] + 'md')
+            if (DOCS / inside).is_dir():  # its first page
+                inside = min(p.relative_to(DOCS).as_posix() for p in (DOCS / inside).glob('*.md'))
+        else:
+            return text
+        here = '' if root == '' else folder
+        return f'{image}[{text}]({posixpath.relpath(inside, here or ".")}{mark}{anchor})'
+
+    return LINK.sub(target, markdown)
+
+
+def _notebook(path: Path) -> str:
+    """Return a notebook as Markdown with its outputs."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding='utf-8'))['cells']:
+        source = ''.join(cell['source'])
+        if cell['cell_type'] == 'markdown':
+            parts.append(source)
+            continue
+        parts.append(f'```python\n{source}\n```')
+        for output in cell['outputs']:
+            data = output.get('data', {})
+            if 'image/png' in data:
+                picture = ''.join(data['image/png']).replace('\n', '')
+                parts.append(
+                    f'<img alt="Output of the cell" src="data:image/png;base64,{picture}">'
+                )
+            elif text := ''.join(output.get('text', data.get('text/plain', ''))):
+                parts.append(f'```text\n{text.rstrip()}\n```')
+    return '\n\n'.join(parts) + '\n'
