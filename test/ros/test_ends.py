@@ -83,12 +83,14 @@ NEEDED: dict[str, Callable[[Path], str]] = {
     'recorder': lambda folder: f'out:={folder / "recorded"}',
     'player': lambda folder: f'bag:={short_bag(folder, 300_000)}',
     'dashboard': lambda folder: 'port:=0',
+    'gcs_driver': lambda folder: 'controller:=gcs://127.0.0.1:1',
 }
 # The links one behind the other, and three more with the same names elsewhere.
 NAMES = {
     'attenuation': ['voltage/command:=voltage/attenuated'],
     'feedback': ['voltage/feedforward:=voltage/attenuated'],
     'control_loop': ['__ns:=/together'],
+    'gcs_driver': ['__ns:=/driven'],
 }
 LINKS = ('feedforward', 'attenuation', 'feedback')
 

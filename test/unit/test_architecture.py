@@ -33,7 +33,7 @@ ALLOWED = {
     'runtime': NEUTRAL | {'models', 'identification', 'compensation', 'parameters'},
     'nodes': NEUTRAL
     | CORE_ROOMS
-    | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime', 'ros'},
+    | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime', 'drivers', 'ros'},
     'drivers': NEUTRAL | {'models', 'compensation', 'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
     'interface': NEUTRAL | CORE_ROOMS | {'reporting', 'cli'},

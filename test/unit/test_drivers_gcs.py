@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from piezo_hysteresis.drivers.controller import UNLIMITED
 from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController
 from piezo_hysteresis.drivers.tracking import Learning
 from piezo_hysteresis.drivers.wires import TcpWire
+from piezo_hysteresis.drivers.worker import ControllerThread, SweepOrder, SweepProgress
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import load
 from piezo_hysteresis.waveforms import Sine
@@ -316,6 +318,82 @@ def test_a_connection_lost_at_any_moment_leaves_the_output_at_rest(kind: str, fa
             assert not controller.is_running
             assert abs(controller.voltage) < 1e-5  # percent of a range, as NV200 takes it
             assert largest_voltage(controller) <= 1.0 + 1e-5
+
+
+def order(bag: Path, **changes: Any) -> SweepOrder:
+    return replace(SweepOrder(bag, [20.0], [1.0], 0.1), **changes)
+
+
+@contextmanager
+def driving(address: str, timeout: float = 5.0) -> Iterator[ControllerThread]:
+    thread = ControllerThread(
+        lambda: open_controller(address, timeout=timeout), lambda *state: None, 0.01
+    )
+    try:
+        until(lambda: not thread.problem)
+        yield thread
+    finally:
+        thread.close()
+
+
+def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_thread_that_loses_its_controller_leaves_it_at_rest(kind: str, tmp_path: Path) -> None:
+    """Twenty random moments, while time goes on by the clock."""
+    rng = np.random.default_rng(5)
+    for k in range(20):
+        fault = Fault()
+        with served(kind, 1.0, fault) as (address, controller):
+            with driving(address, 0.3) as thread:
+                running = thread.run(order(tmp_path / f'{k}'))
+                time.sleep(rng.uniform(0.0, 1.5 if kind == 'nv200' else 0.6))
+                fault.after, fault.kind = 0, str(rng.choice(FAULTS))
+                assert '\n' not in running.result(20.0).reason
+            end = time.monotonic() + 5.0
+            while controller.is_running and time.monotonic() < end:
+                time.sleep(0.01)
+            assert not controller.is_running
+            assert abs(controller.voltage) < 1e-5
+            assert largest_voltage(controller) <= 1.0 + 1e-5
+
+
+def test_a_thread_keeps_what_is_complete_and_ends_at_rest(tmp_path: Path) -> None:
+    seen: list[SweepProgress] = []
+    with served('tcp', 5.0) as (address, controller):
+        with driving(address) as thread:
+            refused = thread.check(order(tmp_path / 'bag', amplitudes=[9.0]))
+            assert 'record sine_20Hz_9V: a wave of' in refused
+            assert thread.check(order(tmp_path / 'bag')) == ''
+            long = order(tmp_path / 'deep' / 'bag', frequencies=[20.0, 30.0], seconds=1.0)
+            running = thread.run(
+                long, seen.append, lambda: bool(seen) and seen[-1].record == 'sine_30Hz_1V'
+            )
+            assert running.result(20.0).is_cancelled
+            assert controller.voltage == 0.0
+            assert [record.name for record in load(long.bag)] == ['sine_20Hz_1V']
+            again = thread.run(replace(long, frequencies=[20.0])).result(20.0)
+            assert 'exists already' in again.reason
+            running = thread.run(order(tmp_path / 'never', seconds=2.5))
+            until(lambda: abs(controller.voltage) > 0.1)
+        assert running.result(1.0).is_cancelled
+        assert controller.voltage == 0.0
+        assert not controller.is_running
+
+
+def test_a_thread_that_drove_nothing_leaves_the_controller_as_it_is() -> None:
+    with served('tcp', 1.0) as (address, controller):
+        controller.set_voltage(1.5)
+        with driving(address):
+            pass
+        controller.advance()
+        assert controller.voltage == 1.5
 
 
 @pytest.mark.parametrize('kind', KINDS)

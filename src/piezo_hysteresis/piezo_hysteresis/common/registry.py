@@ -16,6 +16,7 @@ NODES = {
     'discovery': 'piezo_hysteresis.nodes.discovery',
     'recorder': 'piezo_hysteresis.nodes.recording.recorder',
     'player': 'piezo_hysteresis.nodes.recording.player',
+    'gcs_driver': 'piezo_hysteresis.nodes.gcs_driver',
     'dashboard': 'piezo_hysteresis.nodes.dashboard.dashboard',
 }
 # Where the sheets of the nodes of a package are.

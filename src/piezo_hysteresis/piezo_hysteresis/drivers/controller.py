@@ -158,6 +158,10 @@ class Controller(ABC):
     def recorded(self, count: int, divider: int) -> Measurement:
         """Return what the recorder holds."""
 
+    def state(self) -> tuple[float, float] | None:
+        """Return voltage [V] and displacement [m]; None where asking disturbs what runs."""
+        return self.voltage, self.displacement
+
     def about(self) -> dict[str, Any]:
         """Return what belongs beside a record: who measured it, at which rate, in which units."""
         return {

@@ -7,3 +7,7 @@ from piezo_hysteresis.errors import PiezoError
 
 class DriverError(PiezoError):
     """A controller cannot be reached, or refuses."""
+
+
+class ConnectionLostError(DriverError):
+    """A controller does not answer any more: it has to be connected to anew."""

@@ -6,7 +6,7 @@ import socket
 import time
 from typing import Any, Protocol
 
-from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.errors import ConnectionLostError, DriverError
 
 #: Longest time to wait for an answer [s].
 TIMEOUT = 5.0
@@ -167,18 +167,18 @@ class SerialWire:
         self._port.close()
 
 
-def lost(address: str, reason: object) -> DriverError:
+def lost(address: str, reason: object) -> ConnectionLostError:
     """Return the error that says that a connection is lost."""
     why = getattr(reason, 'strerror', None) or reason
-    return DriverError(
+    return ConnectionLostError(
         f'{address}: the connection is lost ({why}); a wave that runs ends at 0 V by itself; '
         'check the cable, then try again'
     )
 
 
-def silent(address: str, query: object) -> DriverError:
+def silent(address: str, query: object) -> ConnectionLostError:
     """Return the error that says that nothing answers a query."""
-    return DriverError(
+    return ConnectionLostError(
         f'{address}: no answer to {query!r} in time; the controller is busy, or something else '
         'answers there'
     )

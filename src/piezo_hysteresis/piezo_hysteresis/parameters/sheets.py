@@ -121,6 +121,16 @@ _ALL = (
         actions=('discover', 'investigate'),
     ),
     NodeSheet(
+        'gcs_driver',
+        'Runs sweeps in a piezo controller, at the rate of its servo, in the place of excitation, '
+        'recorder and actuator: see [controllers.md](controllers.md). Each sweep becomes a bag '
+        'below `folder`. `actuator/state` is for monitoring, at `monitor_rate`. Connecting moves '
+        'nothing; a cancel, a shutdown and a loss stop the wave and ramp to 0 V.',
+        tables.GCS_DRIVER,
+        publishes=(topics.STATE, '/diagnostics'),
+        actions=('run_sweep',),
+    ),
+    NodeSheet(
         'dashboard',
         'Serves the live page: see [dashboard.md](dashboard.md). It subscribes to the topics '
         'of every displayed actuator through nodes `dashboard_recorder`, and is a client of '

@@ -21,6 +21,7 @@ __all__ = [
     'FEEDBACK',
     'FEEDFORWARD',
     'GAP_MONITOR',
+    'GCS_DRIVER',
     'IDENTIFICATION',
     'PLAYER',
     'RECORDER',
@@ -248,3 +249,37 @@ DISCOVERY = ParameterTable(
         ParameterSpec('model_file', '', 'Default model of an investigation.', read_only=True),
     )
 )
+
+GCS_DRIVER = ParameterTable(
+    (
+        ParameterSpec(
+            'controller',
+            '',
+            'Its address: gcs://HOST[:PORT], gcs:///dev/ttyUSB0 or nv200:///dev/ttyUSB0.',
+            read_only=True,
+        ),
+        ParameterSpec('axis', '1', 'Of the controller.', read_only=True),
+        ParameterSpec(
+            'limits.low', 0.0, 'Lowest voltage; with limits.high 0 that of the controller.', 'V',
+            -2000.0, 0.0, read_only=True,
+        ),
+        ParameterSpec(
+            'limits.high', 0.0, 'Highest voltage; with limits.low 0 that of the controller.', 'V',
+            0.0, 2000.0, read_only=True,
+        ),
+        ParameterSpec(
+            'limits.slew', 0.0, 'Fastest change of the voltage; 0 is any.', 'V/s', 0.0, 1e12,
+            read_only=True,
+        ),
+        ParameterSpec('actuator', '', 'Name of the actuator in the records.'),
+        ParameterSpec('folder', RESULTS, 'Folder in which bags are written.', read_only=True),
+        ParameterSpec(
+            'monitor_rate', 10.0, 'How often actuator/state is published.', 'Hz', 0.1, 50.0,
+            read_only=True,
+        ),
+        ParameterSpec(
+            'timeout', 5.0, 'Longest time to wait for an answer.', 's', 0.05, 600.0,
+            read_only=True,
+        ),
+    )
+)  # fmt: skip

@@ -111,6 +111,10 @@ class Nv200Controller(Controller):
         """Whether the wave generator plays."""
         return self._line.number('grun') != 0.0
 
+    def state(self) -> tuple[float, float] | None:
+        """Return voltage [V] and displacement [m]; None while the recorder is in use."""
+        return None if self.is_running else super().state()
+
     def open_loop(self) -> None:
         """Switch the servo off, and go to 0 V.
 
