@@ -87,19 +87,19 @@ def measured(folder: Path, path: Path, asked: argparse.Namespace) -> dict[str, A
 
 def shown(found: Mapping[str, Any]) -> str:
     """Return the part of the page that a run writes."""
-    lines = ['| one step, ns | median | 99.9 % | worst |', '|---|---:|---:|---:|']
+    lines = ['| one step [ns] | median | 99.9 % | worst |', '|---|---:|---:|---:|']
     for name, row in found['steps'].items():
         numbers = (f'{row[key]:.0f}' for key in ('median_ns', 'p999_ns', 'worst_ns'))
         lines.append('| ' + ' | '.join([name, *numbers]) + ' |')
     count = next(iter(found['steps'].values()))['steps']
-    lines += ['', f'Of {count} steps each; the two readings of the clock are in the times.', '']
+    lines += ['', f'{count} steps each; the times include two readings of the clock.', '']
     lines += _example(found['example'], found['rate']) + _clock(found['clock'], found['rate'])
     lines += [
         'The same loop (inverse, `afc` of the orders 0, 1, 3, limits) on the same simulated',
-        'actuator at 1 kHz, each as fast as it goes. The CPU time of the nodes is that of all',
-        'processes, that of the others without the actuator:',
+        'actuator at 1 kHz, at full speed. The CPU time of the nodes includes all processes, that',
+        'of the others excludes the actuator:',
         '',
-        '| loop | samples/s | CPU per sample, µs | rms error, µm |',
+        '| loop | samples/s | CPU per sample [µs] | rms error [µm] |',
         '|---|---:|---:|---:|',
     ]
     for row in found['beside']:
@@ -112,7 +112,7 @@ def _example(errors: Sequence[float], rate: float) -> list[str]:
     words = ('rms without compensation', 'with feedforward', 'with `afc` of five orders and PID')
     parts = [f'{error:.4f} µm {how}' for error, how in zip(errors, words, strict=False)]
     return [
-        f'`make run` tracks 23 Hz at {rate:g} Hz against the plant that is off by 0.2 %:',
+        f'`make run` tracks 23 Hz at {rate:g} Hz on the plant with parameters changed by 0.2 %:',
         *(',\n'.join(parts) + '.').splitlines(),
         '',
     ]
@@ -122,12 +122,11 @@ def _clock(clock: Mapping[str, Any], rate: float) -> list[str]:
     late = 100.0 * clock['late'] / clock['ticks']
     woken, worst = 1e-3 * clock['mean_wake_ns'], 1e-6 * clock['worst_wake_ns']
     return [
-        f'By the clock at {rate:g} Hz, {late:.3g} % of {clock["ticks"]} ticks were late on the',
-        'virtual machine that wrote this page, which wakes a sleeper',
-        f'{woken:.0f} µs late in the mean and {worst:.1f} ms at the worst.',
-        f'The samples do not know of it: {1e9 * clock["rms_m"]:.2g} nm rms on a plant',
-        'that is equal to the model.',
-        'Judge the loop by the clock (`./bench 60`) on the machine that shall run it.',
+        f'In a timed loop at {rate:g} Hz, {late:.3g} % of {clock["ticks"]} ticks were late. The',
+        'virtual machine of this measurement wakes a sleeping thread',
+        f'{woken:.0f} µs late in the mean and {worst:.1f} ms at worst.',
+        f'The delay does not change the samples: {1e9 * clock["rms_m"]:.2g} nm rms on a plant',
+        'equal to the model. Repeat the timed loop (`./bench 60`) on the target machine.',
         '',
     ]
 

@@ -1,7 +1,7 @@
 """Write the pages that come from the code.
 
 docs/nodes.md from the parameter tables, docs/reference/ from docstrings and programs, the tables
-of docs/models.md and pages of new effects from what the blocks say, docs/equations.md from tags.
+of models, parameters and new effects from the blocks, docs/equations.md from tags.
 
     python tools/write_docs.py [--check]
 

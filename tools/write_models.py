@@ -1,7 +1,8 @@
-"""Write what docs/models.md and docs/effects/ say of blocks and effects, from their traits.
+"""Write tables and pages of blocks and effects from their traits.
 
-Called by ``python tools/write_docs.py``. The tables of the page of models are replaced; a page of
-an effect is written where there is none, and left to people from then on.
+Called by ``python tools/write_docs.py``. It replaces the table of effects in docs/models.md,
+writes docs/reference/parameters.md, and creates the page of an effect that has none; later edits
+of that page are manual.
 """
 
 from __future__ import annotations
@@ -16,6 +17,14 @@ from piezo_hysteresis.models import EFFECT_NAMES, described
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 MODELS = DOCS / 'models.md'
 EFFECTS = DOCS / 'effects'
+PARAMETERS = DOCS / 'reference' / 'parameters.md'
+PARAMETERS_INTRO = """# Parameters of the blocks
+
+Bounds are physical limits; defaults are for 1 V and 130 um. The play bank has `w1` to `w9` like
+`w1` below (thresholds 0.1 to 0.9 of `pi_range`), Preisach `mu_0_0` to `mu_7_7`, and the selector
+every `inverse_` parameter at ten knots (`inverse_gain_at1` ...). `python tools/write_docs.py`
+writes this page.
+"""
 
 _BLOCKS_HEAD = (
     '| block | parameter | unit | default | bounds | meaning |\n|---|---|---|---|---|---|'
@@ -27,9 +36,9 @@ _SERIES = 5  # so many parameters that differ by a number alone are one row
 def model_pages() -> dict[Path, str]:
     """Return the text of every page by path."""
     page = MODELS.read_text(encoding='utf-8')
-    page = _replaced(page, _BLOCKS_HEAD, _block_rows())
     page = _replaced(page, _EFFECTS_HEAD, _effect_rows())
-    pages = {MODELS: page}
+    table = '\n'.join([PARAMETERS_INTRO, _BLOCKS_HEAD, *_block_rows(), ''])
+    pages = {MODELS: page, PARAMETERS: table}
     for name in EFFECT_NAMES:
         path = EFFECTS / f'{name}.md'
         if not path.is_file():

@@ -56,6 +56,7 @@ def reference_pages() -> dict[Path, str]:
     pages[FOLDER / 'README.md'] = (
         f'# Reference\n\n{NOTE}\n\n- [cli](cli.md): every verb with its options.\n{links}\n'
         '- [nodes](../nodes.md): every node with its topics and parameters.\n'
+        '- [parameters](parameters.md): every parameter of every block.\n'
         '- [policy](policy.md): every decision threshold of discovery.\n'
     )
     return pages

@@ -34,7 +34,7 @@ def test_a_mode_that_no_record_shows_is_left_out_and_said() -> None:
     assert all(row.free_run_rms < 2.2e-8 for row in found.records)
     (words,) = found.left_out
     assert words in found.warnings
-    assert 'the block mode, which is left out' in words
+    assert 'the block mode, which is removed' in words
     saved = ModelFile.parse(found.model_file().text())
     assert saved.provenance.notes['left_out'] == words
 

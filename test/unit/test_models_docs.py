@@ -21,14 +21,17 @@ def test_every_model_and_block_is_on_the_page_of_models() -> None:
     page = (DOCS / 'models.md').read_text(encoding='utf-8')
     for name in models.NAMES:
         assert f'| `{name}` |' in page, name
+    page = write_models.PARAMETERS.read_text(encoding='utf-8')
     for name, block in BLOCKS.items():
         assert f'| `{name}` | `{block.parameters[0].name}` | {block.parameters[0].unit} |' in page
 
 
 def test_tables_and_pages_are_those_that_the_blocks_say() -> None:
     pages = write_models.model_pages()
-    assert list(pages) == [write_models.MODELS], 'run python tools/write_docs.py'
-    assert pages[write_models.MODELS] == (DOCS / 'models.md').read_text(encoding='utf-8')
+    written = [write_models.MODELS, write_models.PARAMETERS]
+    assert list(pages) == written, 'run python tools/write_docs.py'
+    for path in written:
+        assert pages[path] == path.read_text(encoding='utf-8')
 
 
 def test_of_a_long_series_of_parameters_the_first_is_shown() -> None:

@@ -112,8 +112,8 @@ EFFECTS = tuple(
         first=block.slot is Slot.SENSOR,
         physics=physics,
         experiment=(
-            'Drives above 100 Hz, where a lag takes amplitude and a delay only phase; or probe '
-            'the high voltage beside the command.'
+            'Drives above 100 Hz, where a lag takes amplitude and a delay only phase; or measure '
+            'the high voltage and the command.'
         ),
         shown_by=(Coverage.FAST,),
         mistaken_for=('transport_delay', 'resonance', 'creep', 'rate_dependence'),

@@ -195,7 +195,7 @@ EFFECTS = tuple(
         alternatives=({'exponent': 0.8}, {'exponent': 3.0}),
         physics=(
             'The hysteretic share does not saturate exponentially: domains switch later and more '
-            'abruptly (n > 1) or earlier (n < 1) than the exponent 1 of the model says.'
+            'abruptly (n > 1) or earlier (n < 1) than the exponent 1 of the model predicts.'
         ),
         experiment=(
             'An amplitude ladder at one frequency: the loop width over amplitude bends with n.'

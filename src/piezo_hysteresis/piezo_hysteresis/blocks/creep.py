@@ -235,8 +235,8 @@ EFFECTS = tuple(
         start=dict.fromkeys(shares, 0.02),
         alternatives=alternatives,
         physics=(
-            'Domains go on turning under a constant field, so the displacement keeps growing '
-            'after the voltage has stopped, fast at first and ever slower.'
+            'Domains continue to switch under a constant field, so the displacement keeps growing '
+            'after the voltage has stopped, fast at first, then more slowly.'
         ),
         experiment='Step and hold for a minute: creep is a line over the logarithm of time.',
         shown_by=(Coverage.WIDE, Coverage.STEP),

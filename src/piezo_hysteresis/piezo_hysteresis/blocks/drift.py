@@ -80,8 +80,8 @@ EFFECTS = tuple(
         neutral={parameter: 0.0},
         start={parameter: 1e-6},
         alternatives=({parameter: -1e-6},),
-        physics='Temperature moves the mount or the sensor electronics, whatever the drive does.',
-        experiment='A record at 0 V: drift goes on without drive, creep and asymmetry do not.',
+        physics='Temperature moves the mount or the sensor electronics, independent of the drive.',
+        experiment='A record at 0 V: drift continues without drive, creep and asymmetry do not.',
         shown_by=(Coverage.REST, Coverage.STEP),
         mistaken_for=('creep', 'asymmetry', 'offset', 'gain_decay'),
     )

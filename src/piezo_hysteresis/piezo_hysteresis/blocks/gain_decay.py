@@ -62,8 +62,8 @@ EFFECTS = (
             {'gain_loss_time': 1e3, 'gain_loss': 0.5},
         ),
         physics=(
-            'The ceramic depolarises, heats up or tires, so that the same voltage moves it less '
-            'and less.'
+            'The ceramic depolarises, heats up or fatigues, so the displacement per volt '
+            'decreases.'
         ),
         experiment=(
             'Repeat the first record at the end: the amplitude has changed, the mean has not.'

@@ -90,7 +90,7 @@ EFFECTS = (
             'Mains, a pump or a fan gets into the sensor or the mount at a frequency that has '
             'nothing to do with the drive.'
         ),
-        experiment='A record at 0 V, and drives of which the tone is no multiple.',
+        experiment='A record at 0 V, and drives of which the tone is not a multiple.',
         shown_by=(Coverage.REST,),
         mistaken_for=('odd_harmonic', 'resonance'),
     ),

@@ -89,7 +89,7 @@ EFFECTS = tuple(
         neutral={each.name: 0.0 for each in block.parameters[1:]},
         start={each.name: 1e-5 / len(block.parameters) for each in block.parameters[1:]},
         physics=(
-            'The ceramic remembers every reversal that a larger one has not wiped out; Bouc-Wen '
+            'The ceramic remembers every reversal that a larger one has not erased; Bouc-Wen '
             'remembers one number. Inner loops therefore close in the actuator and not in the '
             'model.'
         ),

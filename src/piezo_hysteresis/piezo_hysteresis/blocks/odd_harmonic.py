@@ -59,8 +59,8 @@ EFFECTS = tuple(
         neutral={parameter.name: 0.0 for parameter in block.parameters},
         start={parameter.name: 1e-6 for parameter in block.parameters},
         physics=(
-            'An oscillation at an odd multiple of the drive that the model does not make: what '
-            'the papers describe by exogenous sines, mostly a mode that a harmonic excites.'
+            'An oscillation at an odd multiple of the drive that the model does not produce. '
+            'The papers describe it by exogenous sines; usually a harmonic excites a mode.'
         ),
         experiment=(
             'Neighbouring drive frequencies and a second amplitude: a mode makes the harmonic '

@@ -8,7 +8,7 @@ PARAMETER_SHIFT = Effect(
     block=None,
     neutral={},
     physics=(
-        'The law of the model holds, but its numbers are no longer those of the actuator: '
+        'The law of the model holds, but its parameters are no longer those of the actuator: '
         'temperature, preload, load or age have changed since it was identified.'
     ),
     experiment='The records from which the model was identified, once more.',

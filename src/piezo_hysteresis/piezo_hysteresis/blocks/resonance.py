@@ -221,7 +221,7 @@ EFFECTS = (
         guess=guess,
         physics=(
             'A lightly damped mode of the structure rings where the drive, or one of the odd '
-            'harmonics that hysteresis makes of it, comes near its frequency.'
+            'harmonics that the hysteresis generates, is near its frequency.'
         ),
         experiment=_EXPERIMENT,
         shown_by=(Coverage.FAST, Coverage.WIDE),
@@ -237,9 +237,9 @@ EFFECTS = (
         start={'resonance_frequency': 100.0, 'resonance_damping': 0.02},
         guess=poles,
         physics=(
-            'The whole displacement goes through a lightly damped mode. The autoregression of the '
+            'The whole displacement passes a lightly damped mode. The autoregression of the '
             'model has as many coefficients as a mode has numbers, but its first one is fixed, so '
-            'that it bends towards the mode and misses its sharpness and its delay.'
+            'it approximates the frequency of the mode, but not its damping and delay.'
         ),
         experiment=_EXPERIMENT,
         shown_by=(Coverage.FAST, Coverage.WIDE),
@@ -254,7 +254,7 @@ EFFECTS = (
         start={'resonance_share': 0.1, 'resonance_damping': 0.04},
         guess=guess,
         physics=(
-            'The same force drives a second mode of the structure beside the first one; each '
+            'The same force drives a second mode of the structure in parallel; each '
             'carries a share of the displacement.'
         ),
         experiment=_EXPERIMENT,

@@ -59,7 +59,7 @@ EFFECTS = (
         guess=guess,
         physics=(
             'The gain of the sensor, or of the actuator about a bias, falls or rises steadily: '
-            'the swing changes and one position does not.'
+            'the amplitude changes, and one position does not.'
         ),
         experiment=(
             'Repeat the first record at the end: the amplitude has changed, the mean has not.'

@@ -50,8 +50,8 @@ EFFECTS = (
             {'soft_high': 1e5},
         ),
         physics=(
-            'The amplifier gives less and less before it reaches its rails, or the polarisation '
-            'of the ceramic approaches its limit: the drive is rounded off, the loop follows that.'
+            'The gain of the amplifier decreases before it reaches its rails, or the polarisation '
+            'of the ceramic approaches its limit: the drive is rounded, and the loop follows it.'
         ),
         experiment='An amplitude ladder: the gain falls steadily towards the tips.',
         shown_by=(Coverage.LADDER,),

@@ -71,7 +71,7 @@ EFFECTS = (
         start={'delay': 2e-3},
         alternatives=({'delay': 5e-4}, {'delay': 5e-3}),
         physics=(
-            'Bus, converter or driver hand the command on late: the phase lag grows in proportion '
+            'Bus, converter or driver delay the command: the phase lag grows in proportion '
             'to the frequency at unchanged amplitude.'
         ),
         experiment=(

@@ -70,9 +70,9 @@ def without_unseen(
         if held is not None:
             (name,) = set(held.model.held) - set(found.model.held)
             remarks.append(
-                f'the records do not tell {" and ".join(doubtful)} apart: {name} is held at '
-                f'{held.values[name]:.4g} {_unit(name, found)}, and what is known beside it holds '
-                f'for that alone; {help_for(doubtful)}.'.replace(' ,', ',')
+                f'the records do not separate {" and ".join(doubtful)}: {name} is held at '
+                f'{held.values[name]:.4g} {_unit(name, found)}, and the other values hold for '
+                f'it only; {help_for(doubtful)}.'.replace(' ,', ',')
             )
             found = held
     return found, tuple(remarks)
@@ -154,7 +154,7 @@ def _words(block: Block, found: FitResult) -> str:
         for name in names
     )
     return (
-        f'the records do not show the block {block.name}, which is left out ({values}): '
+        f'the records do not show the block {block.name}, which is removed ({values}): '
         f'{help_for(names)}.'
     )
 
