@@ -49,7 +49,7 @@ def test_an_inverted_sensor_is_told_from_one_of_another_clock() -> None:
 def test_a_report_gives_no_advice_twice() -> None:
     hold = 'record a step and hold it for 30 s'
     found = Check(('r: short',), ((('creep', 'drift'), hold), (('lag', 'creep'), hold)))
-    lines = ['To tell creep, drift apart: record a step and hold it for 30 s.']
+    lines = ['To distinguish creep, drift: record a step and hold it for 30 s.']
     assert limits_of_records(found, lines) == ['r: short', 'lag, creep cannot be distinguished']
     assert limits_of_records(found, []) == list(found.sentences())
 

@@ -54,7 +54,7 @@ def test_a_search_without_time_says_what_it_did_not_try() -> None:
     assert verdict.verdict == 'unknown'
     assert 'transport_delay' in verdict.not_tried
     assert 'none of the effects that were tried' in verdict.summary
-    assert 'The time limit came first; not tried: ' in verdict.summary
+    assert 'The time limit ended the search; not tried: ' in verdict.summary
     assert verdict.to_dict()['not_tried'] == list(verdict.not_tried)
 
 

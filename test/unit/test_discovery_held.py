@@ -116,7 +116,7 @@ def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> 
     found = discover([*FITTED, new], known)
     assert [each.name for each in found.verdict.effects] == ['mains_hum']
     assert [each.name for each in found.data.records] == ['new']
-    assert 'Records left out: 3' in found.verdict.summary
+    assert 'Excluded records: 3' in found.verdict.summary
     # what came out of it was made from all of them
     made_from = [each.name for each in found.model_file().provenance.records]
     assert made_from == [*(r.name for r in FITTED), 'new']
@@ -130,7 +130,7 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
     (shift,) = found.verdict.effects
     assert shift.name == 'parameter_shift'
     assert 'A1 from' in shift.evidence[1]
-    assert 'has other numbers than these records' in found.verdict.summary
+    assert 'has parameters that do not fit these records' in found.verdict.summary
     assert shift.parameters['A1'].value == pytest.approx(factor * known.values['A1'], rel=0.03)
     saved = ModelFile.parse(found.model_file().text())
     assert saved.values['A1'] == shift.parameters['A1'].value

@@ -1,4 +1,4 @@
-"""What is left is described as a colleague would say it."""
+"""The description of a residual."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from piezo_hysteresis.discovery.verdict.describe import growth
 @pytest.mark.parametrize(
     ('power', 'words'),
     [
-        (2.0, 'grows with the frequency, about as its power 2.0'),
-        (-0.3, 'falls with the frequency, about as its power -0.3'),
-        (0.05, 'hardly changes with the frequency'),
+        (2.0, 'increases with the frequency, about with power 2.0'),
+        (-0.3, 'decreases with the frequency, about with power -0.3'),
+        (0.05, 'hardly depends on the frequency'),
     ],
 )
 def test_growth_and_fall_are_told_apart(power: float, words: str) -> None:
@@ -20,4 +20,4 @@ def test_growth_and_fall_are_told_apart(power: float, words: str) -> None:
 
 
 def test_sizes_that_follow_no_law_are_not_said_to_stay() -> None:
-    assert growth('frequency', 0.05, 0.5) == 'With the frequency it changes by no simple law.'
+    assert growth('frequency', 0.05, 0.5) == 'Its change with the frequency follows no power law.'

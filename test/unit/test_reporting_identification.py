@@ -57,7 +57,7 @@ def test_the_verdict_is_that_of_the_worst_record(found: Identification) -> None:
     text = sentence_of(found)
     assert worst.record == 'sine_10Hz'
     assert f'{1e6 * worst.free_run_rms:.3g} µm rms' in text
-    assert 'lacks something' in text
+    assert 'the model is incomplete' in text
 
 
 def test_the_verdict_warns_of_what_cannot_be_used(found: Identification) -> None:
@@ -82,11 +82,11 @@ def test_the_page_answers_in_order_and_tells_where_the_error_sits(
     page = identification_page(records, found, data=['sweep'])
     titles = re.findall(r'<h2>(.*?)</h2>', page)
     assert titles == [
-        'Does the model follow the actuator?',
-        'Where is the model wrong?',
-        'What was identified, and how sure is it?',
-        'Which parameters hang together?',
-        'What next?',
+        'Measured and simulated displacement',
+        'Error by record and harmonic',
+        'Parameters',
+        'Parameter correlations',
+        'Next steps',
     ]
     words = text_of(page)
     largest = re.search(r'sine_10Hz (?:[\d.]+ ){4}3×: ([\d.]+) µm', words)

@@ -156,7 +156,7 @@ def test_axes_carry_units_and_displacements_are_drawn_in_micrometres() -> None:
 
 def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside() -> None:
     plot = bars_before_after([1.0, 23.0], [1e-6, 4e-5], [2e-8, float('nan')], 1e-8).figure
-    tops = [list(r.data_source.data['top']) for r in plot.renderers]
+    tops = [list(r.data_source.data['top']) for r in plot.renderers if r.name == 'bars']
     assert tops[0] == pytest.approx([1.0, 40.0])
     assert tops[1][0] == pytest.approx(0.02)
     assert tops[1][1] == plot.y_range.start  # what is not known has no height
@@ -228,3 +228,10 @@ def test_links_lead_to_pages_beside_this_one_only() -> None:
     page = render('t', 'see [one](one/report.html), [two](http://x/y) [three](javascript:f)', [])
     assert '<a href="one/report.html">one</a>' in page
     assert page.count('<a ') == 1
+
+
+def test_a_folded_section_shows_its_title_alone() -> None:
+    section = PageSection('More', 'Words.', folded=True)
+    text = render('Title', 'Fine.', [PageSection('One', 'Words.'), section])
+    assert '<details>\n<summary><h2>More</h2></summary>' in text
+    assert text.count('<details>') == text.count('</details>') == 1

@@ -6,20 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bokeh.models import GlyphRenderer
+from bokeh.models import GlyphRenderer, Legend
 
 from piezo_hysteresis.reporting.folding import Value, folded, weights_figures
 from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, ROLES
 from piezo_hysteresis.reporting.plots import (
     Curve,
+    band_figure,
     bars_before_after,
     loop_figure,
     spectrum_figure,
     trace_figure,
     xy_figure,
 )
-from piezo_hysteresis.reporting.signals import stands_out
+from piezo_hysteresis.reporting.signals import envelope, stands_out
 
 TIME = np.arange(400.0) * 1e-3
 WAVE = 1e-6 * np.sin(2 * np.pi * 5 * TIME)
@@ -47,7 +48,8 @@ def test_a_run_has_one_colour_in_every_plot() -> None:
 
 
 def test_before_and_after_look_alike_as_bars_and_lines() -> None:
-    bars = [glyph.fill_color for glyph in glyphs(bars_before_after(['a'], [1e-6], [1e-7], None))]
+    plot = bars_before_after(['a'], [1e-6], [1e-7], None).figure
+    bars = [each.glyph.fill_color for each in plot.renderers if each.name == 'bars']
     lines = [
         glyph.line_color
         for glyph in glyphs(
@@ -100,3 +102,29 @@ def test_a_spike_outside_of_what_is_drawn_is_noticed() -> None:
     error[500] = 3e-5
     assert stands_out(error, error[-100:])
     assert not stands_out(error, error)
+
+
+def test_an_envelope_has_the_extremes_of_every_interval() -> None:
+    y = np.array([0.0, 3.0, 1.0, -2.0, np.nan, 5.0, 4.0])
+    starts, low, high = envelope(np.arange(7.0), y, 3)
+    assert list(starts) == [0.0, 2.0, 5.0, 6.0]
+    assert list(low) == [0.0, -2.0, 4.0, 4.0]
+    assert list(high) == [3.0, 1.0, 5.0, 5.0]
+
+
+def test_errors_of_many_periods_are_bands_of_one_period_each() -> None:
+    time = np.arange(4000.0) * 1e-3
+    curve = Curve('error', time, 1e-6 * np.sin(2 * np.pi * 10 * time), 'before')
+    plot = band_figure([curve], 't', 'Error.', 'error', 10.0)
+    (band,) = plot.figure.renderers
+    assert len(band.data_source.data['x']) == 40
+    assert band.data_source.data['high'] == pytest.approx(np.ones(40), abs=1e-2)
+    assert plot.caption == 'Error. Band: smallest to largest value of each period.'
+    few = band_figure([curve], 't', 'Error.', 'error', 1.0)
+    assert 'Band' not in few.caption
+
+
+def test_the_noise_floor_is_in_the_legend_and_covers_no_bar() -> None:
+    plot = bars_before_after(['a'], [1e-6], [1e-7], 2e-8).figure
+    (legend,) = plot.select(Legend)
+    assert 'noise floor, 0.02 µm' in [item.label.value for item in legend.items]

@@ -10,11 +10,10 @@ from piezo_hysteresis.common.wording import short
 from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plot_parts import ROLES
-from piezo_hysteresis.reporting.plots import Curve, trace_figure
+from piezo_hysteresis.reporting.plots import Curve, band_figure, trace_figure
 from piezo_hysteresis.reporting.units import micrometres
 
-_DRAWN = 400  # samples of the end that are drawn at least, and 1 of so many of the whole
-_WHOLE = 20_000
+_DRAWN = 400  # samples of the end that are drawn at least
 _ROLES = {
     'no compensation': 'uncompensated',
     'feedforward': 'feedforward',
@@ -61,10 +60,10 @@ def compensation_page(
     sections = [_errors(runs, from_seconds), _left(runs), _voltages(runs)]
     if plant == model:
         text = (
-            'Plant and model have the same name. Where they are the same file this is what '
-            'the controller does at best, not what an actuator will do: give another plant.'
+            'Plant and model have the same name. If they are the same file, the result is the '
+            'best case of the controller, not that of an actuator: use another plant.'
         )
-        sections.insert(1, PageSection('How far can this be believed?', text))
+        sections.insert(1, PageSection('Validity', text))
     return render(f'{model} compensates {plant}', _verdict(runs, reference), sections)
 
 
@@ -94,26 +93,25 @@ def _errors(runs: Sequence[StudiedRun], from_seconds: float) -> PageSection:
     text = '\n'.join(f'- {each}' for each in dict.fromkeys(w for run in runs for w in run.words))
     caption = f'Tracking error from {from_seconds:g} s on; the orders are those of the reference.'
     all_headers = (*headers, *(f'{n}× [µm]' for n in orders))
-    return PageSection('How well is it tracked?', text, (), (table(all_headers, rows, caption),))
+    return PageSection('Tracking error', text, (), (table(all_headers, rows, caption),))
 
 
 def _left(runs: Sequence[StudiedRun]) -> PageSection:
     # the largest first, so that none hides another
     compensated = sorted(runs[1:], key=lambda run: -run.metrics.rms)
-    every = max(1, runs[0].result.time.size // _WHOLE)
     figures: list[Plot] = [
-        trace_figure(
-            [_curve(run, slice(None, None, every), run.result.error) for run in compensated],
-            'Tracking error of the compensated runs', 'From the start: what is learned, and when.',
-            'tracking error', ground=False,
+        band_figure(
+            [_curve(run, slice(None), run.result.error) for run in compensated],
+            'Tracking error of the compensated runs', 'From the start, with the learning phase.',
+            'tracking error', 0.0,
         ),
         trace_figure(
             [_curve(run, _end(run), run.result.error) for run in compensated],
-            'The end of it', 'The same where everything has settled.', 'tracking error',
+            'Tracking error at the end', 'The same in steady state.', 'tracking error',
             ground=False,
         ),
     ]  # fmt: skip
-    return PageSection('What is left?', '', tuple(figures))
+    return PageSection('Tracking error over time', '', tuple(figures))
 
 
 def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
@@ -136,7 +134,7 @@ def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
         ],
         'Displacement', 'Reference and displacements at the end.',
     )  # fmt: skip
-    return PageSection('What did the actuator do?', '', (figure,), tables)
+    return PageSection('Displacement', '', (figure,), tables)
 
 
 def _end(run: StudiedRun) -> slice:

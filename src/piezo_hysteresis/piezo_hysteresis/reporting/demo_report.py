@@ -21,7 +21,13 @@ from piezo_hysteresis.reporting.identification_report import (
 )
 from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, table, write_report
-from piezo_hysteresis.reporting.plots import Curve, loop_figure, spectrum_figure, trace_figure
+from piezo_hysteresis.reporting.plots import (
+    Curve,
+    band_figure,
+    loop_figure,
+    spectrum_figure,
+    trace_figure,
+)
 from piezo_hysteresis.reporting.units import micrometres
 
 _DRAWN_PERIODS = 3
@@ -178,10 +184,12 @@ def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> PageSectio
         trace_figure(traces, 'Displacement', f'The last {_DRAWN_PERIODS} periods of each run.'),
         loop_figure(
             loops, 'Displacement over reference',
-            'A perfect actuator draws the straight line of the reference.', 'm',
+            'Perfect tracking is a straight line.', 'm',
         ),
     )  # fmt: skip
-    return PageSection('Before and after', text, figures, (table(headers, rows, caption),))
+    return PageSection(
+        'Tracking error before and after', text, figures, (table(headers, rows, caption),)
+    )
 
 
 def _where(
@@ -201,7 +209,7 @@ def _where(
             'marked.', roles=_RUNS, fundamental=plan.tracked, orders=(1, 2, 3, 5), marks=marks,
             highest=8 * plan.tracked,
         ),
-        trace_figure(
+        band_figure(
             [
                 Curve(run.name, run.record.time, error, role)
                 for (run, error), role in compensated
@@ -209,7 +217,7 @@ def _where(
             'Tracking error of the compensated runs',
             'The reference grows over the first second. Attenuation then learns the harmonics.',
             'tracking error',
-            ground=False,
+            plan.tracked,
         ),
         trace_figure(
             [
@@ -217,20 +225,20 @@ def _where(
                 for (run, error), role in compensated
             ],
             f'Tracking error, last {_DRAWN_PERIODS} periods',
-            'The compensated runs once more, where everything has settled.',
+            'The compensated runs in steady state.',
             'tracking error',
             ground=False,
         ),
     ]  # fmt: skip
-    text = 'What is left, by multiple of the frequency of the reference.'
+    text = 'Error by multiple of the reference frequency.'
     if resonance is not None:
         nearest = max(1, round(resonance / plan.tracked))
         text += (
             f' The {_ordinal(nearest)} harmonic of {plan.tracked:g} Hz lies at '
-            f'{nearest * plan.tracked:g} Hz, beside the resonance at {resonance:.2f} Hz, which '
-            'amplifies what hysteresis leaves there (odd-harmonic oscillation).'
+            f'{nearest * plan.tracked:g} Hz, near the resonance at {resonance:.2f} Hz, which '
+            'amplifies this harmonic of the hysteresis (odd-harmonic oscillation).'
         )
-    return PageSection('Where does the error sit?', text, tuple(figures))
+    return PageSection('Error by harmonic', text, tuple(figures))
 
 
 def _ordinal(n: int) -> str:
@@ -240,11 +248,11 @@ def _ordinal(n: int) -> str:
 def _next_after_demo(folder: Path) -> PageSection:
     text = (
         f'- `python -m piezo_hysteresis discover {folder}/bags/sweep --baseline bouc_wen_mode '
-        f'--out {folder.parent / "discover"}` names what the model still misses.\n'
+        f'--out {folder.parent / "discover"}` reports what the model lacks.\n'
         '- `make demo DATA=my_record.csv` identifies an actuator of your own.\n'
-        '- `params.yaml` beside this page goes into the running feedforward node with '
+        '- `params.yaml` in this folder is loaded into the running feedforward node by '
         f'`python -m piezo_hysteresis param load /feedforward {folder}/params.yaml`.\n'
         f'- `python -m piezo_hysteresis loop --model {folder}/model.yaml` runs the loop with its '
         'live page.'
     )
-    return PageSection('What next?', text)
+    return PageSection('Next steps', text)

@@ -1,8 +1,9 @@
-"""The discovery as a page that a colleague can read without us."""
+"""The report of a discovery."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,54 +19,94 @@ from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import (
     Curve,
+    band_figure,
     bars_before_after,
     loop_figure,
     spectrum_figure,
-    trace_figure,
     xy_figure,
 )
-from piezo_hysteresis.reporting.signals import stands_out
 from piezo_hysteresis.reporting.units import MICRO
 
 PERIODS = 3
 
 
 def discovery_page(found: Discovery) -> str:
-    """Return the report as HTML."""
+    """Return the report as HTML: the answer on two screens, the details folded."""
     verdict = found.verdict
     sections = [
-        _proof(found),
-        _where(found),
-        _what(verdict),
-        _how_sure(verdict),
-        detection_section(verdict.detection_limits),
+        _gaps(found),
+        _effects(verdict),
+        _plots(found),
         _next(verdict, found.check),
+        _records(found),
+        _where(found),
+        _parameters(verdict),
+        detection_section(verdict.detection_limits),
         _model(found),
     ]
-    title = f'What the model {verdict.baseline} misses'
-    return render(title, verdict.summary, [s for s in sections if s is not None])
+    kept = [section for section in sections if section is not None]
+    shown = (
+        'Gap between model and measurement',
+        'Effects',
+        'Residual',
+        'Held-out data',
+        'Next experiment',
+    )
+    title = f'Which effect does the model {verdict.baseline} lack?'
+    folds = [replace(each, folded=each.title not in shown) for each in kept]
+    return render(title, verdict.summary, folds)
 
 
-def _proof(found: Discovery) -> PageSection:
+def _gaps(found: Discovery) -> PageSection:
+    """Return both gaps, on held-out and on fitted records, as a table."""
+    verdict, held = found.verdict, found.verdict.held_out
+    before, after = found.baselines.joint.rms, found.final.rms
+    rows = [
+        (
+            'held out: no fit has used them',
+            len(found.proof.rows),
+            held.before_in_floors,
+            held.after_in_floors,
+        ),
+        ('fitted', len(found.data.training), before / found.floor, after / found.floor),
+    ]
+    header = ('records', 'number', 'gap before [noise floors]', 'gap after [noise floors]')
+    caption = (
+        'Gap: rms of measured minus simulated displacement. One noise floor is '
+        f'{MICRO * verdict.noise_floor_rms_m:.3g} µm rms.'
+    )
+    text = ''
+    if not verdict.free_run_stable:
+        text = 'The free run of the final model is NOT stable on all held-out records.'
+    return PageSection(
+        'Gap between model and measurement', text, (), (table(header, rows, caption),)
+    )
+
+
+def _plots(found: Discovery) -> PageSection:
+    """Return the plots of the held-out records."""
     verdict, proof = found.verdict, found.proof
     unit = found.data.records[0].info.input_unit
     names = _unique([_label(r.record, r.frequency, r.amplitude, unit) for r in proof.rows])
-    held = verdict.held_out
     bars = bars_before_after(
         names,
         [r.before for r in proof.rows],
         [r.after for r in proof.rows],
         found.floor,
-        title='Gap on held-out records',
-        caption='Records that were not fitted. Where the bars reach the line only noise is left.',
-        labels=(f'{verdict.baseline} alone', 'with what was found'),
+        title='Held-out gap by record',
+        caption='Rms error in µm on data that no fit has used. At the line only noise remains.',
+        labels=_labels(verdict),
     )
-    text = (
-        f'On {len(proof.rows)} held-out parts the gap between model and measurement is '
-        f'{held.before_in_floors:.3g} noise floors before and {held.after_in_floors:.3g} after. '
-        f'The noise floor is {MICRO * verdict.noise_floor_rms_m:.3g} µm rms. The free run of the '
-        f'final model is {"stable" if verdict.free_run_stable else "NOT stable"} on all of them.'
-    )
+    return PageSection('Held-out data', '', (bars, *_over_frequency(found), *_pictures(found)))
+
+
+def _labels(verdict: Verdict) -> tuple[str, str]:
+    return verdict.baseline, 'with the reported effects'
+
+
+def _records(found: Discovery) -> PageSection:
+    """Return the gap of every held-out record as a table."""
+    unit = found.data.records[0].info.input_unit
     rows = [
         (
             r.record,
@@ -74,14 +115,16 @@ def _proof(found: Discovery) -> PageSection:
             r.before / found.floor,
             r.after / found.floor,
         )
-        for r in proof.rows
+        for r in found.proof.rows
     ]
-    proof_table = table(
-        ('record', 'frequency [Hz]', f'amplitude [{unit}]', 'before [floors]', 'after [floors]'),
-        rows,
+    header = (
+        'record',
+        'frequency [Hz]',
+        f'amplitude [{unit}]',
+        'before [floors]',
+        'after [floors]',
     )
-    plots = (bars, *_over_frequency(found), *_pictures(found))
-    return PageSection('Before and after', text, plots, (proof_table,))
+    return PageSection('Held-out records', '', (), (table(header, rows),))
 
 
 def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
@@ -96,14 +139,16 @@ def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
     plot = xy_figure(
         [
             Curve(
-                f'{found.verdict.baseline} alone',
+                _labels(found.verdict)[0],
                 frequency,
                 np.array([r.before for r in rows]),
                 'before',
             ),
-            Curve('with what was found', frequency, np.array([r.after for r in rows]), 'after'),
+            Curve(
+                _labels(found.verdict)[1], frequency, np.array([r.after for r in rows]), 'after'
+            ),
         ],
-        'Gap over the frequency of the drive',
+        'Gap over drive frequency, held-out and fitted records',
         f'Drives of {largest:.3g} {found.data.records[0].info.input_unit}; held out: {spared} Hz.',
         'frequency of the drive [Hz]',
         'rms gap [µm]',
@@ -114,7 +159,7 @@ def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
 
 
 def _pictures(found: Discovery) -> tuple[Plot, ...]:
-    """Draw the held-out record in which most was gained: loop and error over time."""
+    """Draw the held-out record with the largest improvement: loop and error over time."""
     views = found.data.held_out
     gains = [r.before - r.after for r in found.proof.rows]
     name = found.proof.rows[int(np.argmax(gains))].record
@@ -133,24 +178,19 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
             Curve('model before', view.voltage[part], before[part], 'before'),
             Curve('model after', view.voltage[part], after[part], 'after'),
         ],
-        f'Loop of {name}',
-        'Measured and simulated in free run.',
+        f'Loop of {name}, held out',
+        'Measured, and simulated in free run.',
         unit,
     )
-    left = (measured - after)[view.first :]
-    caption = 'Measured minus simulated.'
-    if stands_out(left, (measured - after)[part]):
-        part = slice(view.first, None)
-        caption += ' The whole record, for single samples stand out.'
-    errors = trace_figure(
+    errors = band_figure(
         [
-            Curve('before', time[part], (measured - before)[part], 'before'),
-            Curve('after', time[part], (measured - after)[part], 'after'),
+            Curve('before', time[view.first :], (measured - before)[view.first :], 'before'),
+            Curve('after', time[view.first :], (measured - after)[view.first :], 'after'),
         ],
-        f'Error of {name}',
-        caption,
+        f'Held-out error of {name}',
+        'Measured minus simulated displacement.',
         'error',
-        ground=False,
+        view.frequency,
     )
     return loops, errors
 
@@ -172,7 +212,7 @@ def _where(found: Discovery) -> PageSection:
         for place in verdict.where[:10]
     ]
     places = table(
-        ('record', 'drive [Hz]', 'harmonic', 'gap [µm rms]'), rows, 'The ten largest places.'
+        ('record', 'drive [Hz]', 'harmonic', 'gap [µm rms]'), rows, 'The ten largest components.'
     )
     views = found.data.training
     sizes = [float(np.std(e)) for e in found.baselines.joint.errors]
@@ -183,8 +223,8 @@ def _where(found: Discovery) -> PageSection:
             ('after', found.final.errors[worst]),
         ],
         views[worst].dt,
-        f'Spectrum of the error, {views[worst].name}',
-        'Amplitudes of what the model does not explain.',
+        f'Spectrum of the error, {views[worst].name}, fitted',
+        'Amplitude of measured minus simulated displacement.',
         roles=('before', 'after'),
         fundamental=views[worst].frequency,
     )
@@ -193,35 +233,53 @@ def _where(found: Discovery) -> PageSection:
         for key, value in verdict.baseline_gaps_rms_m.items()
     )
     text = (
-        f'Gap of the baseline on the training records: {moved}. The joint fit is to all of '
-        'them; a fit to the slowest ones alone shows what comes with frequency.'
+        f'Gap of the baseline on fitted records: {moved}. The joint fit uses all of them; the '
+        'low-frequency fit uses the slowest ones and shows the change with frequency.'
     )
-    return PageSection('Where model and measurement disagree', text, (spectrum,), (places,))
+    return PageSection('Residual of the baseline by harmonic', text, (spectrum,), (places,))
 
 
 def _order(harmonic: int) -> str:
-    return {0: 'mean', -1: 'none (the rest)'}.get(harmonic, str(harmonic))
+    return {0: 'mean', -1: 'none'}.get(harmonic, str(harmonic))
 
 
-def _what(verdict: Verdict) -> PageSection | None:
+def _effects(verdict: Verdict) -> PageSection | None:
+    """Return the effects with their probabilities, or the residual that has no name."""
     if not verdict.effects:
         if verdict.verdict == 'none':
             return None
         doubts = ', '.join(f'{s.name} ({s.probability:.0%})' for s in verdict.suspects)
-        more = f' It looks most like {doubts}, without being it.' if doubts else ''
-        return PageSection('What is left', verdict.unexplained.description + more)
+        more = f' It resembles {doubts}, but no effect is significant.' if doubts else ''
+        return PageSection('Residual', verdict.unexplained.description + more)
     parts = []
+    rows: list[tuple[str, str, str]] = []
+    for effect in verdict.effects:
+        parts.append(f'`{effect.name}`: {" ".join(effect.evidence)}')
+        rows.append((effect.name, f'{effect.probability:.3f}', chance_words(effect.p_value)))
+        rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
+    if verdict.unexplained.significant:
+        parts.append(f'Remaining residual: {verdict.unexplained.description}')
+    caption = (
+        'Probability among all candidates and no effect. P-value: probability of this improvement '
+        'by chance, over all candidates.'
+    )
+    header = ('effect', 'probability', 'p-value')
+    return PageSection('Effects', '\n\n'.join(parts), (), (table(header, rows, caption),))
+
+
+def _parameters(verdict: Verdict) -> PageSection | None:
+    """Return the parameters of the reported effects."""
+    if not verdict.effects:
+        return None
     rows = []
     plots: tuple[Plot, ...] = ()
     for effect in verdict.effects:
-        parts.append(f'`{effect.name}`: {" ".join(effect.evidence)}')
         values = effect_values(effect)
         rows += [(effect.name, *line) for line in folded(values)]
         plots += weights_figures(values)
-    if verdict.unexplained.significant:
-        parts.append(f'Still left: {verdict.unexplained.description}')
-    found = table(('effect', 'parameter', 'value', 'unit'), rows, 'With one standard deviation.')
-    return PageSection('What is missing', '\n\n'.join(parts), plots, (found,))
+    header = ('effect', 'parameter', 'value', 'unit')
+    found = table(header, rows, 'With one standard deviation.')
+    return PageSection('Parameters of the effects', '', plots, (found,))
 
 
 def effect_values(effect: NamedEffect) -> list[Value]:
@@ -236,34 +294,20 @@ _SMALLEST_P = 1e-9
 
 
 def chance_words(p_value: float) -> str:
-    """Return a p-value; a smaller one than any assumption is good for is said to be below it."""
+    """Return a p-value, with a lower bound of its display."""
     return f'{p_value:.1e}' if p_value > _SMALLEST_P else f'below {_SMALLEST_P:.0e}'
-
-
-def _how_sure(verdict: Verdict) -> PageSection | None:
-    if not verdict.effects:
-        return None
-    rows = []
-    for effect in verdict.effects:
-        rows.append((effect.name, f'{effect.probability:.3f}', chance_words(effect.p_value)))
-        rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
-    text = (
-        'The probability is that of this effect among all that were tried and none of them. The '
-        'p-value is that of such an improvement by chance, for all candidates that were tried.'
-    )
-    return PageSection('How sure', text, (), (table(('effect', 'probability', 'p-value'), rows),))
 
 
 def _next(verdict: Verdict, check: Check) -> PageSection:
     lines = [f'- {each}' for each in verdict.next_experiments]
     limits = limits_of_records(check, verdict.next_experiments)
     if limits:
-        lines += ['', 'What these records cannot tell:', '', *(f'- {each}' for each in limits)]
-    return PageSection('What to measure next', '\n'.join(lines))
+        lines += ['', 'These records cannot show:', '', *(f'- {each}' for each in limits)]
+    return PageSection('Next experiment', '\n'.join(lines))
 
 
 def limits_of_records(check: Check, experiments: Sequence[str]) -> list[str]:
-    """Return what records cannot tell, without what the experiments above have said already."""
+    """Return what the records cannot show, without what the experiments state already."""
     limits = list(check.findings)
     for names, advice in check.confounded:
         listed = ', '.join(names)
@@ -285,12 +329,12 @@ def _model(found: Discovery) -> PageSection:
     chain = ' -> '.join(block.name for block in final.model.blocks)
     verdict = found.verdict
     text = (
-        f'Chain, in the order in which the voltage passes, with | between blocks side by side: '
-        f'{chain}.\n\nTraining records: {", ".join(verdict.records["training"])}.\n\n'
+        f'Chain from voltage to displacement, with | between parallel blocks: '
+        f'{chain}.\n\nFitted records: {", ".join(verdict.records["training"])}.\n\n'
         f'Held out: {", ".join(verdict.records["held_out"])}.\n\n'
         f'Seed {verdict.seed}; {verdict.seconds:.1f} s.'
     )
-    return PageSection('The final model', text, (), (table(('parameter', 'value', 'unit'), rows),))
+    return PageSection('Final model', text, (), (table(('parameter', 'value', 'unit'), rows),))
 
 
 def _label(record: str, frequency: float, amplitude: float, unit: str) -> str:

@@ -19,12 +19,12 @@ _WRITTEN = 9  # up to so many parameters, numbers fit into the cells
 def parameter_section(found: Identification) -> PageSection:
     """Return the parameters with standard deviations, and what a reader must know of them."""
     text = (
-        'Standard deviations come from the curvature of the fit and from what it leaves; they do '
-        'not cover what the model lacks.'
+        'Standard deviations are those of the linearised fit with its residual; they do '
+        'not cover errors of the model structure.'
     )
     if found.warnings:
         text += '\n\n' + '\n'.join(f'- {warning}' for warning in found.warnings)
-    return PageSection('What was identified, and how sure is it?', text, (), (_parameters(found),))
+    return PageSection('Parameters', text, (), (_parameters(found),))
 
 
 def _parameters(found: Identification) -> Table:
@@ -36,7 +36,7 @@ def _parameters(found: Identification) -> Table:
             factor * found.values[parameter.name], None if std is None else factor * std
         )
         rows.append((parameter.name, value, deviation, unit, parameter.description))
-    headers = ('parameter', 'value', 'standard deviation', 'unit', 'what it is')
+    headers = ('parameter', 'value', 'standard deviation', 'unit', 'description')
     return table(headers, rows, f'Parameters of {found.model.name}, by {found.method}.')
 
 
@@ -46,13 +46,15 @@ def correlation_section(found: Identification) -> PageSection:
     far = 'below' if found.condition < CONDITION_LIMIT else 'beyond'
     text = (
         f'The condition number of the fit is {found.condition:.2g}, {far} the {limit} from which '
-        'on digits of single parameters mean nothing. Two parameters whose correlation is beyond '
-        f'±{CORRELATION_LIMIT} can be changed against each other without the free run telling: '
-        'their deviations are then large, and only what they do together is known.'
+        'on individual parameters are not determined. If the correlation of two parameters '
+        f'exceeds ±{CORRELATION_LIMIT}, changes of both can cancel in the free run: '
+        'their deviations are then large, and only their combined effect is known.'
     )
     pairs = _strongest(found)
-    pairs_table = table(('parameters', 'correlation'), pairs, 'The most strongly linked pairs.')
-    return PageSection('Which parameters hang together?', text, (_map(found),), (pairs_table,))
+    pairs_table = table(
+        ('parameters', 'correlation'), pairs, 'Pairs with the largest correlation.'
+    )
+    return PageSection('Parameter correlations', text, (_map(found),), (pairs_table,))
 
 
 def _strongest(found: Identification) -> list[tuple[str, str]]:

@@ -96,7 +96,7 @@ def sentence_of(found: Identification) -> str:
         ratio = worst.free_run_rms / found.noise_floor
         sentence += f', {ratio:.3g} times the noise floor'
         if ratio > _MANY_FLOORS:
-            return sentence + ': it lacks something that the data show.'
+            return sentence + ': the model is incomplete.'
     return sentence + '.'
 
 
@@ -115,14 +115,14 @@ def fit_section(
         Free run by record name [m].
     """
     worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
-    which = f'Its worst record is {worst.record}:' if len(records) > 1 else 'It leaves'
+    which = f' in its worst record, {worst.record}' if len(records) > 1 else ''
     text = (
-        f'The model `{found.model.name}` runs freely: it is given the voltage alone, never the '
-        f'measured displacement. {which} {worst.nrmse_percent:.3g} % of the standard deviation '
-        f'of the displacement, {micrometres(worst.free_run_rms)} µm rms.'
+        f'The model `{found.model.name}` is simulated in free run, from the voltage alone. Its '
+        f'error{which} is {micrometres(worst.free_run_rms)} µm rms, {worst.nrmse_percent:.3g} % '
+        'of the standard deviation of the displacement.'
     )
     return PageSection(
-        'Does the model follow the actuator?', text, fit_figures(records, simulated)
+        'Measured and simulated displacement', text, fit_figures(records, simulated)
     )
 
 
@@ -156,13 +156,13 @@ def choice_section(steps: Sequence[TriedModel]) -> PageSection:
         for step in steps
     ]
     text = (
-        'Nothing but the record was given. Each effect was fitted together with all before it to '
-        'the first 70 % of every record; it was kept where it lowers the error by 2 % and the '
-        'last 30 %, which were never fitted, do not disagree. For names, probabilities and '
+        'The model is selected from the records alone. Each effect is fitted together with all '
+        'previous ones to the first 70 % of every record. It is kept if it lowers the error by 2 '
+        '% and does not increase the error on the held-out last 30 %. For probabilities and '
         'alternatives run `discover`.'
     )
     headers = ('added', 'parameters', 'error, fitted [µm]', 'error, held out [µm]', 'kept')
-    return PageSection('How was the model chosen?', text, (), (table(headers, rows),))
+    return PageSection('Model selection', text, (), (table(headers, rows),))
 
 
 def next_section(found: Identification, data: Sequence[str] = (), folder: str = '') -> PageSection:
@@ -170,27 +170,27 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
     model, parameters = (str(Path(folder) / name) for name in ('model.yaml', 'params.yaml'))
     lines = []
     if not found.converged:
-        lines.append('The fit did not come to rest: record more, or take a simpler model.')
+        lines.append('The fit did not converge: record more, or use a simpler model.')
     lacks = lacks_something(found)
     discover = (
-        f'`{discover_command(found.model, data)}` names what the model lacks, with probabilities '
-        'and alternatives; it fits the model anew with every effect.'
+        f'`{discover_command(found.model, data)}` reports what the model lacks, with '
+        'probabilities and alternatives; it refits the model with every effect.'
     )
     changed = (
-        f'`python -m piezo_hysteresis discover NEW_DATA --baseline {model} --out changed` names '
-        'what has changed since, in records made later.'
+        f'`python -m piezo_hysteresis discover NEW_DATA --baseline {model} --out changed` reports '
+        'later changes, from new records.'
     )
     judge = (
-        f'`python -m piezo_hysteresis validate OTHER_DATA --model {model} --out check` judges '
-        'the model on records that it has never seen: do that before you trust it.'
+        f'`python -m piezo_hysteresis validate OTHER_DATA --model {model} --out check` tests '
+        'the model on held-out records: do this before you use it.'
     )
     lines += [discover, judge] if lacks else [judge]
     lines.append(changed)
     lines.append(
-        f'`python -m piezo_hysteresis param load /feedforward {parameters}` makes the running '
-        'feedforward node invert it.'
+        f'`python -m piezo_hysteresis param load /feedforward {parameters}` loads it into the '
+        'running feedforward node.'
     )
-    return PageSection('What next?', '\n'.join(f'- {line}' for line in lines))
+    return PageSection('Next steps', '\n'.join(f'- {line}' for line in lines))
 
 
 def lacks_something(found: Identification) -> bool:

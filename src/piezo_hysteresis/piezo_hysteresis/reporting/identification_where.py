@@ -50,7 +50,7 @@ def where_section(
         )
     if found.discrepancy is not None:
         text += f' `model.yaml` keeps that the model {discrepancy_words(found.discrepancy)}.'
-    return PageSection('Where is the model wrong?', text, tuple(figures), (_table(rows),))
+    return PageSection('Error by record and harmonic', text, tuple(figures), (_table(rows),))
 
 
 def over_frequency(records: Sequence[Record], found: Identification) -> Plot:
@@ -113,7 +113,7 @@ def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> lis
     span = last_periods(len(record), frequency, record.dt, 3, record.warm_up_samples)
     part = 'its last periods' if frequency > 0 else 'the whole record'
     if stands_out(error[cut], error[span]):
-        span, part = cut, 'the whole record, for single samples stand out'
+        span, part = cut, 'the whole record, because of outliers'
     trace = trace_figure(
         [Curve('error', record.time[span], error[span], 'error')],
         'Error over time', f'Measured minus model in {record.name}, {part}.', 'error',

@@ -75,7 +75,7 @@ class PageSection:
     Attributes
     ----------
     title : str
-        What the part answers.
+        Subject of the part.
     text : str
         Plain text: an empty line starts a paragraph, ``- `` an item of a list, ```` `...` ````
         marks what is typed,
@@ -84,12 +84,15 @@ class PageSection:
         Side by side where the screen is wide enough.
     tables : tuple of Table
         Below each other, after the figures.
+    folded : bool
+        Whether only the title shows until a reader opens the section; printed in full.
     """
 
     title: str
     text: str = ''
     figures: tuple[Plot, ...] = ()
     tables: tuple[Table, ...] = ()
+    folded: bool = False
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]], caption: str = '') -> Table:
@@ -141,7 +144,12 @@ def write_report(
 
 
 def _section(section: PageSection, places: Sequence[str]) -> str:
-    parts = [f'<section>\n<h2>{html.escape(section.title)}</h2>', _prose(section.text)]
+    heading = f'<h2>{html.escape(section.title)}</h2>'
+    opening, closing = '<section>\n', '\n</section>'
+    if section.folded:
+        heading = f'<summary>{heading}</summary>'
+        opening, closing = '<details>\n', '\n</details>'
+    parts = [opening + heading, _prose(section.text)]
     if places:
         plots = ''.join(
             f'<figure role="group" aria-label="{html.escape(plot.caption)}">{place}'
@@ -150,7 +158,7 @@ def _section(section: PageSection, places: Sequence[str]) -> str:
         )
         parts.append(f'<div class="plots">\n{plots}</div>')
     parts += [_table(each) for each in section.tables]
-    return '\n'.join(part for part in parts if part) + '\n</section>'
+    return '\n'.join(part for part in parts if part) + closing
 
 
 def _prose(text: str) -> str:

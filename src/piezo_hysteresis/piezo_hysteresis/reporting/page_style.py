@@ -48,6 +48,7 @@ document.addEventListener('DOMContentLoaded', () => {
 // Canvases keep the width that they have on the screen: on paper each is scaled to the page.
 const PAPER = 540;  // three of them below each other
 addEventListener('beforeprint', () => {
+  for (const part of document.querySelectorAll('details:not([open])')) part.open = true;
   for (const figure of document.querySelectorAll('figure')) {
     const width = figure.clientWidth;
     figure.style.width = width + 'px';
@@ -72,6 +73,9 @@ main { max-width: 1200px; margin: 0 auto; padding: 1rem clamp(.75rem, 3vw, 2rem)
 h1 { font-size: 1.6rem; line-height: 1.25; margin: .6rem 0; }
 h2 { font-size: 1.2rem; margin: 2.2rem 0 .4rem; padding-top: .8rem;
   border-top: 1px solid var(--line); }
+details { border-top: 1px solid var(--line); margin-top: .8rem; }
+details h2 { display: inline; border: 0; margin: 0; padding: 0; font-size: 1.05rem; }
+summary { cursor: pointer; padding: .6rem 0; }
 p, li { max-width: 75ch; }
 .verdict { font-size: 1.15rem; max-width: none; margin: .6rem 0 1rem; padding: .8rem 1rem;
   background: #f2f8fc; border-left: 5px solid var(--mark); }

@@ -19,7 +19,7 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.reporting.signals import thinned
+from piezo_hysteresis.reporting.signals import envelope, thinned
 from piezo_hysteresis.reporting.units import MICRO
 
 #: Okabe and Ito: distinct with any colour vision, and by lightness in print.
@@ -94,8 +94,9 @@ def draw_lines(
     markers: bool = False,
     ground: bool = False,
     overlaid: bool = False,
+    more: Sequence[tuple[str, Any]] = (),
 ) -> None:
-    """Draw lines.
+    """Draw lines; `more` are further entries of the legend.
 
     A `ground` is broad and grey, so that what lies on it leaves it visible; of curves that are
     `overlaid` those that lie on others are broken.
@@ -121,6 +122,22 @@ def draw_lines(
                 )
             )  # fmt: skip
         items.append((curve.label, drawn))
+    if len(items) + len(more) > 1:
+        add_legend(plot, [*items, *more])
+
+
+def draw_bands(plot: Any, curves: Sequence[Curve], y_factor: float, count: int) -> None:
+    """Draw each curve as a band between the smallest and largest value of `count` intervals."""
+    items = []
+    for k, curve in enumerate(curves):
+        x, low, high = envelope(np.asarray(curve.x, float), np.asarray(curve.y, float), count)
+        source = {'x': x, 'low': low * y_factor, 'high': high * y_factor}
+        colour = ROLES.get(curve.role) or PALETTE[k % len(PALETTE)]
+        band = plot.varea_step(
+            'x', 'low', 'high', source=source, color=colour, alpha=(0.35, 0.75)[k > 0],
+            step_mode='after',
+        )  # fmt: skip
+        items.append((curve.label, band))
     if len(items) > 1:
         add_legend(plot, items)
 
@@ -143,18 +160,15 @@ def add_legend(plot: Any, items: Sequence[tuple[str, Any]]) -> None:
     )  # fmt: skip
 
 
-def draw_floor(plot: Any, floor: float | None) -> None:
-    """Draw the noise floor [m] across, where it is known."""
+def draw_floor(plot: Any, floor: float | None) -> list[tuple[str, Any]]:
+    """Draw the noise floor [m] across, where it is known, and return its entry of the legend."""
     if floor is None or not floor > 0:
-        return
-    plot.add_layout(
-        Span(location=MICRO * floor, dimension='width', line_dash='dotted', line_color='#000000',
-             line_width=1.5)
-    )  # fmt: skip
-    plot.add_layout(
-        Label(x=6, x_units='screen', y=MICRO * floor, text='noise floor', text_font_size='11px',
-              y_offset=3, background_fill_color='#ffffff', background_fill_alpha=0.8)
-    )  # fmt: skip
+        return []
+    look = {'line_dash': 'dotted', 'line_color': '#000000', 'line_width': 1.5}
+    plot.add_layout(Span(location=MICRO * floor, dimension='width', level='underlay', **look))
+    # a label in the plot would cover bars or lines; a line that is not drawn stands in the legend
+    nowhere = plot.line([0.0, 0.0], [np.nan, np.nan], **look)
+    return [(f'noise floor, {MICRO * floor:.3g} µm', nowhere)]
 
 
 def draw_mark(plot: Any, place: float, words: str, colour: str = GREY, low: bool = False) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from bokeh.models import FactorRange, HoverTool, Range1d
+from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Range1d
 from bokeh.transform import dodge
 
 from piezo_hysteresis.arrays import FloatArray
@@ -17,6 +18,7 @@ from piezo_hysteresis.reporting.plot_parts import (
     ROLES,
     Curve,
     add_legend,
+    draw_bands,
     draw_floor,
     draw_lines,
     draw_mark,
@@ -30,6 +32,7 @@ __all__ = [
     'GREY',
     'PALETTE',
     'Curve',
+    'band_figure',
     'bars_before_after',
     'loop_figure',
     'spectrum_figure',
@@ -84,6 +87,39 @@ def trace_figure(
     return Plot(plot, caption)
 
 
+#: A trace of more periods is a solid block on a screen, so that it is drawn as a band.
+_PERIODS_AS_LINES = 8
+_BANDS = 240
+
+
+def band_figure(
+    curves: Sequence[Curve], title: str, caption: str, y_label: str, frequency: float
+) -> Plot:
+    """Draw errors [m] over time [s], as bands where lines would merge into a block.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Over the same times; later ones lie on earlier ones.
+    title, caption, y_label : str
+        Words around the plot.
+    frequency : float
+        Of the drive [Hz], or 0: a band goes from the smallest to the largest value of each
+        period, or of as many periods as the plot can show apart.
+    """
+    spans = [float(np.ptp(curve.x)) for curve in curves if len(curve.x)]
+    periods = max(spans, default=0.0) * frequency
+    if 0.0 < periods <= _PERIODS_AS_LINES:
+        return trace_figure(curves, title, caption, y_label, ground=False)
+    count = min(_BANDS, max(int(periods), 1)) if periods else _BANDS
+    plot = new_axes(title, 'time [s]', f'{y_label} [µm]')
+    draw_bands(plot, curves, MICRO, count)
+    words = 'Band: smallest to largest value of each ' + ('period.' if periods else 'interval.')
+    if periods > _BANDS:
+        words = f'Band: smallest to largest value of every {periods / _BANDS:.0f} periods.'
+    return Plot(plot, f'{caption} {words}'.strip())
+
+
 def xy_figure(
     curves: Sequence[Curve],
     title: str,
@@ -113,7 +149,8 @@ def xy_figure(
     """
     kinds = {'x_axis_type': 'log' if log_x else 'auto', 'y_axis_type': 'log' if log_y else 'auto'}
     plot = new_axes(title, x_label, y_label, **kinds)
-    draw_lines(plot, curves, 1.0, MICRO, markers=markers)
+    more = draw_floor(plot, floor)
+    draw_lines(plot, curves, 1.0, MICRO, markers=markers, more=more)
     if log_y:
         drawn = [MICRO * v for c in curves for v in np.asarray(c.y, float)]
         readable_decades(plot.yaxis[0], [*drawn, MICRO * (floor or 0.0)])
@@ -123,7 +160,6 @@ def xy_figure(
         plot.y_range = Range1d(
             min([MICRO * floor, *values]) / 2, max([MICRO * floor, *values]) * 2
         )
-    draw_floor(plot, floor)
     return Plot(plot, caption)
 
 
@@ -178,6 +214,28 @@ def spectrum_figure(
     return Plot(plot, caption)
 
 
+#: So many pairs of bars have room for their values.
+_LABELLED = 6
+
+
+def _label_bars(plot: Any, names: Sequence[str], values: Sequence[float], shift: float) -> None:
+    """Write the value [m] above each bar, in µm."""
+    known = [(name, MICRO * v) for name, v in zip(names, values, strict=True) if np.isfinite(v)]
+    source = ColumnDataSource(
+        {
+            'x': [name for name, _ in known],
+            'y': [value for _, value in known],
+            'text': [f'{value:.3g}' for _, value in known],
+        }
+    )
+    place = dodge('x', shift, range=plot.x_range)
+    plot.text(
+        x=place, y='y', text='text', source=source, text_align='center', text_baseline='bottom',
+        text_font_size='11px', y_offset=-2, background_fill_color='#ffffff',
+        background_fill_alpha=0.85,
+    )  # fmt: skip
+
+
 def bars_before_after(
     frequencies: Sequence[float | str],
     before: Sequence[float],
@@ -207,7 +265,7 @@ def bars_before_after(
     values = [MICRO * v for v in (*before, *after) if np.isfinite(v) and v > 0]
     known = [*values, *([MICRO * floor] if floor and floor > 0 else [])] or [1.0]
     bottom = min(known) / 2
-    ends = (bottom, max(known) * 1.6)
+    ends = (bottom, max(known) * 1.9)
     places = FactorRange(*names, range_padding=0.05)
     plot = new_axes(title, '', 'rms error [µm]', y_axis_type='log', x_range=places, y_range=ends)
     if len(names) > 5:
@@ -217,13 +275,14 @@ def bars_before_after(
         source = {'x': names, 'top': [MICRO * v if np.isfinite(v) else bottom for v in rows]}
         bars = plot.vbar(
             x=dodge('x', -0.2 + 0.4 * k, range=places), top='top', bottom=bottom, width=0.36,
-            source=source, fill_color=(ROLES['before'], ROLES['after'])[k], line_color=None,
+            source=source, name='bars', fill_color=(ROLES['before'], ROLES['after'])[k], line_color=None,
             hatch_pattern=(None, 'right_diagonal_line')[k], hatch_color='white', hatch_alpha=0.6,
         )  # fmt: skip
+        if len(names) <= _LABELLED:
+            _label_bars(plot, names, rows, -0.2 + 0.4 * k)
         items.append((label, bars))
         columns = [('record', '@x'), (label, '@top{0.0000} µm')]
         plot.add_tools(HoverTool(renderers=[bars], tooltips=columns))
     readable_decades(plot.yaxis[0], known)
-    add_legend(plot, items)
-    draw_floor(plot, floor)
+    add_legend(plot, [*items, *draw_floor(plot, floor)])
     return Plot(plot, caption)

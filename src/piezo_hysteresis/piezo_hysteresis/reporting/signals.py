@@ -42,6 +42,23 @@ def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArr
     return x[order], y[order]
 
 
+def envelope(
+    x: FloatArray, y: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the starts of `count` intervals with the smallest and largest `y` of each.
+
+    The end of the last interval is repeated, so that a step plot closes. Values that are not
+    finite are ignored.
+    """
+    known = np.isfinite(y)
+    x, y = x[known], y[known]
+    edges = np.linspace(0, y.size, min(count, y.size) + 1).astype(int)
+    low = np.array([y[first:last].min() for first, last in pairwise(edges)])
+    high = np.array([y[first:last].max() for first, last in pairwise(edges)])
+    starts = np.append(x[edges[:-1]], x[-1:])
+    return starts, np.append(low, low[-1:]), np.append(high, high[-1:])
+
+
 def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and the amplitude of each line, without the mean.
 

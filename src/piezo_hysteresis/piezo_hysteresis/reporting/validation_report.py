@@ -10,7 +10,7 @@ from piezo_hysteresis.identification.validate import Validation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
-from piezo_hysteresis.reporting.plots import Curve, trace_figure
+from piezo_hysteresis.reporting.plots import Curve, band_figure
 from piezo_hysteresis.reporting.units import micrometres
 
 
@@ -33,7 +33,7 @@ def validation_page(
     noise_floor, simulated = validation.noise_floor, validation.simulated
     many = f' in the worst of {len(rows)} records' if len(rows) > 1 else ''
     sentence = (
-        f'The model {saved.model.name} is off by {micrometres(worst.free_run_rms)} µm rms '
+        f'The model {saved.model.name} has an error of {micrometres(worst.free_run_rms)} µm rms '
         f'({worst.nrmse_percent:.3g} % of the standard deviation) in free run{many}'
     )
     if noise_floor > 0.0:
@@ -41,17 +41,17 @@ def validation_page(
     sections = [
         _table(rows, noise_floor, [validation.remark, *validation.warnings]),
         PageSection(
-            'Does the model follow the actuator?', '', fit_figures(validation.data, simulated)
+            'Measured and simulated displacement', '', fit_figures(validation.data, simulated)
         ),
         _rest(validation.data, simulated, worst.record),
         PageSection(
-            'What next?',
-            f'- `{discover_command(saved.model, data)}` names what the model lacks, with '
+            'Next steps',
+            f'- `{discover_command(saved.model, data)}` reports what the model lacks, with '
             'probabilities and alternatives.\n'
             f'- `python -m piezo_hysteresis discover {where} --baseline {model} --out changed` '
-            'names what has changed since it was identified.\n'
-            '- `model.yaml` beside this page is the same model, with what it misses on these '
-            'records as its discrepancy: the next `validate` compares with it.',
+            'reports what has changed since it was identified.\n'
+            '- `model.yaml` in this folder is the same model with its error on these '
+            'records as discrepancy: the next `validate` compares with it.',
         ),
     ]
     return render(f'{saved.model.name} on records', f'{sentence}.', sections)
@@ -70,11 +70,11 @@ def _table(
         for row in rows
     ]
     headers = ('record', 'free run [µm]', 'free run [%]', 'one step [µm]')
-    caption = 'Rms errors; per cent are of the standard deviation of the displacement.'
+    caption = 'Rms errors; percentages refer to the standard deviation of the displacement.'
     if noise_floor > 0.0:
         caption += f' The noise floor is {micrometres(noise_floor)} µm.'
     text = '\n'.join(f'- {each}' for each in remarks)
-    return PageSection('How far is it off?', text, (), (table(headers, lines, caption),))
+    return PageSection('Model error', text, (), (table(headers, lines, caption),))
 
 
 def _rest(
@@ -82,8 +82,7 @@ def _rest(
 ) -> PageSection:
     record = next(each for each in records if each.name == worst)
     left = record.displacement - simulated[worst]
-    figure: Plot = trace_figure(
-        [Curve('measured minus model', record.time, left)],
-        worst, 'What the free run leaves of its worst record.', 'error', ground=False,
-    )  # fmt: skip
-    return PageSection('What is left?', '', (figure,))
+    curve = Curve('measured minus model', record.time, left, 'error')
+    caption = 'Measured minus simulated displacement in the record with the largest error.'
+    figure = band_figure([curve], worst, caption, 'error', record.info.frequency)
+    return PageSection('Residual over time', '', (figure,))

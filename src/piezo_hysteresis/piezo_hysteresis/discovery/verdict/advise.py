@@ -1,4 +1,4 @@
-"""Which experiment to run next: what would separate what is still confused."""
+"""Recommended experiments: those that separate the remaining alternatives."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ RIVAL_PROBABILITY = 0.02
 
 
 def instead(model: Model) -> tuple[str, ...]:
-    """Return what to do where a model was given the very records that it was identified from."""
+    """Return the advice for a model that was given the records of its own identification."""
     name = name_of(model)
-    by_name = f'To learn what the model lacks, give its name: `discover DATA --baseline {name}`.'
-    changed = 'To learn what has changed since, record new data and give them with the model file.'
+    by_name = f'To find what the model lacks, give its name: `discover DATA --baseline {name}`.'
+    changed = 'To find what has changed since, record new data and pass them with the model file.'
     return (by_name, changed) if name else (changed,)
 
 
 def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:
-    """Return experiments, the most telling first."""
+    """Return experiments, the most informative first."""
     sentences: list[str] = []
     for step in steps:
         chances = step.round.probabilities()
@@ -32,16 +32,16 @@ def advise(check: Check, steps: Sequence[Step], left: bool, description: str) ->
             continue
         for name in rivals:
             experiment = described(name)[0].experiment
-            sentences.append(f'To tell {" from ".join(rivals)}: {experiment}')
+            sentences.append(f'To distinguish {", ".join(rivals)}: {experiment}')
     named = {step.fit.effect for step in steps}
     for names, advice in check.confounded:
         if named & set(names) or (left and not steps):
-            sentences.append(f'To tell {", ".join(names)} apart: {advice}.')
+            sentences.append(f'To distinguish {", ".join(names)}: {advice}.')
     if left:
         sentences.append(
-            'Repeat the record in which most is left, unchanged: what does not come again is '
-            'disturbance, what does is the actuator.'
+            'Repeat the record with the largest residual: a residual that does not repeat is a '
+            'disturbance, one that repeats comes from the actuator.'
         )
     if not sentences:
-        sentences = [f'To look further: {advice}.' for advice in check.experiments()[:2]]
+        sentences = [f'To continue: {advice}.' for advice in check.experiments()[:2]]
     return list(dict.fromkeys(sentences))

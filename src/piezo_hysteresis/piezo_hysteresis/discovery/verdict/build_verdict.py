@@ -66,7 +66,7 @@ def tell(
     kind = rules.verdict_word(len(found.steps), left.significant)
     if kind == 'none':
         short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
-        clock = f'A delay of up to {short} would pass for the clock of the records.'
+        clock = f'A delay of up to {short} cannot be distinguished from a clock offset.'
         description = f'{description} {clock} {sentence(statements(limits))}'.strip()
     verdict = Verdict(
         baseline=name,

@@ -1,4 +1,4 @@
-"""What is left when no known effect explains it, in words a person can act on."""
+"""Description of a residual that no known effect explains."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def describe(
     floor: float,
     held_out: tuple[float, float],
 ) -> str:
-    """Return sentences on size, place, law and time scale of what is left.
+    """Return sentences on size, location, law and time scale of the residual.
 
     Parameters
     ----------
@@ -44,14 +44,12 @@ def describe(
     """
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
     size, floors = held_out
-    sentences = [
-        f'On held-out records {size * 1e6:.3g} µm rms are left, {floors:.3g} noise floors.'
-    ]
+    sentences = [f'The held-out residual is {size * 1e6:.3g} µm rms, {floors:.3g} noise floors.']
     worst = int(np.argmax(sizes))
     which = 'held-out' if any(views[0] is view for view in data.held_out) else 'fitted'
     if len(sizes) > 1:
         sentences.append(
-            f'Of the {which} records it is largest in {views[worst].name} '
+            f'On {which} records it is largest in {views[worst].name} '
             f'({sizes[worst] * 1e6:.3g} µm) and smallest in '
             f'{views[int(np.argmin(sizes))].name} ({sizes.min() * 1e6:.3g} µm).'
         )
@@ -80,8 +78,8 @@ def _harmonics(
     if odd + even > 0.3:
         kind = 'odd' if odd > 3 * even else 'even' if even > 3 * odd else 'odd and even'
         sentences.append(
-            f'{100 * (odd + even):.0f} % of its power lies on {kind} harmonics of the drive, most '
-            f'on order {", ".join(map(str, strongest))}.'
+            f'{100 * (odd + even):.0f} % of its power is on {kind} harmonics of the drive, mainly '
+            f'orders {", ".join(map(str, strongest))}.'
         )
     if aside > 0.3:
         sentences.append(f'{100 * aside:.0f} % of its power is on no harmonic of the drive.')
@@ -106,9 +104,9 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
     middle = float(np.median(found))
     if np.median(np.abs(np.array(found) - middle)) < 0.02 * middle:
         return [
-            f'A tone near {middle:.4g} Hz that is no harmonic stands out in {len(found)} records.'
+            f'{len(found)} records contain a tone near {middle:.4g} Hz that is not a harmonic.'
         ]
-    return ['Tones that are no harmonics stand out, at other frequencies in every record.']
+    return ['The records contain tones that are not harmonics, at different frequencies.']
 
 
 def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
@@ -141,7 +139,7 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
 
 
 def growth(name: str, power: float, scatter: float = 0.0) -> str:
-    """Return how what is left changes with the frequency or the amplitude.
+    """Return how the residual changes with the frequency or the amplitude.
 
     Parameters
     ----------
@@ -153,12 +151,12 @@ def growth(name: str, power: float, scatter: float = 0.0) -> str:
         Standard deviation of the logarithm of its sizes beside that law.
     """
     if scatter > _SCATTER:
-        return f'With the {name} it changes by no simple law.'
+        return f'Its change with the {name} follows no power law.'
     if abs(power) < _LEVEL:
-        return f'It hardly changes with the {name}.'
+        return f'It hardly depends on the {name}.'
     if power > 0:
-        return f'It grows with the {name}, about as its power {power:.1f}.'
-    return f'It falls with the {name}, about as its power {power:.1f}.'
+        return f'It increases with the {name}, about with power {power:.1f}.'
+    return f'It decreases with the {name}, about with power {power:.1f}.'
 
 
 def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) -> list[str]:
@@ -166,7 +164,7 @@ def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float)
     top = np.sort(joined)[-max(1, joined.size // 100) :]
     share = float(top.sum() / joined.sum())
     if share > 0.5:
-        share_text = f'{100 * share:.0f} % of its power comes in 1 % of the samples'
+        share_text = f'{100 * share:.0f} % of its power is in 1 % of the samples'
         return [f'{share_text}: bursts, jumps or drop-outs rather than a smooth effect.']
     return []
 
@@ -179,7 +177,6 @@ def _trend(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) 
             continue
         changes.append(float(error[-count:].mean() - error[:count].mean()))
     if changes and np.mean(np.abs(changes)) > 0.5 * floor:
-        return [
-            f'Within a record it wanders by {np.mean(np.abs(changes)) * 1e6:.3g} µm on average.'
-        ]
+        change = np.mean(np.abs(changes)) * 1e6
+        return [f'Within a record its mean changes by {change:.3g} µm on average.']
     return []

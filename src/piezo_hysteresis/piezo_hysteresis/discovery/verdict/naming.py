@@ -135,7 +135,7 @@ def _changes(numbers: Mapping[str, Number], start: CandidateFit) -> str:
         f'{name} from {start.values[name]:.4g} to {numbers[name].value:.4g} {numbers[name].unit}'
         for name in sorted(sure, key=lambda each: -sure[each])
     ]
-    return f'What has changed: {", ".join(changed) or "nothing by itself, all together"}.'
+    return f'Changed parameters: {", ".join(changed) or "none alone, all of them together"}.'
 
 
 def _owner(name: str, final: CandidateFit) -> Added:
@@ -154,13 +154,13 @@ def _evidence(step: Step, variant: str, floor: float) -> list[str]:
     trust = f'{found_in.gain.ratio:.3g} standard errors, {found_in.tried} candidates tried'
     sentences = [
         effect.physics,
-        f'It lowers the gap on the training records from {gap} ({trust}).',
+        f'It lowers the gap on fitted records from {gap} ({trust}).',
     ]
     if len(found_in.finalists) > 1:
         second = next((t for t in found_in.finalists if t.effect != step.fit.effect), None)
         if second is not None:
             sentences.append(
-                f'The next best effect, {second.effect}, leaves {second.rms / floor:.3g} floors.'
+                f'The next best effect, {second.effect}, gives {second.rms / floor:.3g} floors.'
             )
     return sentences
 
@@ -194,8 +194,8 @@ def _mode_evidence(drives: Sequence[dict[str, float]], frequency: float) -> list
     ]
     if not hits:
         return []
-    where = f'Odd harmonics of these drives land on the mode at {frequency:.4g} Hz'
-    return [f'{where}; with the amplitude that was measured there: {", ".join(hits)}.']
+    where = f'Odd harmonics of these drives excite the mode at {frequency:.4g} Hz'
+    return [f'{where}; measured amplitude in brackets: {", ".join(hits)}.']
 
 
 def _modes(effect: NamedEffect) -> list[float]:
@@ -219,12 +219,12 @@ def summary_of(verdict: Verdict) -> str:
     summary = _summary(verdict)
     if verdict.identified_from and not _only_own(verdict):
         summary += (
-            f' Records left out: {len(verdict.identified_from)}, which show nothing new, because '
-            'the model was identified from them or judged on them.'
+            f' Excluded records: {len(verdict.identified_from)}, because the model was identified '
+            'from them or validated on them.'
         )
     if not verdict.not_tried:
         return summary
-    return f'{summary} The time limit came first; not tried: {", ".join(verdict.not_tried)}.'
+    return f'{summary} The time limit ended the search; not tried: {", ".join(verdict.not_tried)}.'
 
 
 def _only_own(verdict: Verdict) -> bool:
@@ -236,9 +236,9 @@ def _summary(verdict: Verdict) -> str:
     held = verdict.held_out
     if _only_own(verdict):
         return (
-            f'These are the records that the model {verdict.baseline} was identified from or '
-            f'judged on: the {held.before_in_floors:.3g} noise floors that it misses of them are '
-            'part of it, and nothing new can show.'
+            f'The model {verdict.baseline} was identified from or validated on these records, so '
+            f'they cannot show a new effect: its error on them, {held.before_in_floors:.3g} noise '
+            'floors, is part of the model.'
         )
     gap = f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g} noise floors'
     if verdict.verdict == 'none':
@@ -248,12 +248,12 @@ def _summary(verdict: Verdict) -> str:
             f'{held.before_in_floors:.3g} noise floors. {verdict.unexplained.description}'
         ).rstrip()
     if verdict.verdict == 'unknown':
-        left = f'{held.after_in_floors:.3g} noise floors stay on held-out records.'
+        left = f'the held-out gap is {held.after_in_floors:.3g} noise floors.'
         if held.after_in_floors < held.before_in_floors:
-            left = f'what comes closest only lowers the held-out gap from {gap}.'
+            left = f'the closest one lowers the held-out gap only from {gap}.'
         known = 'effects that were tried' if verdict.not_tried else 'known effects'
-        return f'The model {verdict.baseline} misses something that is none of the {known}: {left}'
-    more = ' Something significant is left.' if verdict.unexplained.significant else ''
+        return f'The model {verdict.baseline} misses an effect that is none of the {known}: {left}'
+    more = ' A significant residual remains.' if verdict.unexplained.significant else ''
     shifts = [each for each in verdict.effects if each.name == PARAMETER_SHIFT.name]
     missed = [_with_chance(each) for each in verdict.effects if each not in shifts]
     them = 'it' if len(missed) == 1 else 'them'
@@ -261,8 +261,8 @@ def _summary(verdict: Verdict) -> str:
     done = [f'adding {them}'] if missed else []
     for shift in shifts:
         others = [a.name for a in shift.alternatives if a.probability > MENTIONED]
-        news.append(f'has other numbers than these records{_or(others)}')
-        done.append('correcting them')
+        news.append(f'has parameters that do not fit these records{_or(others)}')
+        done.append('refitting them')
     return (
         f'The model {verdict.baseline} {" and ".join(news)}; {" and ".join(done)} lowers the '
         f'held-out gap from {gap}.{more}'
@@ -270,14 +270,14 @@ def _summary(verdict: Verdict) -> str:
 
 
 def _or(others: Sequence[str]) -> str:
-    return f', or misses {" or ".join(others)} (they do not tell which)' if others else ''
+    return f', or misses {" or ".join(others)} (they do not show which)' if others else ''
 
 
 def _with_chance(effect: NamedEffect) -> str:
     if effect.alternatives and effect.alternatives[0].probability > MENTIONED:
         others = (a.name for a in effect.alternatives if a.probability > MENTIONED)
         names = [effect.name, *others]
-        return f'{" or ".join(names)} (these records do not tell which)'
+        return f'{" or ".join(names)} (these records do not show which)'
     modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))
     where = f'at {modes}' if modes else _where(effect)
     return f'{effect.name} {where}'.rstrip()
