@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import threading
 import time
@@ -22,7 +23,8 @@ from piezo_hysteresis.drivers.controller import UNLIMITED
 from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController
 from piezo_hysteresis.drivers.tracking import Learning
 from piezo_hysteresis.drivers.wires import TcpWire
-from piezo_hysteresis.drivers.worker import ControllerThread, SweepOrder, SweepProgress
+from piezo_hysteresis.drivers.worker import ControllerSweep, ControllerThread, SweepProgress
+from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import load
 from piezo_hysteresis.waveforms import Sine
@@ -31,8 +33,11 @@ from piezo_sim.gcs.language import Language
 from piezo_sim.gcs.nv200 import Nv200Language
 from piezo_sim.gcs.server import FAULTS, Fault, GcsServer, PtyServer
 from piezo_sim.plant import Plant
+from piezo_sim.sweep import grid as simulated_grid
+from piezo_sim.sweep import simulate
 
 PRESET, RATE = 'fdk_pzba_00030', 20_000.0
+QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
 
 
 KINDS = ('tcp', 'serial', 'nv200')
@@ -187,6 +192,51 @@ def test_limits_that_allow_nothing_are_refused(
         open_controller('gcs://127.0.0.1', '1', *limits)
 
 
+@pytest.fixture(scope='module')
+def small_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the model of a sweep of the simulated stage, as a file."""
+    specs = simulated_grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5})
+    path = tmp_path_factory.mktemp('model') / 'model.yaml'
+    records = simulate('generic_bouc_wen', specs, QUIET, 1, 1000.0)
+    identify(records, named('classical')).model_file().save(path)
+    return path
+
+
+@pytest.mark.component
+def test_an_investigation_runs_in_the_controller(
+    small_model: Path, tmp_path: Path, capsys: Any
+) -> None:
+    plant = Plant.from_preset('generic_bouc_wen', RATE, 3, QUIET | {'effects.creep': True})
+    simulated = SimulatedController(plant, np.inf)
+    server = GcsServer(simulated)
+    out = tmp_path / 'out'
+    with running(server, 0.01):
+        address = f'gcs://127.0.0.1:{server.server_address[1]}'
+        words = ['investigate', '--on', address, '--model', str(small_model)]
+        words += ['--out', str(out), '--low', '-1', '--high', '1', '--slew', '700']
+        assert main([*words, '--low', '-99']) == 2
+        assert 'exceed the -5 .. 1 V' in capsys.readouterr().err
+        assert not out.exists()
+        assert main([*words, '--namespace', 'x']) == 2
+        assert '--namespace: not used with --on' in capsys.readouterr().err
+        assert main(words) == 0
+    server.server_close()
+    assert simulated.voltage == 0.0
+    assert 'creep' in capsys.readouterr().out
+    found = json.loads((out / 'investigation.json').read_text())
+    assert found['verdict'] == 'named'
+    assert 'creep' in found['effects']
+    assert found['seconds'] < 60.0
+    assert found['after_in_floors'] < 0.5 * found['before_in_floors']
+    bags = sorted((out / 'bags').iterdir())
+    assert len(bags) == found['experiments'] + 1
+    for bag in bags:
+        (record,) = load(bag)
+        assert record.rate == 1000.0
+        assert np.abs(record.voltage).max() <= 1.0
+        assert (bag / 'controller.yaml').is_file()
+
+
 @pytest.mark.slow
 def test_three_commands_from_open_loop_to_the_noise(tmp_path: Path) -> None:
     with serving(speed=20.0) as server:
@@ -320,8 +370,8 @@ def test_a_connection_lost_at_any_moment_leaves_the_output_at_rest(kind: str, fa
             assert largest_voltage(controller) <= 1.0 + 1e-5
 
 
-def order(bag: Path, **changes: Any) -> SweepOrder:
-    return replace(SweepOrder(bag, [20.0], [1.0], 0.1), **changes)
+def order(bag: Path, **changes: Any) -> ControllerSweep:
+    return replace(ControllerSweep(bag, [20.0], [1.0], 0.1), **changes)
 
 
 @contextmanager

@@ -2,8 +2,9 @@
 
 The discovery node chooses each experiment by what it is expected to tell per second, within the
 limits given here, has the excitation run it, and stops when a name is sure, nothing is missing,
-or the budget is spent. The same words go on with an investigation that was broken off; Ctrl-C
-brings the actuator to rest. --replay repeats one from its bags, without an actuator.
+or the budget is spent. With --on each experiment is a wave in a controller, without nodes. The
+same words go on with an investigation that was broken off; Ctrl-C brings the actuator to rest.
+--replay repeats one from its bags, without an actuator.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.cli.need_ros import ros_needed
 from piezo_hysteresis.common.ranges import range_refusal
+from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.threads import number_of_workers
 
@@ -29,7 +31,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of this verb."""
     add = parser.add_argument
     add('--model', metavar='YAML', help='model in use; without it that of the discovery node')
-    add('--out', metavar='DIR', default='investigation', help="below the node's folder")
+    add(
+        '--out',
+        metavar='DIR',
+        default='investigation',
+        help="below the node's folder; with --on as it is",
+    )
     add('--low', type=float, metavar='V', help='lowest voltage, given with --high')
     add(
         '--high', type=float, metavar='V',
@@ -48,6 +55,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
     add('--no-apply', action='store_true', help='leave feedforward and gap monitor as they are')
     add('--namespace', default='', help='of the nodes')
+    add('--on', metavar='ADDRESS', help=f'a controller, in the place of nodes: {FORMS}')
+    add('--axis', default='1', help='of the controller (1)')
+    add('--rate', type=float, metavar='HZ', help='with --on: of the experiments, 1000')
     add('--replay', metavar='FOLDER', help='repeat an investigation from its bags')
 
 
@@ -57,6 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
         return _replay(Path(arguments.replay), arguments.workers)
     if reason := range_refusal(arguments.low, arguments.high):
         raise PiezoError(reason)
+    _require_used(arguments)
+    if arguments.on is not None:
+        return _run_on(arguments)
     text = ''
     if arguments.model:
         from piezo_hysteresis.models import ModelFile
@@ -92,6 +105,27 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _require_used(arguments: argparse.Namespace) -> None:
+    """Refuse words of nodes on a controller, and of a controller with nodes."""
+    nodes = {'--namespace': bool(arguments.namespace), '--no-apply': arguments.no_apply}
+    driver = {'--axis': arguments.axis != '1', '--rate': arguments.rate is not None}
+    unused, way = (driver, 'without --on') if arguments.on is None else (nodes, 'with --on')
+    if names := [name for name, given in unused.items() if given]:
+        raise PiezoError(f'{", ".join(names)}: not used {way}; leave it out')
+
+
+def _run_on(arguments: argparse.Namespace) -> int:
+    from piezo_hysteresis.cli.investigate_on import run_on
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    teller = _Teller()
+    found, report = run_on(arguments, teller.progress)
+    teller.answer()
+    print(found)
+    print(f'open {report}')
+    return 0
+
+
 class _Teller:
     """Prints each experiment once, with what it answered."""
 
@@ -100,7 +134,16 @@ class _Teller:
         self._printed = ''
 
     def feedback(self, progress: Investigate.Feedback) -> None:
+        """Tell how it stands, as a node says."""
+        self._tell(progress, dict(zip(progress.names, progress.chances, strict=True)))
+
+    def progress(self, progress: InvestigationProgress) -> None:
         """Tell how it stands."""
+        self._tell(progress, progress.chances)
+
+    def _tell(
+        self, progress: Investigate.Feedback | InvestigationProgress, believed: dict[str, float]
+    ) -> None:
         self._answer = progress.answer
         if (
             progress.stage not in ('run', 'apply')
@@ -109,8 +152,8 @@ class _Teller:
             return
         self.answer()
         self._asked = progress.stage, progress.number
-        shown = zip(progress.names, progress.chances, strict=True)
-        chances = ', '.join(f'{name} {chance:.2g}' for name, chance in list(shown)[:3])
+        shown = list(believed.items())[:3]
+        chances = ', '.join(f'{name} {chance:.2g}' for name, chance in shown)
         word = f'{progress.number}.' if progress.stage == 'run' else 'afterwards'
         print(f'{word} {progress.experiment}: {progress.why} (so far: {chances})', flush=True)
 

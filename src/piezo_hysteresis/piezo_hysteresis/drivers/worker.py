@@ -29,7 +29,7 @@ class _Stopped(Exception):
 
 
 @dataclass(frozen=True)
-class SweepOrder:
+class ControllerSweep:
     """A sweep to run.
 
     Attributes
@@ -99,7 +99,7 @@ class SweepOutcome(NamedTuple):
 
 @dataclass
 class _Job:
-    order: SweepOrder
+    order: ControllerSweep
     progress: Callable[[SweepProgress], None]
     stopped: Callable[[], bool]
     future: Future[SweepOutcome] = field(default_factory=Future)
@@ -145,7 +145,7 @@ class ControllerThread:
         self._thread = threading.Thread(target=self._serve, name='controller', daemon=True)
         self._thread.start()
 
-    def check(self, order: SweepOrder) -> str:
+    def check(self, order: ControllerSweep) -> str:
         """Return why a sweep would be refused, empty where it would not; from any thread."""
         controller = self._controller
         if controller is None:
@@ -158,7 +158,7 @@ class ControllerThread:
 
     def run(
         self,
-        order: SweepOrder,
+        order: ControllerSweep,
         progress: Callable[[SweepProgress], None] = lambda progress: None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> Future[SweepOutcome]:
@@ -166,7 +166,7 @@ class ControllerThread:
 
         Parameters
         ----------
-        order : SweepOrder
+        order : ControllerSweep
             What to run.
         progress : callable
             Called in the thread.
@@ -302,7 +302,7 @@ class ControllerThread:
                 time.sleep(_LOOK)
 
 
-def _planned(controller: Controller, order: SweepOrder) -> tuple[list[SweepRecord], int]:
+def _planned(controller: Controller, order: ControllerSweep) -> tuple[list[SweepRecord], int]:
     return planned_sweep(
         controller, order.frequencies, order.amplitudes, order.seconds,
         order.warm_up, order.waveform, order.options,

@@ -20,8 +20,8 @@ from piezo_hysteresis.common.stamps import NANOSECONDS
 from piezo_hysteresis.drivers.addresses import FORMS, open_controller
 from piezo_hysteresis.drivers.controller import Controller
 from piezo_hysteresis.drivers.worker import (
+    ControllerSweep,
     ControllerThread,
-    SweepOrder,
     SweepOutcome,
     SweepProgress,
 )
@@ -114,8 +114,8 @@ class GcsDriver(Node):
         self._is_busy = True
         return GoalResponse.ACCEPT
 
-    def _order(self, goal: RunSweep.Goal, bag: Path) -> SweepOrder:
-        return SweepOrder(
+    def _order(self, goal: RunSweep.Goal, bag: Path) -> ControllerSweep:
+        return ControllerSweep(
             bag,
             list(goal.frequencies),
             list(goal.amplitudes),
