@@ -213,7 +213,9 @@ def test_results_are_drawn_on_axes_and_written_as_a_report(
     assert {'report.html', 'summary.json', 'model.yaml'} <= {
         each.name for each in (tmp_path / 'check').iterdir()
     }
-    assert found.report(tmp_path / 'model').is_file()
+    with pytest.raises(ph.PiezoError, match='holds the results of validate'):
+        found.report(tmp_path / 'check')
+    assert found.report(tmp_path / 'check', overwrite=True).is_file()
 
 
 def test_a_frame_without_pandas_is_a_sentence(

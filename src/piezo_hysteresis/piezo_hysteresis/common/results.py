@@ -93,13 +93,15 @@ class Plottable(Tabular):
 class Reportable(Plottable):
     """A result that can be written as a folder with a report."""
 
-    def report(self, path: str | Path) -> Path:
+    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write ``report.html`` and the files of the command of the same name.
 
         Parameters
         ----------
         path : str or Path
             Folder of the results; it is created if it does not exist.
+        overwrite : bool
+            Whether to write into a folder that holds other files or results.
 
         Returns
         -------
@@ -109,9 +111,9 @@ class Reportable(Plottable):
         Raises
         ------
         PiezoError
-            If the folder cannot be written or holds other results.
+            If the folder cannot be written, or holds other files and `overwrite` is false.
         """
-        importlib.import_module(_PRESENTATION).write(self, str(path))
+        importlib.import_module(_PRESENTATION).write(self, str(path), overwrite=overwrite)
         return Path(path) / 'report.html'
 
 

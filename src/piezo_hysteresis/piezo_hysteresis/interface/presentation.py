@@ -17,6 +17,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import Identification, Validation
 from piezo_hysteresis.interface.compensate_runs import Compensation
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting import folder
 from piezo_hysteresis.reporting.discovery_folder import write_discovery
 from piezo_hysteresis.reporting.identification_folder import write_identification
 from piezo_hysteresis.reporting.identification_report import free_runs
@@ -24,6 +25,13 @@ from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 from piezo_hysteresis.reporting.signals import last_periods, thinned
 from piezo_hysteresis.reporting.units import MICRO
 from piezo_hysteresis.reporting.validation_folder import write_validation
+
+_VERBS = {
+    Identification: 'identify',
+    Validation: 'validate',
+    Discovery: 'discover',
+    Compensation: 'compensate',
+}
 
 
 def draw(result: Any, axes: Axes | None, record: str) -> Axes:
@@ -39,9 +47,15 @@ def _draw(result: Any, axes: Axes, record: str) -> None:
     raise PiezoError(f'there is no plot of a {type(result).__name__}')
 
 
+def write(result: Any, path: str, *, overwrite: bool = False) -> None:
+    """Write the folder of a result, in the place of others where `overwrite` says so."""
+    if overwrite:
+        folder.overwrite(path, _VERBS[type(result)])
+    _write(result, path)
+
+
 @singledispatch
-def write(result: Any, path: str) -> None:
-    """Write the folder of a result."""
+def _write(result: Any, path: str) -> None:
     raise PiezoError(f'there is no report of a {type(result).__name__}')
 
 
@@ -86,23 +100,23 @@ def _(result: Compensation, axes: Axes, record: str) -> None:
     axes.legend()
 
 
-@write.register
+@_write.register
 def _(result: Identification, path: str) -> None:
     _require_data(result.data)
     write_identification(path, result, result.data)
 
 
-@write.register
+@_write.register
 def _(result: Validation, path: str) -> None:
     write_validation(path, result)
 
 
-@write.register
+@_write.register
 def _(result: Discovery, path: str) -> None:
     write_discovery(path, result)
 
 
-@write.register
+@_write.register
 def _(result: Compensation, path: str) -> None:
     result.write(path)
 

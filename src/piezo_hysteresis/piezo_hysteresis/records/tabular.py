@@ -46,11 +46,13 @@ def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
     """
     if unit not in LENGTHS:
         raise RecordError(f'unit {unit!r} is not known; use m, mm, um or nm')
-    drive = 'force_N' if record.info.input_unit == 'N' else 'voltage_V'
-    columns = {'time_s': record.time, drive: record.voltage}
-    columns[f'displacement_{unit}'] = record.displacement * LENGTHS[unit]
-    if record.reference is not None:
-        columns[f'reference_{unit}'] = record.reference * LENGTHS[unit]
+    columns = {}
+    for name, column in record.columns().items():
+        what, _, own = name.rpartition('_')
+        length = own == 'm'
+        columns[f'{what}_{unit}' if length else name] = (
+            column * LENGTHS[unit] if length else column
+        )
     return columns
 
 
