@@ -245,7 +245,7 @@ def test_the_identified_model_compensates(tmp_path: Path) -> None:
     assert study.voltage.shape == (2000,)
     assert repr(study).splitlines()[0] == f'Compensation of {reference} with classical'
     assert study.columns()['run'] == [run.name for run in study.runs]
-    assert study.plot().get_ylabel() == 'tracking error [µm]'
+    assert study.plot().get_ylabel() == 'tracking error, envelope [µm]'
     plt.close('all')
     assert study.report(tmp_path / 'study').is_file()
     other = ph.Model.from_name('classical', **{**TRUE, 'A': 3e-5})

@@ -13,19 +13,22 @@ from matplotlib.axes import Axes
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.discovery import Discovery
+from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import Identification, Validation
 from piezo_hysteresis.interface.compensate_runs import Compensation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting import folder
+from piezo_hysteresis.reporting.compensation_report import colour_of
 from piezo_hysteresis.reporting.discovery_folder import write_discovery
 from piezo_hysteresis.reporting.identification_folder import write_identification
 from piezo_hysteresis.reporting.identification_report import free_runs
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
-from piezo_hysteresis.reporting.signals import last_periods, thinned
+from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.units import MICRO
 from piezo_hysteresis.reporting.validation_folder import write_validation
 
+_STRETCHES = 120  # of the envelope of an error
 _VERBS = {
     Identification: 'identify',
     Validation: 'validate',
@@ -61,7 +64,7 @@ def _write(result: Any, path: str) -> None:
 
 @_draw.register
 def _(result: Record, axes: Axes, record: str) -> None:
-    part = last_periods(len(result), result.info.frequency, result.dt, 2, result.warm_up_samples)
+    part = _last_periods(result)
     axes.plot(result.voltage[part], MICRO * result.displacement[part], lw=1.2)
     _label(axes, result)
 
@@ -85,18 +88,19 @@ def _(result: Discovery, axes: Axes, record: str) -> None:
     axes.bar(place - 0.2, before, 0.4, color=ROLES['before'], label=result.verdict.baseline)
     axes.bar(place + 0.2, after, 0.4, color=ROLES['after'], label='with the effects found')
     axes.axhline(MICRO * result.floor, color='k', ls=':', label='noise')
-    axes.set_xticks(place, [row.record for row in rows], rotation=45, ha='right')
+    axes.set_xticks(place, [row.record for row in rows], rotation=30, ha='right')
+    axes.set_xlim(-1, len(rows))
     axes.set(yscale='log', ylabel='rms error [µm]', title='Held-out records')
     axes.legend()
 
 
 @_draw.register
 def _(result: Compensation, axes: Axes, record: str) -> None:
-    for run in sorted(result.runs, key=lambda each: -each.metrics.rms):
-        time, error = thinned(run.result.time, run.result.error)
+    for run in result.runs:
+        time, largest = _envelope(run.result.time, run.result.error)
         label = f'{run.name}: {MICRO * run.metrics.rms:.3g} µm rms'
-        axes.plot(time, MICRO * error, lw=0.8, label=label)
-    axes.set(xlabel='time [s]', ylabel='tracking error [µm]', title=result.reference)
+        axes.plot(time, MICRO * largest, color=colour_of(run), label=label)
+    axes.set(yscale='log', xlabel='time [s]', ylabel='tracking error, envelope [µm]')
     axes.legend()
 
 
@@ -143,13 +147,26 @@ def _free_run(
 ) -> None:
     """Draw measured and simulated displacement of one record over its voltage."""
     (drawn,) = (record for record in records if record.name == name)
-    part = last_periods(len(drawn), drawn.info.frequency, drawn.dt, 2, drawn.warm_up_samples)
+    part = _last_periods(drawn)
     voltage = drawn.voltage[part]
     axes.plot(voltage, MICRO * drawn.displacement[part], color=GREY, lw=3.5, label='measured')
     model = MICRO * simulated[name][part]
     axes.plot(voltage, model, '--', color=ROLES['model'], label='model')
     _label(axes, drawn)
     axes.legend()
+
+
+def _last_periods(record: Record) -> slice:
+    """Return the last two periods of the drive, or all after the warm-up without a period."""
+    (known,) = annotated([record])
+    return last_periods(len(record), known.info.frequency, record.dt, 2, record.warm_up_samples)
+
+
+def _envelope(time: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the largest magnitude of each stretch, and the middle of its time."""
+    edges = np.linspace(0, time.size, min(_STRETCHES, time.size) + 1).astype(int)
+    largest = np.maximum.reduceat(np.abs(error), edges[:-1])
+    return 0.5 * (time[edges[:-1]] + time[edges[1:] - 1]), largest
 
 
 def _label(axes: Axes, record: Record) -> None:
