@@ -26,7 +26,7 @@ HELP = 'identify or discover over many bags, resumed after a kill'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb: those of the verb that is repeated, and where it runs."""
+    """Add the arguments of this verb: those of the repeated verb, and the executor."""
     verbs = parser.add_subparsers(title='what to do with each', dest='each', required=True)
     for name, module in (('identify', identify), ('discover', discover)):
         # --workers means processes here: the words of the verb come first and give way
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the batch and tell how it went."""
+    """Run the batch and print its result."""
     from piezo_hysteresis.batch import run_batch
     from piezo_hysteresis.batch.run import settled
 

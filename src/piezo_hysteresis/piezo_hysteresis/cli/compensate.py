@@ -32,7 +32,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder
 
-HELP = 'how well a model compensates a plant: a study offline, or on a controller'
+HELP = 'compensation by a model: offline on a plant, or on a controller'
 
 PRESET = 'preset:'
 # Words that both ways take, and those that only a controller takes.
@@ -41,7 +41,7 @@ _OF_CONTROLLER = {'axis', 'rounds'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('--model', required=True, metavar='YAML', help='model that is inverted')
     what = parser.add_mutually_exclusive_group(required=True)
@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _require_used(arguments: argparse.Namespace) -> None:
-    """Refuse words of a study on a controller, and of a controller in a study."""
+    """Refuse study options with a controller, and controller options in a study."""
     parser = argparse.ArgumentParser()
     configure(parser)
     needed = ['--model', '', '--on', '', '--reference', '', '--out', '']

@@ -1,4 +1,4 @@
-"""The controllers of a study: which links a chain is made of, by the words of the verb."""
+"""The controllers of a study: the links of the chain, from the arguments of the verb."""
 
 from __future__ import annotations
 
@@ -72,14 +72,18 @@ class Repetition:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words that choose controllers."""
+    """Add the arguments that select controllers."""
     forward = parser.add_argument_group('feedforward')
     forward.add_argument(
         '--law', choices=INVERSES, default='auto', help='how the model is inverted; laws of papers'
     )
     forward.add_argument('--slow-model', metavar='YAML', help='another model for slow drives')
     forward.add_argument(
-        '--switch', type=float, default=1.0, metavar='HZ', help='up to which drives are slow (1)'
+        '--switch',
+        type=float,
+        default=1.0,
+        metavar='HZ',
+        help='highest frequency of slow drives (1)',
     )
     harmonics = parser.add_argument_group('attenuation of harmonics')
     add = harmonics.add_argument
@@ -96,7 +100,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--gain-model',
         metavar='YAML',
-        help='model whose gain steers it; that which is inverted where not given',
+        help='model for the plant gain (default: the inverted model)',
     )
     add(
         '--attenuation-set',
@@ -107,7 +111,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     feedback = parser.add_argument_group('feedback')
     add = feedback.add_argument
-    add('--feedback', choices=FEEDBACKS, help='law on the error; pid where --pid is given')
+    add('--feedback', choices=FEEDBACKS, help='feedback law; pid with --pid')
     add(
         '--pid',
         type=float,
@@ -134,7 +138,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--transfer-function',
         metavar='YAML',
-        help='its plant, from the verb linear; that of the model where not given',
+        help='its plant, from the verb linear (default: that of the model)',
     )
     add('--together', action='store_true', help='one more run, with attenuation and feedback')
 

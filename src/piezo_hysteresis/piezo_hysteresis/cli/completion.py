@@ -11,7 +11,7 @@ COMMAND = 'piezo'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'))
 
 

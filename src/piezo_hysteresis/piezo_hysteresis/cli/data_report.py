@@ -1,4 +1,4 @@
-"""What the verbs that read data tell about them."""
+"""Messages of the verbs about their input data."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def topics_table(bag: BagContent) -> str:
 
 
 def bag_lines(bag: BagContent) -> list[str]:
-    """Return what the metadata of a bag say: storage, files, and what its recorder dropped."""
+    """Return the metadata of a bag: storage, files, and dropped messages."""
     metadata = bag.metadata
     if metadata is None:
         return []
@@ -78,7 +78,7 @@ def bag_lines(bag: BagContent) -> list[str]:
 
 
 def print_survey_notes(found: Survey) -> None:
-    """Tell on stderr what was lost, mended or should be known."""
+    """Print lost, repaired and noteworthy data to stderr."""
     for note in found.notes:
         talk.warn(str(note), 'note')
     for damage in found.damage:

@@ -25,7 +25,7 @@ HELP = 'record, identify, compensate and report; or identify your own record'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument(
         '--data', nargs='+', metavar='DATA', help='your own bags or CSV files, instead'
     )

@@ -26,7 +26,7 @@ def write_summary(content: dict[str, Any], folder: Path) -> None:
 
 
 def demo_summary(demo: Demo, seconds: float) -> dict[str, Any]:
-    """Return the summary of an identification with the tracking runs beside it."""
+    """Return the summary of an identification and of the tracking runs."""
     return {
         **demo.found.summary(),
         'tracking': {

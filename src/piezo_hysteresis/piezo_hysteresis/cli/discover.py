@@ -1,4 +1,4 @@
-"""Find what a model misses in recorded data, name it and prove it.
+"""Find the effects that a model lacks in recorded data.
 
 Leaves verdict.json, model.yaml (the baseline with what was found), params.yaml (for the nodes
 feedforward and gap_monitor), simulator.yaml (under the simulator's own names) and report.html.
@@ -18,25 +18,25 @@ from piezo_hysteresis.threads import number_of_workers
 if TYPE_CHECKING:
     from piezo_hysteresis.batch.tasks import Discover
 
-HELP = 'find what a model misses, name it, prove it'
+HELP = 'find the effects that a model lacks in recorded data'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add(
         '--baseline',
         required=True,
         metavar='NAME[+BLOCK...]|YAML',
-        help='named model, fitted to these data; or model.yaml of other data, which is held',
+        help='named model, fitted to these data; or model.yaml of other data, kept fixed',
     )
     add(
         '--reference',
         nargs='+',
         default=(),
         metavar='DATA',
-        help='data of the actuator as it was: what the baseline misses there is no news',
+        help='data from before a change: errors of the baseline on them are not reported',
     )
     add_out(parser)
     add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
@@ -56,10 +56,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar='S',
-        help='seconds after which nothing more is started: the best so far, and what is untried',
+        help='seconds after which the search stops with the best model so far',
     )
-    add('--actuator', help='which actuator, where a bag holds several')
-    add('--salvage', action='store_true', help='use what is readable of damaged data')
+    add('--actuator', help='actuator, if a bag holds several')
+    add('--salvage', action='store_true', help='use the readable part of damaged data')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def task_of(arguments: argparse.Namespace) -> Discover:
-    """Return what the words ask for."""
+    """Return the task of the arguments."""
     from piezo_hysteresis.batch.tasks import Discover
     from piezo_hysteresis.identification.settings import pairs
 

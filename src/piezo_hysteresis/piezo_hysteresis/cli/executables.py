@@ -9,7 +9,7 @@ from piezo_hysteresis.common.interrupts import run_command_line
 
 
 def __getattr__(name: str) -> Callable[[], None]:
-    """Return the entry point of a verb, ``identify_``; which there are is said in setup.py."""
+    """Return the entry point of a verb, ``identify_``; setup.py lists them."""
     if name.startswith('_') or not name.endswith('_'):
         raise AttributeError(name)
     verb = name.removesuffix('_')

@@ -30,7 +30,7 @@ HELP = 'records back to files of columns; a model as a C library'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument(
         'data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV; or MODEL.yaml'
     )
@@ -45,9 +45,9 @@ def _configure_records(parser: argparse.ArgumentParser) -> None:
         help='unit of the displacement (m keeps every digit)',
     )  # fmt: skip
     parser.add_argument('--format', choices=('csv', *WRITTEN), default='csv', help='of the files')
-    parser.add_argument('--actuator', help='which one, where a bag holds several')
+    parser.add_argument('--actuator', help='actuator, if a bag holds several')
     parser.add_argument(
-        '--salvage', action='store_true', help='keep what is readable of damaged data'
+        '--salvage', action='store_true', help='keep the readable part of damaged data'
     )
 
 

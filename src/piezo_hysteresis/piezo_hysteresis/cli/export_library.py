@@ -1,4 +1,4 @@
-"""The words of ``export`` for a model: which loop, which limits, which target."""
+"""Arguments of ``export`` for a model: loop, limits, target."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _WORD = re.compile(r'[A-Za-z_]\w*')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of a library."""
+    """Add the arguments of a library."""
     add = parser.add_argument_group(
         'C library of a model (MODEL.yaml in the place of DATA)'
     ).add_argument
@@ -93,7 +93,7 @@ def _energy(arguments: argparse.Namespace, limits: Limits, dt: float) -> EnergyL
 
 
 def _links(arguments: argparse.Namespace, build: Builder) -> Sequence[Link]:
-    """Return the chain that the words ask for, at rest."""
+    """Return the chain of the arguments, at rest."""
     if arguments.only:
         return []
     links: list[Link] = [build.inverse()]

@@ -31,7 +31,7 @@ _METHODS = (
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add(
@@ -44,7 +44,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
     add('--seed', type=int, default=0, help='seed of the searches')
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
-    add('--frequency', type=float, metavar='HZ', help='of the drive, where the data do not say it')
+    add(
+        '--frequency',
+        type=float,
+        metavar='HZ',
+        help='drive frequency, if the data do not contain it',
+    )
     add(
         '--before',
         nargs='+',
@@ -58,7 +63,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='DATA',
-        help='data that are not fitted: what the model misses is judged on them',
+        help='held-out data: the discrepancy of the model is estimated from them',
     )
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
@@ -93,7 +98,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='threads; 0 is one per core; the result is the same',
     )
-    add('--actuator', help='which actuator, where a bag holds several')
+    add('--actuator', help='actuator, if a bag holds several')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -106,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def task_of(arguments: argparse.Namespace) -> Identify:
-    """Return what the words ask for."""
+    """Return the task of the arguments."""
     from piezo_hysteresis.batch.tasks import Identify
     from piezo_hysteresis.identification.settings import pairs
 

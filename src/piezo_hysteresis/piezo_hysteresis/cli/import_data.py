@@ -31,7 +31,7 @@ HELP = 'CSV files to one bag, one record per file'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument(
         'files',
         nargs='+',
@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--actuator', help='its name: given to CSV records, chosen among those of a bag'
     )
     parser.add_argument(
-        '--salvage', action='store_true', help='keep what is readable of damaged data'
+        '--salvage', action='store_true', help='keep the readable part of damaged data'
     )
     parser.add_argument(
         '--resample', type=float, metavar='HZ', help='bring every record to this rate; stamps '
@@ -57,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     rows.add_argument('--header-row', type=int, metavar='N',
                       help='line with the names of the columns of a CSV file, from 1')  # fmt: skip
     rows.add_argument('--skip-rows', type=int, metavar='N',
-                      help='lines in front of it that are left out')  # fmt: skip
+                      help='number of lines before it')  # fmt: skip
     for quantity in ('voltage', 'force', 'displacement', 'reference'):
         fields.add_argument(f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]')
 

@@ -1,4 +1,4 @@
-"""List the records and topics of bags and CSV files, and say what is wrong with them.
+"""List the records, topics and defects of bags and files of columns.
 
 The exit code is 2 where something is damaged: other verbs then need --salvage.
 """
@@ -20,7 +20,7 @@ HELP = 'records, topics, rates, gaps and units of bags and CSV files'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument('data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV')
 
 

@@ -1,4 +1,4 @@
-"""Find what a model misses by experiments on the running actuator.
+"""Find the effects that a model lacks by experiments on the running actuator.
 
 The discovery node chooses each experiment by what it is expected to tell per second, within the
 limits given here, has the excitation run it, and stops when a name is sure, nothing is missing,
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from piezo_hysteresis.investigation.runner import InvestigationProgress
     from piezo_interfaces.action import Investigate
 
-HELP = 'find what a model misses by experiments on the running actuator'
+HELP = 'find the effects that a model lacks by experiments on the running actuator'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('--model', metavar='YAML', help='model in use; without it that of the discovery node')
     add(
@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--low', type=float, metavar='V', help='lowest voltage, given with --high')
     add(
         '--high', type=float, metavar='V',
-        help='highest voltage; without both what the actuator takes and the model was judged on',
+        help='highest voltage; default: the range of the actuator and of the validated model',
     )  # fmt: skip
     add('--slew', type=float, default=0.0, metavar='V/S', help='fastest change of the voltage')
     add('--max-frequency', type=float, default=0.0, metavar='HZ', help='of any drive, 100')
@@ -138,7 +138,7 @@ class _Teller:
         self._tell(progress, dict(zip(progress.names, progress.chances, strict=True)))
 
     def progress(self, progress: InvestigationProgress) -> None:
-        """Tell how it stands."""
+        """Print the progress."""
         self._tell(progress, progress.chances)
 
     def _tell(
@@ -158,7 +158,7 @@ class _Teller:
         print(f'{word} {progress.experiment}: {progress.why} (so far: {chances})', flush=True)
 
     def answer(self) -> None:
-        """Tell what the last experiment answered, once."""
+        """Print the result of the last experiment, once."""
         if self._answer and self._answer != self._printed:
             self._printed = self._answer
             print(f'   {self._answer}', flush=True)

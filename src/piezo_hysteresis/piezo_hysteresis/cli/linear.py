@@ -18,7 +18,7 @@ HELP = 'transfer function from records, for H-infinity'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add('--out', required=True, metavar='YAML', help='file of the transfer function')
@@ -30,8 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default='refined',
         help='refined: errors of the free run (Steiglitz and McBride); arx: as Xiao 2014',
     )
-    add('--warm-up', type=float, metavar='S', help='seconds at the start that are left out')
-    add('--actuator', help='which actuator, where a bag holds several')
+    add('--warm-up', type=float, metavar='S', help='seconds at the start that are skipped')
+    add('--actuator', help='actuator, if a bag holds several')
 
 
 def run(arguments: argparse.Namespace) -> int:

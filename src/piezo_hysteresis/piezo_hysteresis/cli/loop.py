@@ -1,4 +1,4 @@
-"""Run the whole loop in one terminal: simulated actuator, chain, who watches it, live page.
+"""Run the loop in one terminal: simulated actuator, voltage chain, monitors, live page.
 
 Every node is a process of its own, as if each had been started in a terminal. Ctrl-C ends all.
 """
@@ -19,13 +19,17 @@ from piezo_hysteresis.errors import PiezoError
 if TYPE_CHECKING:
     from piezo_hysteresis.ros.processes import NodeProcesses
 
-HELP = 'the whole loop with its live page, in one terminal'
+HELP = 'run the loop with its live page in one terminal'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
-    add('--model', metavar='YAML', help='what identify wrote; without it nothing is compensated')
+    add(
+        '--model',
+        metavar='YAML',
+        help='model file of identify; without it there is no compensation',
+    )
     add('--preset', default='fdk_pzba_00030', help='actuator that is simulated')
     add('--frequency', type=float, default=23.0, metavar='HZ', help='of the reference, 23')
     add('--amplitude', type=float, default=120.0, metavar='UM', help='of it [um], 120')

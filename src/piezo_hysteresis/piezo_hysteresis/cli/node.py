@@ -20,7 +20,7 @@ HELP = 'run one node, as ros2 run does'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument('node', metavar='NAME', help=', '.join(NODES))
     parser.add_argument(
         'words', nargs=argparse.REMAINDER, metavar='...', help='-p NAME:=VALUE and so on'
@@ -58,6 +58,6 @@ def executable(node: str) -> Path:
 
 
 def ros_words(options: list[str]) -> list[str]:
-    """Return the arguments of the process: ROS wants its words behind ``--ros-args``."""
+    """Return the arguments of the process; those of ROS follow ``--ros-args``."""
     plain = {'-h', '--help', '--ros-args'}
     return options if not options or not plain.isdisjoint(options) else ['--ros-args', *options]

@@ -16,7 +16,7 @@ HELP = 'list, get, set and load parameters of running nodes'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument('what', choices=('list', 'get', 'set', 'load'))
     parser.add_argument('node', nargs='?', metavar='/NODE', help='with its namespace')
     parser.add_argument('name', nargs='?', help='of the parameter; of the file for load')

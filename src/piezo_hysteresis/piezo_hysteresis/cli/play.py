@@ -10,11 +10,9 @@ HELP = 'topics from a bag'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument('bag', metavar='BAG', help='bag folder, .mcap or .db3 file')
-    parser.add_argument(
-        'topics', nargs='*', metavar='TOPIC', help='topics to play; all where none'
-    )
+    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='topics to play (default: all)')
     parser.add_argument('--rate', type=float, default=1.0, help='speed against the recording')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument(
@@ -22,7 +20,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='send each message when the one before was taken, as fast as that goes',
     )  # fmt: skip
     parser.add_argument('--clock', action='store_true', help='publish the time of the bag')
-    parser.add_argument('--salvage', action='store_true', help='play what is readable')
+    parser.add_argument(
+        '--salvage', action='store_true', help='play the readable part of damaged data'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ ENOUGH = 0.03
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Tell]:
-    """Offer a callback ``(fraction, words)`` that tells of work on stderr."""
+    """Provide a callback ``(fraction, message)`` that prints progress to stderr."""
     if level() == Verbosity.QUIET:
         yield lambda fraction, words: None
     elif level() == Verbosity.VERBOSE or not sys.stderr.isatty():
@@ -31,7 +31,7 @@ def progress_bar(title: str) -> Iterator[Tell]:
 
 
 class ProgressLines:
-    """Says how far it is at most every so many seconds.
+    """Prints the progress at most once per interval.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class ProgressLines:
         self._started = self._said = now()
 
     def __call__(self, fraction: float, words: str) -> None:
-        """Note how far it is, and say it where that is due."""
+        """Store the progress, and print it if due."""
         now = self._now()
         if now - self._said < self._every:
             return
@@ -61,7 +61,7 @@ class ProgressLines:
 
 
 def left_words(fraction: float, spent: float) -> str:
-    """Return how long it will take at the pace so far, empty where nobody can tell."""
+    """Return the estimated remaining time, empty if unknown."""
     if not ENOUGH <= fraction < 1.0:
         return ''
     return time_left(fraction, spent)

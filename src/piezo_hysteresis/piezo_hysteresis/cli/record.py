@@ -13,7 +13,7 @@ HELP = 'bag from topics of a running ROS 2 system'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     parser.add_argument(
         'topics', nargs='*', metavar='TOPIC',
         help='topics to record (actuator/state, reference and record/marker)',

@@ -15,7 +15,7 @@ HELP = 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('--on', required=True, metavar='ADDRESS', help=f'the controller: {FORMS}')
     add('--axis', default='1', help='of the controller (default 1)')
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--options', default='', metavar='YAML',
         help='settings of the waveform, as {offset: 30}')  # fmt: skip
     add('--range', nargs=2, type=float, metavar=('LOW', 'HIGH'),
-        help='volts that are never left; that of the controller where it is narrower')  # fmt: skip
+        help='voltage range that is never exceeded [V]')  # fmt: skip
     add('--slew', type=float, metavar='V/S', help='rate that is never exceeded')
     add('--actuator', default='', help='its name in the records')
     add('--out', required=True, metavar='BAG', help='bag folder to create')

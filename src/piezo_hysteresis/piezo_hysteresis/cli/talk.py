@@ -1,4 +1,4 @@
-"""How much the command line says: results always, the rest as -q and -v wish."""
+"""Verbosity of the command line: results always, other output by -q and -v."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from piezo_hysteresis.common.wording import OneLineParser
 
 
 class Verbosity(IntEnum):
-    """What is said on stderr."""
+    """Verbosity levels of stderr."""
 
     QUIET = 0
     USUAL = 1
@@ -26,7 +26,7 @@ def add_words(parser: argparse.ArgumentParser) -> None:
     wish.add_argument('-q', '--quiet', action='store_true', help='no progress, notes and warnings')
     wish.add_argument(
         '-v', '--verbose', action='store_true',
-        help='progress as lines, and where in the code an error arose',
+        help='progress as lines, and traceback of errors',
     )  # fmt: skip
 
 
@@ -46,18 +46,18 @@ def parsed(given: list[str]) -> argparse.Namespace:
 
 
 def choose(arguments: argparse.Namespace) -> None:
-    """Take the wish of the parsed words."""
+    """Set the verbosity from the parsed arguments."""
     global _level
     quiet, verbose = getattr(arguments, 'quiet', False), getattr(arguments, 'verbose', False)
     _level = Verbosity.QUIET if quiet else Verbosity.VERBOSE if verbose else Verbosity.USUAL
 
 
 def level() -> Verbosity:
-    """Return how much is said."""
+    """Return the verbosity."""
     return _level
 
 
 def warn(text: str, kind: str = 'warning') -> None:
-    """Say a warning (or note) in one line, unless nobody wants to hear it."""
+    """Print a warning (or note) in one line, unless quiet."""
     if _level > Verbosity.QUIET:
         print(f'{kind}: {text}', file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Run a saved model over records and say how far it is off, and whether that is more than known.
+"""Compare a saved model with records, and its error with the known discrepancy.
 
 Writes report.html, summary.json, figures and model.yaml: the model with what it misses on these
 records as its discrepancy. Records that were not used to identify the model are the ones that
@@ -19,16 +19,16 @@ _STEADY = 'the same as --start settled'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the words of this verb."""
+    """Add the arguments of this verb."""
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
-    add('--model', required=True, metavar='YAML', help='what identify or discover wrote')
+    add('--model', required=True, metavar='YAML', help='model file of identify or discover')
     add_out(parser)
     add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
     add('--steady', action='store_true', help=_STEADY)
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
-    add('--actuator', help='which actuator, where a bag holds several')
+    add('--actuator', help='actuator, if a bag holds several')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,1 +1,1 @@
-"""The live page: what it knows, how it is decimated, drawn and served; knows no ROS."""
+"""The live page: state, decimation, drawing and server; independent of ROS."""

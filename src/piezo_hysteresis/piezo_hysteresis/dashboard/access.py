@@ -1,4 +1,4 @@
-"""Who may speak to the page: names it answers to, pages that may ask, an optional token.
+"""Access control of the page: host names, origins, an optional token.
 
 A page of another site can have its own name point to this machine (DNS rebinding). Its requests
 then reach the server, and its browser calls them same-origin; only the name in them gives it away.
@@ -83,7 +83,7 @@ class AccessPolicy:
 
     @property
     def proof(self) -> str:
-        """What the cookie of a reader holds who has shown the token."""
+        """The value of the cookie after the token was accepted."""
         return self._proof
 
     def refusal(self, headers: Mapping[str, str]) -> Refusal | None:
@@ -110,11 +110,11 @@ class AccessPolicy:
         return parts.scheme in ('http', 'https') and _canonical(parts.netloc) in self.names
 
     def shown(self, token: str) -> bool:
-        """Return whether a word is the token."""
+        """Return whether a text is the token."""
         return bool(self._token) and hmac.compare_digest(token.encode(), self._token.encode())
 
     def admitted(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request is of a reader who has shown the token, if there is one."""
+        """Return whether a request carries the token, if one is required."""
         if not self._token:
             return True
         try:
@@ -130,7 +130,7 @@ def _bracketed(address: str) -> str:
 
 
 def _canonical(name: str) -> str:
-    """Return a name with its port as all who mean it write it."""
+    """Return the normalised form of a host name with its port."""
     return _USUAL_PORT.sub('', name.strip().lower())
 
 

@@ -108,19 +108,19 @@ class Backend(Protocol):
         """Set parameters of a node, one after another; the first refusal ends it."""
 
     def start_sweep(self, actuator: str, order: SweepOrder) -> None:
-        """Run a sweep and record it; `Live.sweep` tells what becomes of it."""
+        """Run a sweep and record it; `Live.sweep` has its state."""
 
     def cancel_sweep(self, actuator: str) -> None:
         """Let the actuator return to rest."""
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
-        """Find what the baseline misses in recorded data; `Live.discovery` tells."""
+        """Run a discovery on recorded data; `Live.discovery` has its state."""
 
     def cancel_discovery(self, actuator: str) -> None:
         """Give a discovery up."""
 
     def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
-        """Find what the model in use misses by experiments; `Live.investigation` tells."""
+        """Run an investigation of the active model; `Live.investigation` has its state."""
 
     def cancel_investigation(self, actuator: str) -> None:
         """Give an investigation up; the actuator returns to rest."""

@@ -1,4 +1,4 @@
-"""What a control on the page looks like, from what a running node tells of its parameter."""
+"""Controls of the page, from the parameter descriptors of running nodes."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def described(
     bounds: tuple[float, float] | None = None,
     read_only: bool = False,
 ) -> ParameterState:
-    """Return the parameter that a descriptor tells of.
+    """Return the parameter of a descriptor.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def numbers(text: str, what: str) -> tuple[float, ...]:
 
 
 class JobBox:
-    """Progress, cancel and words of one job.
+    """Progress, cancel button and message of one job.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class JobBox:
             self._say(f'<p class="error">{escape(str(error))}</p>')
 
     def refresh(self, job: BackgroundJob, offered: bool, hint: str, now: float) -> None:
-        """Show how it stands at `now`; `hint` (HTML) is said where nobody offers it."""
+        """Show the state at `now`; `hint` (HTML) if no node provides the job."""
         spent = time_words(job, now)
         if self._shown == (job, offered, spent):
             return

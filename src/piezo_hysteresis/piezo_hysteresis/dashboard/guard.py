@@ -108,7 +108,7 @@ class _Refused(RequestHandler):
 
 
 class _Admission(RequestHandler):
-    """Remembers a reader who has shown the token, and takes it out of the address."""
+    """Stores an accepted token in a cookie, and removes it from the address."""
 
     def initialize(self, cookie: str, target: str) -> None:
         """Take what is remembered, and where the reader goes on."""
@@ -121,7 +121,7 @@ class _Admission(RequestHandler):
 
 
 class _Head(RequestHandler):
-    """Tells that the page is there, without opening it."""
+    """Answers that the page exists, without opening it."""
 
     def head(self) -> None:
         """Return what the page would begin with."""

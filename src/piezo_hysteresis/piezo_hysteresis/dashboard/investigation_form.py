@@ -22,7 +22,7 @@ SHOWN = 5
 
 
 class InvestigationForm:
-    """Limits and budget of an investigation, its steps, and what is believed."""
+    """Limits and budget of an investigation, its steps, and probabilities."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class ChancesPlot:
         self.figure.add_layout(self._legend, 'below')
 
     def show(self, beliefs: Sequence[ShownBelief]) -> None:
-        """Draw what was believed before each experiment and after the last."""
+        """Draw the probabilities before each experiment and after the last."""
         self.figure.visible = bool(beliefs)
         best: dict[str, float] = {}
         for belief in beliefs:

@@ -1,4 +1,4 @@
-"""Everything the page knows of one actuator; one thread writes it, others read it."""
+"""State of the page for one actuator; one thread writes it, others read it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class ShownEstimate:
-    """What an identification knows.
+    """State of an identification.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Counters:
 
 @dataclass(frozen=True)
 class LogLine:
-    """What a node said in its log or diagnostics.
+    """A message of a node in its log or diagnostics.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class BackgroundJob:
 
 @dataclass(frozen=True)
 class ShownBelief:
-    """What an investigation says at one time.
+    """State of an investigation at one time.
 
     Attributes
     ----------
@@ -278,7 +278,7 @@ class Live:
 
     @property
     def resonance(self) -> float:
-        """Natural frequency that the nodes know [Hz], 0 where none does."""
+        """Natural frequency in the parameters of the nodes [Hz], 0 if unknown."""
         for estimate in list(self.estimates)[-1:]:
             if 'natural_frequency' in estimate.names:
                 return estimate.values[estimate.names.index('natural_frequency')]

@@ -74,7 +74,7 @@ class Controls:
         self._investigation.refresh(live.investigation, tuple(live.beliefs), offered, live.clock())
 
     def tell(self) -> None:
-        """Say how the nodes are, and offer what was recorded."""
+        """Show the state of the nodes, and the recorded data."""
         say(self._status, status_words(self._live))
         self._discovery.look()
 

@@ -1,4 +1,4 @@
-"""The plots of a page, what is said beside them, and how they are looked at."""
+"""The plots of a page with their captions and view controls."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NOTHING = (float('nan'), float('nan'))
 
 
 class Pictures:
-    """The plots and what is said beside them."""
+    """The plots and their captions."""
 
     def __init__(self) -> None:
         self._time, self._traces = new_traces()

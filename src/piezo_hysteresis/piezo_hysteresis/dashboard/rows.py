@@ -1,4 +1,4 @@
-"""Controls that set parameters; a refusal is shown in words and the control goes back."""
+"""Controls that set parameters; a refusal is shown and the control reverts."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Window:
 
     @property
     def tracked(self) -> bool:
-        """Whether there is a reference now; samples of the last tenth of a second tell."""
+        """Whether the samples of the last 0.1 s have a reference."""
         recent = self.reference[-max(2, round(0.1 / self.dt)) :]
         return bool(np.any(np.isfinite(recent)))
 
@@ -122,11 +122,11 @@ class Signals:
 
     @property
     def rate(self) -> float:
-        """Sampling rate [Hz] as the time stamps tell."""
+        """Sampling rate [Hz] from the time stamps."""
         return 1.0 / self._dt
 
     def add_states(self, states: Sequence[State]) -> None:
-        """Take in what the actuator said, in its order."""
+        """Add samples of the actuator, in order."""
         with self._lock:
             for state in states:
                 if state.sample < self._newest - REORDERED:

@@ -41,7 +41,7 @@ class GapPlot:
         )  # fmt: skip
 
     def show(self, gaps: Sequence[Gap], now: float) -> None:
-        """Draw what was heard."""
+        """Draw the received values."""
         recent = [gap for gap in gaps if now - gap.at < SECONDS]
         self._source.data = {
             'x': [gap.at - now for gap in recent],
@@ -73,7 +73,7 @@ class EstimatePlot:
         self.figure.line('x', 'y', source=self._source, color=PALETTE[0], line_width=1.8)
 
     def show(self, estimates: Sequence[ShownEstimate], now: float) -> None:
-        """Draw what was heard of the chosen parameter."""
+        """Draw the received values of the selected parameter."""
         name = self.parameter
         recent = [e for e in estimates if now - e.at < SECONDS and name in e.names]
         if not recent:

@@ -1,4 +1,4 @@
-"""How the loop is as a whole: the light, the line beside it, the banner on top of the page."""
+"""Overall status of the loop: indicator, summary, banner."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Wellbeing:
 
 
 def ago(seconds: float) -> str:
-    """Return a time that has passed in words."""
+    """Return an elapsed time as text."""
     return f'{seconds:.0f} s' if seconds < 120 else f'{seconds / 60:.0f} min'
 
 
 def resting(live: Live) -> bool:
-    """Return whether nobody is asked to move: links without input are then as they should be."""
+    """Return whether no motion is requested: links without input are then correct."""
     mode = live.parameter('excitation', 'mode')
     health = live.diagnostics.get('excitation')
     failed = health is not None and health.level == 'error'
@@ -48,7 +48,7 @@ def resting(live: Live) -> bool:
 
 
 def of_node(live: Live, node: NodeState) -> Wellbeing:
-    """Return how one node is, by its own words and by what is known of the others."""
+    """Return the status of one node, from its diagnostics and from those of others."""
     now = live.clock()
     if not node.present:
         return Wellbeing('gone', f'gone for {ago(now - node.since)}')
@@ -118,7 +118,7 @@ def trouble(live: Live) -> str:
 
 
 def _remedy(live: Live) -> str:
-    """Return what to do about an actuator that is there and says nothing."""
+    """Return the advice for an actuator that is present and publishes nothing."""
     if 'excitation' not in live.parameters:
         return 'In lock-step it waits for commands: start an excitation.'
     report = live.diagnostics.get('excitation')

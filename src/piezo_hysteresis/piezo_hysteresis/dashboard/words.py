@@ -1,4 +1,4 @@
-"""What the page says in words: small pieces of HTML, everything from outside escaped."""
+"""Texts of the page: HTML fragments, with all external text escaped."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENOUGH = 0.05
 
 
 def tracking_words(rms: float, size: float) -> str:
-    """Return the tracking error in words; [m], not finite where nothing is tracked."""
+    """Return the tracking error as text; [m], not finite without a reference."""
     if not math.isfinite(rms):
         return '<p class="soft">No reference now: nothing is tracked.</p>'
     share = f', {100 * rms / size:.3g} % of the reference' if size > 0.0 else ''
@@ -30,7 +30,7 @@ def tracking_words(rms: float, size: float) -> str:
 
 
 def start_words(what: str, node: str, actuator: str, *settings: str) -> str:
-    """Return what is missing, and the command that starts it beside this actuator."""
+    """Return the missing node, and the command that starts it for this actuator."""
     options = [node, *(f'-p {each}' for each in settings)]
     if actuator:
         options.append(f'-r __ns:=/{actuator}')
@@ -48,7 +48,7 @@ def gap_words(
     stroke: float = math.nan,
     untracked: float = math.nan,
 ) -> str:
-    """Return what the newest gap means, beside the range of motion and the tracking error [m]."""
+    """Return the meaning of the newest gap, with range of motion and tracking error [m]."""
     if not gaps:
         if monitored:
             return (
@@ -194,11 +194,11 @@ def _raw_table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def words_div(name: str) -> Div:
-    """Return an empty place for words."""
+    """Return an empty text element."""
     return Div(text='', name=name, stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width')
 
 
 def say(place: Div, text: str) -> None:
-    """Change words only where they are others."""
+    """Change the text only if it differs."""
     if place.text != text:
         place.text = text

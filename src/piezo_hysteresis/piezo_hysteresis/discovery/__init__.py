@@ -1,7 +1,7 @@
-"""Finds what a model misses: check, locate, select, name, prove, advise.
+"""Discovery of missing effects: check, locate, select, validate, advise.
 
-``data`` splits the records, ``selection`` finds what explains them, ``verdict`` says it, and
-``live`` compares and applies beside a running actuator.
+``data`` splits the records, ``selection`` finds the effects, ``verdict`` reports them, and
+``live`` monitors and updates a running actuator.
 """
 
 from __future__ import annotations

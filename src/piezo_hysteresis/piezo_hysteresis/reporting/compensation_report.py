@@ -1,4 +1,4 @@
-"""The report of ``compensate``: the errors of all runs, then what is left and at which voltage."""
+"""The report of ``compensate``: tracking errors and displacements of all runs."""
 
 from __future__ import annotations
 

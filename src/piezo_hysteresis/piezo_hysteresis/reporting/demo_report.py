@@ -51,7 +51,7 @@ class TrackingRun(Protocol):
 
 
 class TrackingPlan(Protocol):
-    """What the report needs to know of the plan."""
+    """The part of the plan that the report shows."""
 
     @property
     def tracked(self) -> float:

@@ -41,7 +41,7 @@ class FolderMarker:
 
 
 def marker_of(folder: str | Path) -> FolderMarker | None:
-    """Return whose results a folder holds, None where it says nothing of it."""
+    """Return the verb whose results a folder holds, or None."""
     content = _read(Path(folder) / MARKER)
     if not isinstance(content.get('verb'), str):
         return None

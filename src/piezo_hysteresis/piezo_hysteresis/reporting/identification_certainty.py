@@ -1,4 +1,4 @@
-"""Parameters with what is known of them, and which of them the data hardly tell apart."""
+"""Parameters with their uncertainty and correlations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WRITTEN = 9  # up to so many parameters, numbers fit into the cells
 
 
 def parameter_section(found: Identification) -> PageSection:
-    """Return the parameters with standard deviations, and what a reader must know of them."""
+    """Return the parameters with standard deviations and warnings."""
     text = (
         'Standard deviations are those of the linearised fit with its residual; they do '
         'not cover errors of the model structure.'

@@ -194,7 +194,7 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
 
 
 def lacks_something(found: Identification) -> bool:
-    """Return whether the model misses far more than noise in the worst of its records."""
+    """Return whether the error far exceeds the noise in the worst record."""
     worst = max(largest_if_unknown(row.free_run_rms) for row in found.records)
     return found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor
 

@@ -41,7 +41,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of words and numbers that are formatted already.
+    """A table of formatted texts and numbers.
 
     Attributes
     ----------

@@ -172,7 +172,7 @@ def draw_floor(plot: Any, floor: float | None) -> list[tuple[str, Any]]:
 
 
 def draw_mark(plot: Any, place: float, words: str, colour: str = GREY, low: bool = False) -> None:
-    """Mark a place on the x axis by a dotted line and words."""
+    """Mark a position on the x axis by a dotted line and a label."""
     look = {'line_dash': 'dotted', 'line_color': colour, 'line_width': 1, 'level': 'underlay'}
     plot.add_layout(Span(location=place, dimension='height', **look))
     height = 4 if low else _HEIGHT - 16

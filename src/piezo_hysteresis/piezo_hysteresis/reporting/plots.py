@@ -275,7 +275,8 @@ def bars_before_after(
         source = {'x': names, 'top': [MICRO * v if np.isfinite(v) else bottom for v in rows]}
         bars = plot.vbar(
             x=dodge('x', -0.2 + 0.4 * k, range=places), top='top', bottom=bottom, width=0.36,
-            source=source, name='bars', fill_color=(ROLES['before'], ROLES['after'])[k], line_color=None,
+            source=source, name='bars', line_color=None,
+            fill_color=(ROLES['before'], ROLES['after'])[k],
             hatch_pattern=(None, 'right_diagonal_line')[k], hatch_color='white', hatch_alpha=0.6,
         )  # fmt: skip
         if len(names) <= _LABELLED:

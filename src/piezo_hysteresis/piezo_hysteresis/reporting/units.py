@@ -24,7 +24,7 @@ def shown(unit: str) -> tuple[str, float]:
 
 
 def clock(seconds: float) -> str:
-    """Return a time [s] as people say it: ``40 s``, ``3 min 05 s``, ``2 h 10 min``."""
+    """Return a time [s] for people: ``40 s``, ``3 min 05 s``, ``2 h 10 min``."""
     whole = round(seconds)
     if whole < 60:
         return f'{whole} s'

@@ -1,4 +1,4 @@
-"""The report of ``validate``: a saved model on records, beside what it was known to miss."""
+"""The report of ``validate``: the error of a saved model and its known discrepancy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.validate import Validation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
-from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
+from piezo_hysteresis.reporting.page import PageSection, render, table
 from piezo_hysteresis.reporting.plots import Curve, band_figure
 from piezo_hysteresis.reporting.units import micrometres
 

@@ -1,1 +1,1 @@
-"""What was found, in names, numbers and words."""
+"""The verdict: effects, numbers and sentences."""

@@ -91,7 +91,7 @@ def _uncertainty(
 
 
 def what_is_left(found: Discovery) -> Discrepancy | None:
-    """Return what the final model misses, by frequency, harmonic and amplitude."""
+    """Return the discrepancy of the final model by frequency, harmonic and amplitude."""
     records = {r.name: r for r in found.data.records}
     views = found.data.training
     kept = [records[view.name] for view in views]

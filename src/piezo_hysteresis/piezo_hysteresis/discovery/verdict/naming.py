@@ -186,7 +186,7 @@ def _drives_on(frequency: float, records: Sequence[Record]) -> list[dict[str, fl
 
 
 def _mode_evidence(drives: Sequence[dict[str, float]], frequency: float) -> list[str]:
-    """Say which harmonics of which drives land on a mode that was found."""
+    """Return which harmonics of which drives excite the identified mode."""
     hits = [
         f'{each["frequency_hz"]:g} Hz (order {each["order"]}, '
         f'{each["order"] * each["frequency_hz"]:g} Hz, {1e6 * each["amplitude_m"]:.3g} µm)'
@@ -203,7 +203,7 @@ def _modes(effect: NamedEffect) -> list[float]:
 
 
 def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Alternative, ...]:
-    """Return what an unknown effect looks like most, without being it."""
+    """Return the known effects that an unknown effect resembles."""
     rounds = [step.round for step in steps] or ([last] if last is not None else [])
     found: dict[str, float] = {}
     for found_in in rounds:
@@ -215,7 +215,7 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
 
 
 def summary_of(verdict: Verdict) -> str:
-    """Return the verdict in one sentence, and in another what there was no time for."""
+    """Return the verdict in one sentence, and what the time limit left untried."""
     summary = _summary(verdict)
     if verdict.identified_from and not _only_own(verdict):
         summary += (

@@ -61,7 +61,7 @@ class Proof:
 
 
 def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
-    """Return the proof of two models that were judged on the held-out views."""
+    """Return the comparison of two models on the held-out views."""
     old, new = before.errors, after.errors
     rows = [_row(v, a, b) for v, a, b in zip(data.held_out, old, new, strict=True)]
     limit = 10.0 * data.span

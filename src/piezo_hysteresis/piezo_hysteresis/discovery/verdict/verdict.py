@@ -76,7 +76,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What is left."""
+    """The residual that no effect explains."""
 
     significant: bool
     description: str
@@ -118,7 +118,7 @@ class Verdict:
 
 
 def _finite(value: Any) -> Any:
-    """Return `value` with None for every number that JSON does not know."""
+    """Return `value` with None for numbers that JSON cannot represent."""
     if isinstance(value, dict):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
