@@ -109,6 +109,8 @@ def _tell(verdict: Any, out: str) -> None:
             print(f'    {name} {value} {unit}'.rstrip())
         for other in effect.alternatives:
             print(f'    or {other.name} (probability {other.probability:.3g})')
+        for near in effect.look_alikes:
+            print(f'    or {near.name} (within {near.distance:.2g} standard deviations)')
     if verdict.unexplained.significant:
         print(f'  left: {verdict.unexplained.description}')
     if verdict.detection_limits:

@@ -14,6 +14,7 @@ from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, check
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
+from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.deadline import Deadline
@@ -178,9 +179,13 @@ def discover(
     if len(own) < len(given) and not end.skips('detection limits'):
         progress(0.97, 'calculating detection limits')
         limits = detection_limits(found.evaluator, found.final, found.start)
-    verdict = tell(
-        coverage, base, outcome, proof, name or base.joint.model.name, seed, own, limits
-    )
+    alike = {
+        step.fit.effect: look_alikes(found.evaluator, step, found.start)
+        for step in found.steps
+        if not end.skips('effects that look alike')
+    }
+    title = name or base.joint.model.name
+    verdict = tell(coverage, base, outcome, proof, title, seed, own, limits, alike)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,

@@ -127,9 +127,18 @@ class Records:
     ----------
     evaluator, final, start
         As of `detection_limits`.
+    residual : CandidateFit, optional
+        The model whose residual is chance; `final` where not given.
     """
 
-    def __init__(self, evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> None:
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        final: CandidateFit,
+        start: CandidateFit,
+        *,
+        residual: CandidateFit | None = None,
+    ) -> None:
         data, samples = evaluator.data, evaluator.policy.screening_samples
         views = thinned(data.training, samples, data.periods)
         self._longer = sum(v.measured.size for v in data.training) / sum(
@@ -139,24 +148,42 @@ class Records:
             evaluator = evaluator.with_data(replace(data, training=views))
         self._evaluator, self._views, self._start = evaluator, views, start
         self._final = judged_on(final, views) if self._longer > 1.0 else final
-        self._whitening = Whitening(self._final.errors, self._final.noises)
+        chance = self._final if residual is None else judged_on(residual, views)
+        self._whitening = Whitening(chance.errors, chance.noises)
         self._cache = StageCache(final.model, final.model.pack(final.values), views)
         self._errors = errors_of(final, views, self._cache)
         self._nuisances = self._directions()
 
     def limits(self) -> tuple[DetectionLimit, ...]:
         """Return the limit of every effect, see `detection_limits`."""
-        evaluator = self._evaluator
-        pairs = [
-            (candidate, start)
-            for candidate in evaluator.candidates(self._final)
-            if candidate.neutral and not candidate.effect.refits
-            for start in candidate.starts
-        ]
-        found = evaluator.map(lambda pair: self._at_limit(*pair), pairs)
+        pairs = [(each, start) for each in self.candidates() for start in each.starts]
+        found = self._evaluator.map(lambda pair: self._at_limit(*pair), pairs)
         signatures = [each for each in found if each is not None]
         shown = [each for each in signatures if each.shown]
         return tuple(self._limit(each, shown) for each in signatures)
+
+    @property
+    def all_samples(self) -> float:
+        """By how much a distance over all training samples is larger than over these [1]."""
+        return float(np.sqrt(self._longer))
+
+    def candidates(self) -> list[Candidate]:
+        """Return the model with every effect of which a size can be given."""
+        every = self._evaluator.candidates(self._final)
+        return [each for each in every if each.neutral and not each.effect.refits]
+
+    def left(self, spec: ModelSpec) -> FloatArray | None:
+        """Return how another model differs beyond nuisances, whitened; None where it diverges."""
+        change = self._change(spec)
+        return None if change is None else self._nuisances.remove(change)
+
+    def signature(self, candidate: Candidate, start: Mapping[str, float]) -> FloatArray | None:
+        """Return what an effect does beyond nuisances, whitened; None where the model diverges."""
+        for scale in (1.0, 0.1):
+            found = self._signature(candidate, start, scale)
+            if found is not None:
+                return found.whitened
+        return None
 
     # --- nuisances -------------------------------------------------------------------------
 
@@ -252,8 +279,8 @@ class Records:
 
     def _factor(self, found: _Signature) -> float:
         """Return by how much an effect must be larger to show, if it is linear in its size."""
-        distance = np.sqrt(self._longer * inner(found.whitened, found.whitened))
-        low, high = DETECTED / distance if distance > 0.0 else np.inf, _LARGEST
+        away = self.all_samples * np.sqrt(inner(found.whitened, found.whitened))
+        low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST
         if low > high:
             return np.inf
         parts = self._whitening.inverse(found.whitened)
@@ -279,14 +306,14 @@ class Records:
 
     def _limit(self, found: _Signature, others: Sequence[_Signature]) -> DetectionLimit:
         candidate, effect = found.candidate, found.candidate.effect
-        nearest, distance = '', np.inf
+        nearest, least = '', np.inf
         for other in others:
             if other.candidate.effect.name == effect.name:
                 continue
-            away = _distance(found.whitened, other.whitened, one_sided(other.candidate))
-            if away < distance:
-                nearest, distance = other.candidate.effect.name, away
-        distance *= np.sqrt(self._longer)
+            away = distance(found.whitened, other.whitened, one_sided(other.candidate))
+            if away < least:
+                nearest, least = other.candidate.effect.name, away
+        least *= self.all_samples
         own = set(candidate.added)
         units = {q.name: q.unit for q in candidate.model.parameters if q.name in own}
         size = {k: found.values[k] for k in candidate.neutral if k in own}
@@ -300,13 +327,13 @@ class Records:
             units,
             found.rms,
             found.shown,
-            float(max(APART / max(distance, 1e-9), 1.0)),
+            float(max(APART / max(least, 1e-9), 1.0)),
             nearest,
             effect.experiment,
         )
 
 
-def _distance(x: FloatArray, other: FloatArray, positive: bool) -> float:
+def distance(x: FloatArray, other: FloatArray, positive: bool) -> float:
     """Return how far a change is from the nearest multiple of another."""
     square = inner(other, other)
     share = inner(x, other) / square if square > 0.0 else 0.0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
+from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.discovery.detection.statements import sentence, statements
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
@@ -33,6 +35,7 @@ def tell(
     seed: int,
     own: Sequence[str] = (),
     limits: Sequence[DetectionLimit] = (),
+    alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
 ) -> Verdict:
     """Return the verdict on a search.
 
@@ -54,6 +57,8 @@ def tell(
         Records that were given and that the file of the baseline was made from.
     limits : sequence of DetectionLimit
         The smallest effects that the records would have shown.
+    alike : mapping of str to tuple of LookAlike
+        By the name of an effect that was found, those that look like it.
     """
     found, left = outcome.found, outcome.remainder
     final = found.final
@@ -80,6 +85,7 @@ def tell(
             data.records,
             floor,
             outcome.certainty,
+            alike,
         ),
         verdict=kind,
         unexplained=Unexplained(left.significant, description),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
@@ -36,6 +38,7 @@ def named_effects(
     records: Sequence[Record],
     floor: float,
     certainty: float = 1.0,
+    alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
 ) -> tuple[NamedEffect, ...]:
     """Return the effects that `final` has beyond `start`, with everything known about them.
 
@@ -51,10 +54,13 @@ def named_effects(
         Noise rms [m].
     certainty : float
         Probability that what is missing is among the effects that competed [1].
+    alike : mapping of str to tuple of LookAlike
+        By the name of an effect, those that these records do not tell from it.
     """
     found: dict[str, NamedEffect] = {}
     for step in steps:
         one = _named(step, start, final, floor, certainty)
+        one = replace(one, look_alikes=alike.get(one.name, ()))
         before = found.get(one.name)
         found[one.name] = one if before is None else _joined(before, one)
     return tuple(_with_drives(each, records) for each in found.values())
@@ -274,8 +280,9 @@ def _or(others: Sequence[str]) -> str:
 
 
 def _with_chance(effect: NamedEffect) -> str:
-    if effect.alternatives and effect.alternatives[0].probability > MENTIONED:
-        others = (a.name for a in effect.alternatives if a.probability > MENTIONED)
+    others = [a.name for a in effect.alternatives if a.probability > MENTIONED]
+    others += [each.name for each in effect.look_alikes if each.name not in others]
+    if others:
         names = [effect.name, *others]
         return f'{" or ".join(names)} (these records do not show which)'
     modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))

@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any
 
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
+from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ class NamedEffect:
     drives : tuple of dict
         For a mode, the drives that have an odd harmonic on it: ``frequency_hz``, ``order`` and
         ``amplitude_m``, what was measured of that harmonic.
+    look_alikes : tuple of LookAlike
+        Effects that these records do not tell from it at its size.
     """
 
     name: str
@@ -62,6 +65,7 @@ class NamedEffect:
     alternatives: tuple[Alternative, ...]
     evidence: tuple[str, ...]
     drives: tuple[dict[str, float], ...] = ()
+    look_alikes: tuple[LookAlike, ...] = ()
 
 
 @dataclass(frozen=True)
