@@ -10,7 +10,7 @@ from pathlib import Path
 from piezo_benchmark import VERSION, measured
 from piezo_benchmark.draw import COUNTS, PRACTICE_SEED, drawn
 from piezo_benchmark.report import page, pictures
-from piezo_benchmark.run import chosen, read, run
+from piezo_benchmark.run import annotate, chosen, read, run
 from piezo_benchmark.tasks import load, load_truths, save, save_truths
 
 LEVELS = sorted({level for level, _ in COUNTS})
@@ -45,6 +45,7 @@ def _parser() -> argparse.ArgumentParser:
     write = verbs.add_parser('page', help='write the page from results')
     write.add_argument('--results', type=Path, required=True)
     write.add_argument('--page', type=Path, required=True)
+    write.add_argument('--note', help='a sentence on these results, kept with them')
     for verb in (go, write):
         verb.add_argument('--pictures', type=Path, help='folder of its pictures (matplotlib)')
     return parser
@@ -89,6 +90,8 @@ def main() -> None:
     """Do what the command line says."""
     arguments = _parser().parse_args()
     if arguments.verb == 'page':
+        if arguments.note is not None:
+            annotate(arguments.results, arguments.note)
         _page(arguments.results, arguments.page, arguments.pictures)
         return
     data = measured.folder(arguments.data)

@@ -101,7 +101,7 @@ EFFECTS: dict[str, Effect] = {
         ],
     ),
     'square_law': Effect(
-        'y = x + square Y (u/U)^2, beside the hysteresis',
+        'y = x + square Y (u/U)^2, in parallel with the hysteresis',
         {'square': '1'},
         'square',
         lambda r, s: {'square': 0.05 * float(r.choice([-1, 1]))},

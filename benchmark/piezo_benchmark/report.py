@@ -112,7 +112,7 @@ def _cells(*cells: str) -> str:
 def _rest(count: int, total: int) -> str:
     if count == total:
         return 'That is all of them.'
-    return f'One of {total / max(count, 1):.0f} of each level and kind was run.'
+    return 'The others were not run by every entry.'
 
 
 def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str = '') -> str:
@@ -143,6 +143,7 @@ def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str
         'total': str(total),
         'seed': str(results.get('seed')),
         'date': str(results.get('date')),
+        'note': str(results.get('note', '')),
         'rest': _rest(count, total),
         'uniform': f'{np.log2(len(outcomes())):.1f}',
         'bits': numbers('bits', '.1f'),

@@ -92,6 +92,12 @@ def keep(file: Path, name: str, rows: Sequence[Row], seed: int, examiner: str = 
     file.write_text(json.dumps(results, indent=0) + '\n', encoding='utf-8')
 
 
+def annotate(file: Path, note: str) -> None:
+    """Keep a sentence with results, for the page."""
+    text = json.dumps({**read(file), 'note': note}, indent=0) + '\n'
+    file.write_text(text, encoding='utf-8')
+
+
 def run(
     names: Sequence[str],
     tasks: Sequence[Task],
@@ -102,7 +108,7 @@ def run(
     examiner: str = '',
     say: Callable[[str], None] = print,
 ) -> None:
-    """Run entries one after another and keep their rows after each.
+    """Run entries one after another and keep every row as soon as it is there.
 
     Tasks that the file of results holds already are left out unless `again`.
     """
@@ -113,11 +119,10 @@ def run(
             for task, truth in zip(tasks, truths, strict=True):
                 if task.identifier not in known:
                     rows.append(examined(name, task, truth))
+                    keep(file, name, rows[-1:], seed, examiner)
         except ImportError as error:
             say(f'{name}: left out, {error}')
             continue
-        if rows:
-            keep(file, name, rows, seed, examiner)
         right = sum(row.right for row in rows)
         say(f'{name}: {right:.0f} of {len(rows)} right, {sum(r.seconds for r in rows):.0f} s')
         for failed in sorted({row.failed for row in rows if row.failed}):
