@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.wording import OneLineParser, counted
+from piezo_hysteresis.common.wording import OneLineParser, counted, reason_of
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
 from piezo_sim.errors import SimulationError, SweepError
@@ -174,8 +174,7 @@ def _plan(path: Path) -> list[dict[str, Any]]:
     try:
         content = plain_yaml.load_file(path)
     except (OSError, yaml.YAMLError) as error:
-        reason = ' '.join(str(error).split())
-        raise SweepError(f'the plan {path} cannot be read: {reason}') from error
+        raise SweepError(f'the plan {path} cannot be read: {reason_of(error)}') from error
     if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
         raise SweepError(f'the plan {path} must be a list of waveforms, each a mapping')
     return content

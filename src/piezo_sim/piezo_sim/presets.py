@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import near, reason_of
 from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS
@@ -120,8 +120,7 @@ def read_preset(file: Path) -> Preset:
     try:
         content = plain_yaml.load_file(file)
     except (OSError, yaml.YAMLError) as error:
-        reason = ' '.join(str(error).split())
-        raise PresetError(f'preset {file.name} cannot be read: {reason}') from error
+        raise PresetError(f'preset {file.name} cannot be read: {reason_of(error)}') from error
     if not isinstance(content, dict):
         raise PresetError(f'preset {file.name} must be a mapping of names to values')
     return _from_content(file, content)

@@ -27,7 +27,9 @@ HELP = 'identify or discover over many bags, resumed after a kill'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb: those of the repeated verb, and the executor."""
-    verbs = parser.add_subparsers(title='what to do with each', dest='each', required=True)
+    verbs = parser.add_subparsers(
+        title='what to do with each', dest='each', metavar='VERB', required=True
+    )
     for name, module in (('identify', identify), ('discover', discover)):
         # --workers means processes here: the words of the verb come first and give way
         each = verbs.add_parser(name, help=module.HELP, conflict_handler='resolve')

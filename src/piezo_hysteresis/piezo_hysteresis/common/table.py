@@ -110,7 +110,9 @@ class ParameterSpec:
             )
         if isinstance(value, str):
             if self.choices and value not in self.choices:
-                return f'{self.name} must be one of {", ".join(self.choices)}, got {value!r}'
+                known = ', '.join(self.choices)
+                guess = near(value, self.choices)
+                return f'{self.name} must be one of {known}, got {value!r}{guess}'
             return ''
         if isinstance(value, bool):
             return ''

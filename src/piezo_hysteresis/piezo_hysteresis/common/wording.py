@@ -20,6 +20,11 @@ def near(name: str, known: Iterable[str]) -> str:
     return f' (did you mean {lower[found[0]]}?)' if found else ''
 
 
+def reason_of(error: BaseException) -> str:
+    """Return what an error says in one line, of the system without number and path."""
+    return ' '.join(str(getattr(error, 'strerror', None) or error).split())
+
+
 def counted(number: int, noun: str) -> str:
     """Return ``1 record`` or ``2 records``."""
     return f'{number} {noun}' if number == 1 else f'{number} {noun}s'
@@ -56,7 +61,7 @@ class OneLineParser(argparse.ArgumentParser):
             return f'{" and ".join(map(self._written, names))} {verb} missing'
         if found := re.fullmatch('unrecognized arguments: (.*)', message):
             word = found.group(1).split()[0].partition('=')[0]
-            return f'{word} is not understood{near(word, self._option_string_actions)}'
+            return f'{word} is not understood{near(word, _options(self))}'
         form = r"argument (.*): invalid choice: '(.*?)' \(choose from (.*)\)"
         if found := re.fullmatch(form, message):
             what, word, known = found.groups()
@@ -71,3 +76,12 @@ class OneLineParser(argparse.ArgumentParser):
                 value = f' {action.metavar}' if action.option_strings and action.metavar else ''
                 return f'{name}{value}'
         return name
+
+
+def _options(parser: argparse.ArgumentParser) -> set[str]:
+    """Return the options of a parser and of the verbs below it."""
+    found = set(parser._option_string_actions)
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found.update(*map(_options, action.choices.values()))
+    return found

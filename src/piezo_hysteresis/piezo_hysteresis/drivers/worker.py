@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.drivers.controller import Controller
 from piezo_hysteresis.drivers.errors import ConnectionLostError, DriverError
 from piezo_hysteresis.drivers.sweep import measured, planned_sweep, write_measured
@@ -265,7 +266,7 @@ class ControllerThread:
                 job.order.bag.parent.mkdir(parents=True, exist_ok=True)
                 write_measured(job.order.bag, records, controller.about())
             except (PiezoError, OSError) as error:
-                reason = reason or str(error)
+                reason = reason or reason_of(error)
         rate = records[0].rate if records else 0.0
         return SweepOutcome(records, rate, reason, is_cancelled and not reason)
 

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.wording import counted, near
+from piezo_hysteresis.common.wording import counted, near, reason_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.ros.middleware import prepare
 
@@ -111,7 +111,7 @@ class Asks:
         try:
             content = plain_yaml.load_file(file)
         except (OSError, yaml.YAMLError) as error:
-            raise PiezoError(f'{file} cannot be read: {" ".join(str(error).split())}') from None
+            raise PiezoError(f'{file} cannot be read: {reason_of(error)}') from None
         short = node.rpartition('/')[2]
         found: dict[str, Any] = {}
         for key, part in content.items() if isinstance(content, dict) else ():
@@ -131,6 +131,9 @@ class Asks:
         )
         for name, result in zip(values, answer.results, strict=True):
             if not result.successful:
+                known = self._names(node)
+                if name not in known:
+                    raise PiezoError(f'{node} has no parameter {name}{near(name, known)}')
                 raise PiezoError(f'{node} refuses {name}: {result.reason or "no reason given"}')
 
     def _values(

@@ -10,6 +10,7 @@ import yaml
 
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Topic
 
@@ -124,7 +125,9 @@ def read_metadata(folder: Path, log: DamageLog) -> Metadata:
         return _from_files(folder)
     try:
         return _parse(plain_yaml.load_file(path)[ROOT])
-    except (OSError, yaml.YAMLError, ValueError, OverflowError) as error:
+    except OSError as error:
+        reason = reason_of(error)
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         reason = str(error).split('\n', 1)[0]
     except (KeyError, TypeError, AttributeError, IndexError):
         reason = 'an entry is missing or of the wrong kind'

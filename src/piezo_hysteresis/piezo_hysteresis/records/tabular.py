@@ -117,7 +117,7 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
         try:
             entry = (plain_yaml.load_file(notes) or {}).get(path.name)
         except (OSError, yaml.YAMLError, AttributeError) as error:
-            reason = str(error).split('\n', 1)[0]
+            reason = getattr(error, 'strerror', None) or str(error).split('\n', 1)[0]
             raise RecordError(
                 f'{notes}: it cannot be read ({reason}); mend or remove it'
             ) from None

@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.ros.deadline import EndsWithin
 from piezo_hysteresis.ros.middleware import prepare
 from piezo_hysteresis.ros.timers import wall_timer
@@ -161,6 +162,7 @@ def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | N
     try:
         _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
         nodes = _create(create)
+        _name_mistyped(nodes)
         # What was imported stays for good: collections need not look through it at every turn.
         gc.collect()
         gc.freeze()
@@ -189,6 +191,17 @@ def _create(create: Callable[[], Sequence[Node]]) -> Sequence[Node]:
         return create()
     except RCLError as error:
         _refuse(error, 'mend the names, or the ROS_SECURITY settings where they are set')
+
+
+def _name_mistyped(nodes: Sequence[Node]) -> None:
+    """Warn of values that no node of this process has a parameter for, but one nearly has."""
+    known = {name for node in nodes for name in node._parameters}
+    given = {name for node in nodes for name in node._parameter_overrides}
+    for name in sorted(given - known):
+        # those of a model come with it
+        if not name.startswith('model.') and (guess := near(name, known)):
+            log = nodes[0].get_logger()
+            log.warning(f'there is no parameter {name}{guess}; its value is ignored')
 
 
 def _refuse(error: Exception, remedy: str) -> NoReturn:

@@ -238,7 +238,8 @@ def from_spec(spec: Mapping[str, Any]) -> Waveform:
     stray = sorted(str(key) for key in spec if key != 'kind' and key not in known)
     if stray:
         raise WaveformError(
-            f'the waveform {name} has no setting {stray[0]!r}; it has {", ".join(sorted(known))}'
+            f'the waveform {name} has no setting {stray[0]!r}{near(stray[0], known)}; '
+            f'it has {", ".join(sorted(known))}'
         )
     settings = {
         setting.name: _checked(name, setting, spec.get(setting.name, setting.default))
