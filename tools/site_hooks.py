@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import posixpath
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
 NOTEBOOK = 'tutorials/python.ipynb'
+REST = '*.md'  # in the navigation: what nothing else lists
 # Pages of the repository that the site shows, by their path there.
 OUTSIDE = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.md': 'changelog.md'}
 # A browser starts no worker for a page that is opened as a file, and the theme would then load a
@@ -41,22 +43,37 @@ LINK = re.compile(r'(!?)\[([^\]]*)\]\(([^)\s]+)\)')
 
 def on_config(config: Any) -> Any:
     """Replace each wildcard of the navigation by the pages that it matches."""
-    config['nav'] = _expanded(config['nav'])
+    listed = set(_pages(config['nav']))
+    config['nav'] = _expanded(config['nav'], listed)
     return config
 
 
-def _expanded(nav: Any) -> Any:
+def _pages(nav: Any) -> Iterator[str]:
+    """Yield the pages of the navigation and those that its narrower wildcards match."""
+    if isinstance(nav, str):
+        yield from (_matching(nav) if '*' in nav and nav != REST else (nav,))
+    else:
+        for inner in nav.values() if isinstance(nav, dict) else nav:
+            yield from _pages(inner)
+
+
+def _matching(pattern: str) -> list[str]:
+    return sorted(page.relative_to(DOCS).as_posix() for page in DOCS.glob(pattern))
+
+
+def _expanded(nav: Any, listed: set[str]) -> Any:
     if isinstance(nav, dict):
-        return {title: _expanded(inner) for title, inner in nav.items()}
+        return {title: _expanded(inner, listed) for title, inner in nav.items()}
     if not isinstance(nav, list):
         return nav
     out: list[Any] = []
     for entry in nav:
-        if isinstance(entry, str) and '*' in entry:
-            found = sorted(p.relative_to(DOCS).as_posix() for p in DOCS.glob(entry))
-            out += [page for page in found if not page.endswith('README.md')]
+        if entry == REST:
+            out += [page for page in _matching(entry) if page not in listed]
+        elif isinstance(entry, str) and '*' in entry:
+            out += [page for page in _matching(entry) if not page.endswith('README.md')]
         else:
-            out.append(_expanded(entry))
+            out.append(_expanded(entry, listed))
     return out
 
 
@@ -66,11 +83,11 @@ def on_files(files: Any, config: Any) -> Any:
 
     for path, name in OUTSIDE.items():
         text = (ROOT / path).read_text(encoding='utf-8')
-        files.append(File.generated(config, name, content=_relinked(text, '.', '')))
+        files.append(File.generated(config, name, content=relinked(text, '.', '')))
     if notebook := files.get_file_from_path(NOTEBOOK):
         files.remove(notebook)
     page = NOTEBOOK.replace('.ipynb', '.md')
-    files.append(File.generated(config, page, content=_notebook(DOCS / NOTEBOOK)))
+    files.append(File.generated(config, page, content=notebook_page(DOCS / NOTEBOOK)))
     return files
 
 
@@ -78,7 +95,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     """Let links to the notebook and out of docs/ lead to pages of the site."""
     if page.file.src_uri in OUTSIDE.values():
         return markdown
-    return _relinked(markdown, posixpath.dirname(page.file.src_uri), 'docs')
+    return relinked(markdown, posixpath.dirname(page.file.src_uri), 'docs')
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
@@ -86,7 +103,7 @@ def on_post_page(output: str, page: Any, config: Any) -> str:
     return SUBSTITUTE.sub(lambda _: FRAME, output)
 
 
-def _relinked(markdown: str, folder: str, root: str) -> str:
+def relinked(markdown: str, folder: str, root: str) -> str:
     """Return a page of the folder with its links as the site has them.
 
     A link to a file of the repository that is no page of the site becomes its text.
@@ -112,7 +129,7 @@ def _relinked(markdown: str, folder: str, root: str) -> str:
     return LINK.sub(target, markdown)
 
 
-def _notebook(path: Path) -> str:
+def notebook_page(path: Path) -> str:
     """Return a notebook as Markdown with its outputs."""
     parts = []
     for cell in json.loads(path.read_text(encoding='utf-8'))['cells']:

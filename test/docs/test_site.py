@@ -44,15 +44,15 @@ def test_every_page_is_in_the_navigation_once() -> None:
 )
 def test_links_lead_to_pages_of_the_site(link: str, folder: str, shown: str) -> None:
     inside = folder.removeprefix('docs').strip('/')
-    assert site_hooks._relinked(link, inside, 'docs') == shown
+    assert site_hooks.relinked(link, inside, 'docs') == shown
 
 
 def test_the_changelog_links_into_the_pages() -> None:
-    assert site_hooks._relinked('[a](docs/nodes.md)', '.', '') == '[a](nodes.md)'
+    assert site_hooks.relinked('[a](docs/nodes.md)', '.', '') == '[a](nodes.md)'
 
 
 def test_the_notebook_becomes_a_page_with_its_pictures() -> None:
-    page = site_hooks._notebook(ROOT / 'docs' / site_hooks.NOTEBOOK)
+    page = site_hooks.notebook_page(ROOT / 'docs' / site_hooks.NOTEBOOK)
     assert page.startswith('# ')
     assert '```python' in page
     assert 'src="data:image/png;base64,' in page

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 from pathlib import Path
 
@@ -45,7 +44,7 @@ def test_no_handler_shows_an_error_of_the_system_as_it_is() -> None:
 
 def test_an_option_of_a_verb_is_suggested(capsys: pytest.CaptureFixture[str]) -> None:
     parser = OneLineParser(prog='x', exit_on_error=False)
-    verbs: argparse._SubParsersAction[OneLineParser] = parser.add_subparsers(metavar='VERB')
+    verbs = parser.add_subparsers(metavar='VERB')
     verbs.add_parser('sweep').add_argument('--waveform')
     with pytest.raises(SystemExit):
         parser.parse_args(['sweep', '--wavefrm', 'sine'])

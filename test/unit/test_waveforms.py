@@ -73,7 +73,10 @@ def test_every_kind_builds_from_its_defaults_and_any_shape_of_time(kind: Any) ->
     [
         ({'kind': 'sawtooth'}, 'there is no waveform sawtooth; there are sine'),
         ({'amplitude': 1.0}, 'there is no waveform'),
-        ({'kind': 'sine', 'freqency': 3.0}, "no setting 'freqency'; it has amplitude"),
+        (
+            {'kind': 'sine', 'freqency': 3.0},
+            "no setting 'freqency' .did you mean frequency.*; it has amplitude",
+        ),
         ({'kind': 'sine', 'frequency': -3.0}, 'must lie within'),
         ({'kind': 'sine', 'frequency': float('nan')}, 'must lie within'),
         ({'kind': 'sine', 'frequency': '3'}, 'is a number'),
