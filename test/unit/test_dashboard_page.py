@@ -32,7 +32,7 @@ from piezo_hysteresis.dashboard.words import (
 def test_the_banner_tells_absence_silence_and_loss() -> None:
     time = [100.0]
     live = live_at(time)
-    assert 'nobody publishes /stage/actuator/state' in banner(live)
+    assert 'no node publishes /stage/actuator/state' in banner(live)
     live.published = True
     assert 'Waiting for the first sample' in banner(live)
     live.note('state')
@@ -68,7 +68,7 @@ def test_what_comes_from_outside_is_escaped() -> None:
 def test_numbers_are_said_in_micrometres_and_floors() -> None:
     assert '1.5 µm' in tracking_words(1.5e-6, 50e-6)
     assert '3 %' in tracking_words(1.5e-6, 50e-6)
-    assert 'nothing is tracked' in tracking_words(math.nan, 1.0)
+    assert 'No reference' in tracking_words(math.nan, 1.0)
     gap = Gap(0.0, 2e-6, 2e-8, 100.0, 5.0, (1, 3), (1e-7, 1.9e-6), True, 'resonance')
     words = gap_words([gap], True)
     assert '100 noise floors' in words
@@ -79,11 +79,11 @@ def test_numbers_are_said_in_micrometres_and_floors() -> None:
     words = gap_words([mean], True, stroke=200e-6, untracked=0.05e-6)
     assert '4.1 µm rms' in words
     assert '2 % of the motion' in words
-    assert 'most of it in the mean' in words
-    assert 'Tracking does not suffer' in words
-    assert 'suffer' not in gap_words([mean], True, stroke=200e-6, untracked=3e-6)
+    assert 'largest component in the mean' in words
+    assert 'tracking is not affected' in words
+    assert 'affected' not in gap_words([mean], True, stroke=200e-6, untracked=3e-6)
     known = dataclasses.replace(mean, beyond=False)
-    assert 'no more than the model is known to miss' in gap_words([known], True)
+    assert 'within the known discrepancy of the model' in gap_words([known], True)
     estimate = ShownEstimate(
         0.0, 'classical', 'rls', '', ('A', 'f'), ('m/V', 'Hz'), (1.2e-4, 68.0), (1e-7, 0.0),
         1e-8, math.nan, True,

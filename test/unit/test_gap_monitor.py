@@ -85,11 +85,11 @@ def test_what_the_model_is_known_to_miss_is_no_gap_and_more_than_that_is() -> No
     assert same.floors == before.floors
     assert not same.beyond_floor
     assert same.family == ''
-    assert 'no more than it is known to miss' in same.words
+    assert 'within its known discrepancy' in same.words
     more = run({**delayed, 'effects.electrostriction': True}, known=known)[-1]
     assert more.beyond_floor
     assert more.family.startswith('electrostriction')
-    assert f'{more.rms / before.rms:.2g} times what it is known to miss' in more.words
+    assert f'{more.rms / before.rms:.2g} times its known discrepancy' in more.words
     assert f'{100 * more.share:.2g} % of the motion' in more.words
 
 

@@ -193,9 +193,9 @@ def test_validate_says_whether_more_is_missed_than_known(
 ) -> None:
     words = ['validate', '--model', str(folder / 'model' / 'model.yaml')]
     assert main([*words, str(folder / 'more.csv'), '--out', str(tmp_path / 'more')]) == 0
-    assert 'no more than the model is known to miss' in capsys.readouterr().out
+    assert 'within the known discrepancy of the model' in capsys.readouterr().out
     assert main([*words, str(folder / 'crept.csv'), '--out', str(tmp_path / 'crept')]) == 0
-    assert 'more than the model is known to miss on 1 of 1' in capsys.readouterr().out
+    assert 'beyond the known discrepancy of the model on 1 of 1' in capsys.readouterr().out
     content = {
         name: json.loads((tmp_path / name / 'summary.json').read_text())['discrepancy']
         for name in ('more', 'crept')
@@ -218,7 +218,7 @@ def test_validate_of_a_model_that_says_nothing(
     replace(saved, discrepancy=None).save(tmp_path / 'old.yaml')
     words = ['validate', str(folder / 'more.csv'), '--model', str(tmp_path / 'old.yaml')]
     assert main([*words, '--out', str(tmp_path / 'out')]) == 0
-    assert 'does not say how much it misses' in capsys.readouterr().out
+    assert 'the model has no discrepancy' in capsys.readouterr().out
     assert json.loads((tmp_path / 'out' / 'summary.json').read_text())['discrepancy'] is None
     judged = ModelFile.load(tmp_path / 'out' / 'model.yaml')
     assert judged.discrepancy is not None

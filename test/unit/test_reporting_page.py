@@ -235,3 +235,10 @@ def test_a_folded_section_shows_its_title_alone() -> None:
     text = render('Title', 'Fine.', [PageSection('One', 'Words.'), section])
     assert '<details>\n<summary><h2>More</h2></summary>' in text
     assert text.count('<details>') == text.count('</details>') == 1
+
+
+def test_every_plot_of_a_page_can_be_exported() -> None:
+    text = render('Title', 'Fine.', [PageSection('One', '', every_figure()[:1])])
+    assert 'function csvOf(plot)' in text
+    assert 'addExports();' in text
+    assert '.export {' in text

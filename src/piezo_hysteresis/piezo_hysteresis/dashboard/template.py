@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from jinja2 import Environment, Template
 
+from piezo_hysteresis.reporting.page_export import EXPORT_SCRIPT, EXPORT_STYLE
 from piezo_hysteresis.reporting.page_style import STYLE
 
 # Bokeh's widgets live in shadow trees, which no style of the page reaches.
@@ -85,12 +86,19 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <noscript>This page needs JavaScript; all of it comes from this machine.</noscript>
 </main>
 {{ plot_script }}
+<script>__EXPORT__
+const waiting = setInterval(() => {
+  addExports();
+  if (document.querySelectorAll('.export').length >= __FIGURES__) clearInterval(waiting);
+}, 500);
+</script>
 </body>
 </html>
 """
 
 _STYLE = (
     STYLE
+    + EXPORT_STYLE
     + """
 main { max-width: 1720px; padding-top: .4rem; }
 header { display: flex; flex-wrap: wrap; align-items: center; gap: .2rem 1.2rem;
@@ -122,7 +130,14 @@ _POLICY = (
     "connect-src 'self' ws:"
 )
 
-PAGE = _PAGE.replace('__STYLE__', _STYLE).replace('__POLICY__', _POLICY)
+_FIGURES = ('loop', 'trace', 'spectrum', 'error', 'gap', 'voltage', 'estimate')
+
+PAGE = (
+    _PAGE.replace('__STYLE__', _STYLE)
+    .replace('__POLICY__', _POLICY)
+    .replace('__EXPORT__', EXPORT_SCRIPT)
+    .replace('__FIGURES__', str(len(_FIGURES)))
+)
 
 
 def page_template() -> Template:

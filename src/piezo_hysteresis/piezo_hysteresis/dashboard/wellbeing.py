@@ -11,6 +11,11 @@ from piezo_hysteresis.dashboard.live import SILENCE, Gap, Live, NodeState
 GONE_SHOWN = 600.0  # a node that left is shown for so long [s]
 UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is not followed
 CORRECTED = 0.1  # tracking error, in parts of the gap, below which a correction takes it off
+#: Nodes that watch the loop and are not part of it: what they report does not change its light.
+WATCHERS = {
+    'gap_monitor', 'identification', 'discovery', 'observer', 'recorder', 'dashboard_recorder',
+    'player',
+}  # fmt: skip
 MUTE = 5.0  # a node that has not said how it is for so long does not count as fine [s]
 
 # What a link says of its input, which is no fault while nobody sends any.
@@ -20,14 +25,14 @@ _NO_COMMAND = 'no command'
 
 @dataclass(frozen=True)
 class Wellbeing:
-    """How something is.
+    """A status.
 
     Attributes
     ----------
     level : str
         ``ok``, ``warning``, ``error`` or ``gone``.
     text : str
-        In words.
+        As a sentence.
     """
 
     level: str
@@ -51,14 +56,14 @@ def of_node(live: Live, node: NodeState) -> Wellbeing:
     """Return the status of one node, from its diagnostics and from those of others."""
     now = live.clock()
     if not node.present:
-        return Wellbeing('gone', f'gone for {ago(now - node.since)}')
+        return Wellbeing('gone', f'ended {ago(now - node.since)} ago')
     health = live.diagnostics.get(node.name)
     if health is None:
-        return Wellbeing('ok', 'is there')
+        return Wellbeing('ok', 'running')
     if resting(live) and health.text.startswith((_NO_INPUT, _NO_COMMAND)):
         return Wellbeing('ok', 'rests: no experiment runs')
     if now - health.at > MUTE:
-        return Wellbeing('warning', f'{health.text} (said {ago(now - health.at)} ago)')
+        return Wellbeing('warning', f'{health.text} (reported {ago(now - health.at)} ago)')
     return Wellbeing(health.level, health.text)
 
 
@@ -68,7 +73,9 @@ def corrected(gap: Gap, error: float) -> bool:
 
 
 def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> Wellbeing:
-    """Return the worst of all nodes and of the tracking.
+    """Return the status of the loop: the worst of its nodes and of the tracking.
+
+    Warnings of nodes that only watch the loop are added to the text and do not change the level.
 
     Parameters
     ----------
@@ -79,7 +86,8 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
     """
     if live.silence('state') > SILENCE:
         return Wellbeing('gone', 'no signal')
-    found = []
+    found: list[Wellbeing] = []
+    aside: list[str] = []
     error, size = tracking
     if size > 0.0 and error > UNTRACKED * size:
         share = 100 * error / size
@@ -87,32 +95,38 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
         state = of_node(live, node)
         mends = node.name == 'gap_monitor' and live.gaps and corrected(live.gaps[-1], error)
-        if node.present and state.level != 'ok' and not mends:
-            found.append(Wellbeing(state.level, f'{node.name}: {state.text}'))
+        if not node.present or state.level == 'ok' or mends:
+            continue
+        text = f'{node.name}: {state.text}'
+        if node.name in WATCHERS:
+            aside.append(text)
+        else:
+            found.append(Wellbeing(state.level, text))
     found.sort(key=lambda each: each.level != 'error')
-    return Wellbeing(found[0].level if found else 'ok', '; '.join(each.text for each in found))
+    texts = [*(each.text for each in found), *aside]
+    return Wellbeing(found[0].level if found else 'ok', '; '.join(texts))
 
 
 def trouble(live: Live) -> str:
-    """Return what is wrong with the loop in one sentence, '' where nothing is."""
+    """Return the fault of the loop in one sentence, '' without one."""
     name = f'/{live.actuator}/actuator/state' if live.actuator else '/actuator/state'
     silence = live.silence('state')
     if silence <= SILENCE:
         return ''
     if not live.published:
-        lost = 'Start the simulator or the driver of your hardware; this page goes on by itself.'
+        lost = 'Start the simulator or the driver of your hardware; this page continues by itself.'
         if math.isinf(silence):
-            return f'No actuator: nobody publishes {name}. {lost}'
+            return f'No actuator: no node publishes {name}. {lost}'
         return (
-            f'Stale: nothing heard of {name} for {ago(silence)}, its node has gone. The plots '
-            f'show the past. {lost}'
+            f'Stale: no message on {name} for {ago(silence)}, its node has ended. The plots '
+            f'show old data. {lost}'
         )
     if math.isinf(silence):
         begin = f'Waiting for the first sample of {name}.'
     else:
         begin = (
-            f'Stale: nothing heard of {name} for {ago(silence)}, its node is still there. The '
-            'plots show the past.'
+            f'Stale: no message on {name} for {ago(silence)}, its node is still running. The '
+            'plots show old data.'
         )
     return f'{begin} {_remedy(live)}'
 
@@ -126,17 +140,17 @@ def _remedy(live: Live) -> str:
     if mode is not None and mode.value == 'idle':
         if report is not None and report.level == 'error':
             return (
-                f'The excitation has given up ({report.text}). Once all nodes run, choose a mode '
+                f'The excitation has stopped ({report.text}). When all nodes run, choose a mode '
                 'again under Drive.'
             )
         return 'No experiment runs: choose a mode under Drive, or start a sweep.'
     if report is not None and report.level != 'ok':
-        return f'The excitation says: {report.text}.'
-    return 'See under Nodes which of them does not go on.'
+        return f'The excitation reports: {report.text}.'
+    return 'Nodes shows which node does not run.'
 
 
 def banner(live: Live) -> str:
-    """Return the banner on top of the page, '' where all is well."""
+    """Return the banner on top of the page, '' without a fault."""
     found = trouble(live)
     now = live.clock()
     lost = [
@@ -146,7 +160,7 @@ def banner(live: Live) -> str:
     ]
     parts = [found] if found else []
     if lost:
-        parts.append(f'Nodes that have gone: {", ".join(lost)}.')
+        parts.append(f'Nodes that have ended: {", ".join(lost)}.')
     if not parts:
         return ''
     kind = ' calm' if not lost and resting(live) and live.published else ''
@@ -154,7 +168,7 @@ def banner(live: Live) -> str:
 
 
 def pulse(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> str:
-    """Return the line under the title: how it is, tick, rate, drive."""
+    """Return the line under the title: status, tick, rate, drive."""
     known = overall(live, tracking)
     light = f'<span class="dot {known.level}"></span>'
     if known.level == 'gone':

@@ -24,7 +24,7 @@ ENOUGH = 0.05
 def tracking_words(rms: float, size: float) -> str:
     """Return the tracking error as text; [m], not finite without a reference."""
     if not math.isfinite(rms):
-        return '<p class="soft">No reference now: nothing is tracked.</p>'
+        return '<p class="soft">No reference.</p>'
     share = f', {100 * rms / size:.3g} % of the reference' if size > 0.0 else ''
     return f'<p>Tracking error <b>{micrometres(rms)} µm</b> rms{share}.</p>'
 
@@ -62,15 +62,15 @@ def gap_words(
     share = f'{100 * gap.rms / stroke:.2g} % of the motion, ' if stroke > 0.0 else ''
     text = f'Gap <b>{micrometres(gap.rms)} µm rms</b> ({share}{gap.floors:.3g} noise floors)'
     if not gap.beyond:
-        return f'<p>{text}, no more than the model is known to miss.</p>'
-    text += f', such as comes of <b>{escape(gap.family or "nothing known")}</b>'
+        return f'<p>{text}, within the known discrepancy of the model.</p>'
+    text += f'; possible causes: <b>{escape(gap.family or "no known effect")}</b>'
     sizes = [(s, o) for o, s in zip(gap.orders, gap.harmonics, strict=False) if math.isfinite(s)]
     if sizes:
         size, order = max(sizes)
         where = f'at {order}× the drive' if order else 'in the mean'
-        text += f'; most of it {where} ({micrometres(size)} µm)'
+        text += f'; largest component {where} ({micrometres(size)} µm)'
     if corrected(gap, untracked):
-        text += '. Tracking does not suffer: the correction makes up for it'
+        text += '. The correction compensates it: tracking is not affected'
     return f'<p>{text}.</p>'
 
 
@@ -82,7 +82,7 @@ def estimate_words(
         if not identifying:
             return start_words('No identification is running.', 'identification', actuator)
         return (
-            '<p class="soft">Nothing is learnt yet; between the records of a sweep '
+            '<p class="soft">No estimate yet; between the records of a sweep '
             'only with <code>only_records</code> false.</p>'
         )
     newest = estimates[-1]
@@ -164,7 +164,7 @@ def job_words(job: BackgroundJob) -> str:
             )
         )
     if job.records:
-        rows = [(name, by or 'nobody') for name, by in job.records]
+        rows = [(name, by or 'no recorder') for name, by in job.records]
         parts.append(_table(('record', 'recorded by'), rows))
     if math.isfinite(job.before):
         parts.append(

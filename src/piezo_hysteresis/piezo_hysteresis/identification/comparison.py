@@ -66,19 +66,18 @@ def compared(residuals: Iterable[RecordResidual], known: Discrepancy) -> list[Co
 def comparison_words(found: Sequence[Comparison], known: Discrepancy | None) -> str:
     """Return in a sentence whether records show more than a model is known to miss."""
     if known is None or not found:
-        return 'the model does not say how much it misses; the model.yaml written here does'
+        return 'the model has no discrepancy; the model.yaml written here has one'
     worst = max(found, key=lambda each: each.ratio)
     where = 'records that were not fitted' if known.held_out else 'the fitted records'
     text = (
-        f'{worst.record}: {worst.ratio:.3g} times the {1e6 * worst.expected:.3g} µm that {where} '
-        'let expect'
+        f'{worst.record}: {worst.ratio:.3g} times the {1e6 * worst.expected:.3g} µm expected from '
+        f'{where}'
     )
     news = sum(each.news for each in found)
     if not news:
-        return f'no more than the model is known to miss; at most {text}'
-    return (
-        f'more than the model is known to miss on {news} of {len(found)} records; most on {text}'
-    )
+        return f'within the known discrepancy of the model; at most {text}'
+    count = f'{news} of {len(found)} records'
+    return f'beyond the known discrepancy of the model on {count}; most on {text}'
 
 
 def comparison_summary(

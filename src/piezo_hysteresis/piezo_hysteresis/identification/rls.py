@@ -341,7 +341,8 @@ class OnlineRls:
 
     def _notes(self) -> tuple[str, ...]:
         notes = [
-            'RLS sees only A1 - A, so A1 + A keeps its start for ever; use output_error instead.'
+            'RLS identifies only A1 - A; A1 + A stays at its initial value. Use output_error for '
+            'both.'
         ]
         if self._settings.offset and self._settings.variant != 'basic':
             notes.append('A0 and the offset cannot be distinguished in steady state.')

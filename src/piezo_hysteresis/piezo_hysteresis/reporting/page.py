@@ -20,6 +20,7 @@ from bokeh.resources import Resources
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.reporting.page_export import EXPORT_SCRIPT, EXPORT_STYLE
 from piezo_hysteresis.reporting.page_style import PAGE, STYLE
 
 
@@ -120,7 +121,8 @@ def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
     return Template(PAGE).substitute(
         title=html.escape(title),
         verdict=_inline(verdict),
-        style=STYLE,
+        style=STYLE + EXPORT_STYLE,
+        exports=EXPORT_SCRIPT,
         library=Resources(mode='inline', components=['bokeh']).render() if figures else '',
         body='\n'.join(body),
         script=script,

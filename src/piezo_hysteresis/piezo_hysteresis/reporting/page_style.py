@@ -21,6 +21,7 @@ on a name in a legend hides its line.</footer>
 </main>
 $script
 <script>
+$exports
 const touch = matchMedia('(pointer: coarse)').matches;
 function suit(plot) {
   // A finger on a plot scrolls the page until a tool is chosen.
@@ -40,6 +41,7 @@ document.addEventListener('DOMContentLoaded', () => {
     if (plots.length < figures.length) return;
     clearInterval(timer);
     plots.forEach(suit);
+    addExports();
     const wrapAll = () => plots.forEach((plot) => wrap(plot, figures[0].clientWidth));
     wrapAll();
     addEventListener('resize', wrapAll);  // a phone that is turned
