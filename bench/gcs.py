@@ -4,9 +4,10 @@
 
 Both drive the same simulated actuator, over the loopback; nothing here ran on hardware. A sample
 is off where it does not hold the planned voltage: its command was late. Jitter is the rms
-deviation of the time at which a recorder gets one sample after the other. The controller numbers samples by ticks of its
-servo, so that one which holds its planned voltage has none. Wall time is that of the sweep with
-loading and reading, without the start of the nodes (NodeProcesses), per second of record.
+deviation of the time at which a recorder gets one sample after the other. The controller numbers
+samples by ticks of its servo, so that one which holds its planned voltage has none. Wall time is
+that of the sweep with loading and reading, without the start of the nodes (NodeProcesses), per
+second of record.
 """
 
 from __future__ import annotations

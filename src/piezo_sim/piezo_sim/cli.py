@@ -133,6 +133,7 @@ def _configure_controller(parser: argparse.ArgumentParser, language: str) -> Non
         add('--pty', action='store_true', help='on a pseudo terminal, as by a serial cable')
     else:
         parser.set_defaults(rate=20_000.0)
+    add('--link', type=Path, help='with a pty: a link to the port, which ends with the program')
     add('--speed', type=float, default=1.0, help='times real time; inf plays waves at once')
     add('--seed', type=int, default=0, help='seed of all noise')
     add('--fault', default='', metavar='KIND:N',

@@ -18,6 +18,7 @@ from piezo_sim.plant import FloatArray, Plant
 #: Points of a wave table and of a record table.
 MOST_POINTS = 1 << 17
 _AT_ONCE = 1 << 15  # ticks that the actuator is followed at a time
+_IDLE = 2.0  # of a longer time without a client and a wave, the actuator lives through so much [s]
 
 
 class GcsError(Exception):
@@ -112,7 +113,7 @@ class SimulatedController:
         self.generator, self.recorder = Generator(), DataRecorder()
         self.servo, self.error = False, 0
         self.voltage = self.position = 0.0
-        self._set, self._tick, self._start = 0.0, 0, now()
+        self._set, self._tick, self._start, self._skipped = 0.0, 0, now(), 0
 
     def set_voltage(self, voltage: float) -> None:
         """Set the voltage of the output [V], as ``SVA`` does."""
@@ -152,6 +153,10 @@ class SimulatedController:
         """Let time go on to now."""
         due = self._due()
         while self._tick < due:
+            idle = due - self._tick - round(_IDLE * self.plant.rate)
+            if self.generator.first < 0 and idle > 0:
+                self._skipped += idle
+                due -= idle
             count = min(due - self._tick, _AT_ONCE)
             commands = self._commands(count)
             readings = self.plant.run(commands)
@@ -171,7 +176,8 @@ class SimulatedController:
 
     def _due(self) -> int:
         if math.isfinite(self.speed):
-            return int((self._now() - self._start) * self.speed * self.plant.rate)
+            passed = (self._now() - self._start) * self.speed
+            return int(passed * self.plant.rate) - self._skipped
         if self.generator.first < 0:
             return self._tick + 1
         return int(min(self._end, self._tick + MOST_POINTS * self.generator.divider))

@@ -11,6 +11,7 @@ import threading
 import tty
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from piezo_sim.errors import SimulationError
@@ -213,7 +214,7 @@ def run(options: argparse.Namespace, overrides: dict[str, Any], language: str = 
     controller = SimulatedController(plant, options.speed)
     try:
         if language == 'nv200' or options.pty:
-            _serve_pty(controller, language, fault)
+            _serve_pty(controller, language, fault, options.link)
         else:
             _serve_tcp(controller, options.port, fault)
     except KeyboardInterrupt:
@@ -221,11 +222,24 @@ def run(options: argparse.Namespace, overrides: dict[str, Any], language: str = 
     return 0
 
 
-def _serve_pty(controller: SimulatedController, language: str, fault: Fault) -> None:
+def _serve_pty(
+    controller: SimulatedController, language: str, fault: Fault, link: Path | None
+) -> None:
     spoken = Nv200Language(controller) if language == 'nv200' else Language(controller)
     server = PtyServer(controller, spoken, fault)
-    _announce(f'{language}://{server.path}', controller)
-    server.serve_forever()
+    try:
+        if link is not None:
+            if link.is_symlink():  # of one that was killed
+                link.unlink()
+            link.symlink_to(server.path)
+    except OSError as error:
+        raise SimulationError(f'--link {link}: it cannot be made ({error.strerror})') from None
+    try:
+        _announce(f'{language}://{server.path}', controller)
+        server.serve_forever()
+    finally:
+        if link is not None:
+            link.unlink(missing_ok=True)
 
 
 def _serve_tcp(controller: SimulatedController, port: int, fault: Fault) -> None:
