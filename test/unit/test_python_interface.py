@@ -303,6 +303,17 @@ COLUMNS = {'voltage': VOLTAGE, 'displacement': VOLTAGE}
             lambda: WRONGLY.identify(record(), 'classical', hold={'AI': 1.0}),
             'no parameter AI to hold .did you mean A',
         ),
+        (lambda: WRONGLY.identify(record(), 'classical', hold=3), 'values to hold .*of type int'),
+        (lambda: WRONGLY.identify(record(), 'classical', start={'A1': 'x'}), 'A1 = x is not a'),
+        (lambda: WRONGLY.identify(record(), 'classical', seed='a'), "whole number, got 'a'"),
+        (lambda: WRONGLY.identify([], 'classical'), 'there is no record'),
+        (lambda: WRONGLY.validate([], ph.Model.from_name('classical')), 'there is no record'),
+        (lambda: WRONGLY.Record('a', '1 ms', VOLTAGE, VOLTAGE), "number .s., got '1 ms'"),
+        (lambda: WRONGLY.Record('a', DT, 'sweep', VOLTAGE), 'voltage must be an array'),
+        (lambda: WRONGLY.Model.from_name(3), 'not of type int'),
+        (lambda: WRONGLY.Model.from_name('classical', A1='x'), "must be a number, got 'x'"),
+        (lambda: WRONGLY.Model.load(3), 'given by its path'),
+        (lambda: record().plot(3), 'axes of matplotlib'),  # type: ignore[arg-type]
         (lambda: WRONGLY.validate(record(), 'classical'), 'model classical has no values'),
         (lambda: WRONGLY.validate(record(), 'clasical'), 'did you mean classical'),
         (lambda: WRONGLY.validate(3, ph.Model.from_name('classical')), 'not of type int'),
@@ -329,6 +340,14 @@ COLUMNS = {'voltage': VOLTAGE, 'displacement': VOLTAGE}
         (
             lambda: WRONGLY.compensate(ph.Model.from_name('classical'), 'sine', attenuation=3),
             'attenuation 3 is unknown',
+        ),
+        (
+            lambda: WRONGLY.compensate(ph.Model.from_name('classical'), 'sine', pid=3),
+            'pid is three gains',
+        ),
+        (
+            lambda: WRONGLY.compensate(ph.Model.from_name('classical'), 'sine', noise=-1.0),
+            'noise must be a number of 0 or more',
         ),
     ],
 )

@@ -27,6 +27,7 @@ from piezo_hysteresis.discovery.verdict.final_model import final_model
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.settings import require_settings
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chosen
 from piezo_hysteresis.records import Record, listed
@@ -156,6 +157,7 @@ def discover(
         If there is no such model.
     """
     records = listed(records)
+    require_settings(seed=seed, workers=workers)
     if isinstance(baseline, str | Path):
         name = name or str(baseline)
     baseline = chosen(baseline)

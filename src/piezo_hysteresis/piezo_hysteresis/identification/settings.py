@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
+from numbers import Integral, Real
 
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
@@ -24,8 +25,12 @@ def require_settings(
     Raises
     ------
     IdentificationError
-        If one is out of its range.
+        If one is out of its range, or not a number.
     """
+    whole = {'seed': seed, 'number of workers': workers, 'budget': max_evaluations or 1}
+    for name, value in whole.items():
+        if not isinstance(value, Integral):
+            raise IdentificationError(f'the {name} must be a whole number, got {value!r}')
     if seed < 0:
         raise IdentificationError(f'the seed must be 0 or more, got {seed}')
     if workers < 1:
@@ -35,6 +40,8 @@ def require_settings(
             f'the budget must be at least 1 evaluation, got {max_evaluations}; leave '
             'max-evaluations out for the usual one'
         )
+    if forgetting is not None and not isinstance(forgetting, Real):
+        raise IdentificationError(f'forgetting must be a number, got {forgetting!r}')
     if forgetting is not None and not 0.0 < forgetting <= 1.0:
         raise IdentificationError(
             f'forgetting must be above 0 and at most 1, got {forgetting:g}; 1 forgets nothing'
@@ -58,6 +65,11 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
     """
     known = {q.name: q for q in model.parameters}
     for verb, given in (('hold', hold), ('start from', start)):
+        if not isinstance(given, Mapping):
+            raise IdentificationError(
+                f'values to {verb} are a dictionary of parameters, not of type '
+                f'{type(given).__name__}'
+            )
         for name, value in given.items():
             if name not in known:
                 raise IdentificationError(
@@ -66,8 +78,8 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
                     f'{", ".join(known)}'
                 )
             q = known[name]
-            if not isfinite(value):
-                raise IdentificationError(f'{name} = {value:g} is no number to {verb}')
+            if not (isinstance(value, Real) and isfinite(value)):
+                raise IdentificationError(f'{name} = {value} is not a number to {verb}')
             # the bounds of one that the model itself holds are where it holds it
             if name not in model.held and not q.low <= value <= q.high:
                 raise IdentificationError(

@@ -10,6 +10,7 @@ from typing import Any
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
+from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.clock import clock_of
 from piezo_hysteresis.identification.comparison import (
     Comparison,
@@ -151,12 +152,14 @@ def validate(
     ModelError
         If there is no such model, or its values are not known.
     RecordError
-        If something else than records is given.
+        If there is no record, or something else is given.
     IdentificationError
         If the records cannot be those of a piezo actuator.
     """
     started = time.perf_counter()
     records = listed(records)
+    if not records:
+        raise RecordError('there is no record to validate with; give at least one')
     given = with_values(model)
     warnings = require_plausible(records)
     late = given.sampling_offset

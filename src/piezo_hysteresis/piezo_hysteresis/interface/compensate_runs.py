@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
+from numbers import Real
 from pathlib import Path
 from typing import Any, cast
 
@@ -99,7 +101,7 @@ def compensate(
     slew: float | None = None,
     law: str = 'auto',
     attenuation: str | AttenuationSettings = 'afc',
-    pid: tuple[float, float, float] | None = None,
+    pid: Sequence[float] | None = None,
     noise: float = 0.0,
     seed: int = 0,
     from_seconds: float | None = None,
@@ -125,7 +127,7 @@ def compensate(
         Kind of inverse, one of `piezo_hysteresis.compensation.base.INVERSES`.
     attenuation : str or AttenuationSettings
         Method that attenuates the harmonics of the error, ``'none'`` for no attenuation.
-    pid : tuple of float, optional
+    pid : sequence of float, shape (3,), optional
         Gains of a PID controller: [V/m], [V/(m s)], [V s/m]. No feedback by default.
     noise : float
         Rms of the measurement noise of a model as plant [m].
@@ -151,6 +153,9 @@ def compensate(
     given = rate if rate is not None else inverted.provenance.rate or 1000.0
     if not (isinstance(given, (int, float)) and isfinite(given) and given > 0):
         raise CompensationError(f'the rate must be a positive number [Hz], got {given!r}')
+    for name, value in {'noise': noise, 'seed': seed, 'from_seconds': from_seconds or 0.0}.items():
+        if not (isinstance(value, Real) and isfinite(value) and value >= 0):
+            raise CompensationError(f'{name} must be a number of 0 or more, got {value!r}')
     _require_one_of('law', law, INVERSES)
     settings = _attenuation(attenuation)
     driven = _plant(plant, inverted)
@@ -177,7 +182,7 @@ def compensate(
             limits=Limits(*bounds),
             attenuation=settings,
             gain_model=None,
-            feedback=None if pid is None else Feedback('pid', PidGains(*pid)),
+            feedback=_feedback(pid),
             together=pid is not None and settings is not None,
             noise=noise,
             seed=seed,
@@ -226,6 +231,14 @@ def _attenuation(given: str | AttenuationSettings) -> AttenuationSettings | Repe
     if given == 'none':
         return None
     return Repetition() if given == REPETITIVE else AttenuationSettings(method=cast(Method, given))
+
+
+def _feedback(pid: Sequence[float] | None) -> Feedback | None:
+    if pid is None:
+        return None
+    if not (isinstance(pid, Sequence) and len(pid) == 3):
+        raise CompensationError(f'pid is three gains, [V/m], [V/(m s)] and [V s/m], got {pid!r}')
+    return Feedback('pid', PidGains(*pid))
 
 
 def _require_one_of(what: str, given: object, known: tuple[str, ...]) -> None:

@@ -39,6 +39,8 @@ _VERBS = {
 
 def draw(result: Any, axes: Axes | None, record: str) -> Axes:
     """Draw a result on axes, on new ones where none are given."""
+    if axes is not None and not isinstance(axes, Axes):
+        raise PiezoError(f'axes must be axes of matplotlib, not of type {type(axes).__name__}')
     if axes is None:
         axes = plt.subplots(layout='constrained')[1]
     _draw(result, axes, record)

@@ -146,7 +146,8 @@ class ModelFile(Tabular):
             If there is no such model, block or parameter, or a value is impossible.
         """
         chain = named(name)
-        return cls(chain, chain.unpack(chain.pack(values)))
+        numbers = {key: number(value, key) for key, value in values.items()}
+        return cls(chain, chain.unpack(chain.pack(numbers)))
 
     def __repr__(self) -> str:
         lines = [f'Model {self.model.name}']

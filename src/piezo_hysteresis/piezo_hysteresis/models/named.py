@@ -199,6 +199,10 @@ def named(name: str) -> Model:
     ModelError
         If there is no such model or block.
     """
+    if not isinstance(name, str):
+        raise ModelError(
+            f'the name of a model is text such as classical, not of type {type(name).__name__}'
+        )
     first, *blocks = name.split('+')
     if first not in RECIPES:
         raise ModelError(

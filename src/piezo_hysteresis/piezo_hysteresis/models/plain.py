@@ -60,6 +60,8 @@ def read_yaml(path: str | Path) -> object:
     ModelError
         If the file cannot be read.
     """
+    if not isinstance(path, (str, Path)):
+        raise ModelError(f'a model file is given by its path, not by a {type(path).__name__}')
     try:
         return plain_yaml.load_file(path)
     except FileNotFoundError:

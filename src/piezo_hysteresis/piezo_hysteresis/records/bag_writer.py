@@ -27,7 +27,7 @@ from piezo_hysteresis.records.definitions import (
 from piezo_hysteresis.records.mcap_format import MESSAGE, MESSAGE_HEAD
 from piezo_hysteresis.records.mcap_writer import McapWriter
 from piezo_hysteresis.records.metadata import SUFFIXES, FileSummary, Metadata
-from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.record import Record, listed
 from piezo_hysteresis.records.sqlite_storage import SqliteWriter
 from piezo_hysteresis.records.storage import Topic
 
@@ -46,7 +46,7 @@ class MessageBatch:
 
 def write_bag(
     path: str | Path,
-    records: Sequence[Record],
+    records: Record | Sequence[Record],
     *,
     storage: str = 'mcap',
     namespace: str = 'piezo',
@@ -60,7 +60,7 @@ def write_bag(
     ----------
     path : str or Path
         Folder to create.
-    records : sequence of Record
+    records : Record or sequence of Record
         At least one, with unique names.
     storage : str
         ``mcap`` or ``sqlite3``.
@@ -73,7 +73,7 @@ def write_bag(
         If the folder exists, the names are not unique, or it cannot be written; nothing is left
         behind then.
     """
-    folder = Path(path)
+    folder, records = Path(path), listed(records)
     _check_request(folder, records, storage)
     try:
         with write_atomically(folder) as temporary:

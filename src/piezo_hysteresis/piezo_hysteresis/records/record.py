@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from numbers import Real
 
 import numpy as np
 
@@ -88,6 +89,10 @@ class Record(Plottable):
     before: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.dt, Real):
+            raise RecordError(
+                f'record {self.name}: the sampling interval must be a number [s], got {self.dt!r}'
+            )
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise RecordError(
                 f'record {self.name}: the sampling interval must be positive, got {self.dt} s'
@@ -100,7 +105,13 @@ class Record(Plottable):
         if self.reference is not None:
             columns['reference'] = self.reference
         for key, column in columns.items():
-            array = np.ascontiguousarray(column, dtype=np.float64)
+            try:
+                array = np.ascontiguousarray(column, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise RecordError(
+                    f'record {self.name}: {key} must be an array of numbers, not of type '
+                    f'{type(column).__name__}'
+                ) from None
             object.__setattr__(self, key, array)
             self._check_column(key, array)
 
