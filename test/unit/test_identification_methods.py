@@ -253,7 +253,7 @@ def test_identify_and_validate_leave_their_files(
     row = json.loads((check / 'summary.json').read_text())['records'][0]
     assert row['free_run_rms_m'] < 30e-9
     page = (check / 'report.html').read_text()
-    for text in ('an error of 0.0199 µm rms', row['record'], 'worst record'):
+    for text in ('an error of 0.0199 µm rms', row['record'], 'record with the largest error'):
         assert text in page
 
 

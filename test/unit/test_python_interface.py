@@ -43,7 +43,7 @@ def test_every_name_is_there_and_is_listed() -> None:
     for name in ph.__all__:
         assert getattr(ph, name).__doc__, name
     with pytest.raises(AttributeError, match=r"no attribute 'identfy' \(did you mean identify"):
-        ph.identfy  # type: ignore[attr-defined] # noqa: B018
+        ph.identfy  # noqa: B018
 
 
 def test_the_import_stays_fast_and_knows_no_library() -> None:
@@ -185,7 +185,8 @@ def test_a_result_is_shown_in_a_few_lines(found: ph.Identification) -> None:
     assert any(line.startswith('  A1 = ') and line.endswith(' m/V') for line in lines)
     assert len(lines) == 2 + len(found.model.parameters)
     checked = ph.validate(record('b', 1.1e-4), found)
-    for result in (found, checked, found.model_file(), record()):
+    shown: tuple[Any, ...] = (found, checked, found.model_file(), record())
+    for result in shown:
         lines = repr(result).splitlines()
         assert len(lines) < 9
         assert all(len(line) < 130 for line in lines)

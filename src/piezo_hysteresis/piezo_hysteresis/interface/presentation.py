@@ -29,7 +29,7 @@ from piezo_hysteresis.reporting.units import MICRO
 from piezo_hysteresis.reporting.validation_folder import write_validation
 
 _STRETCHES = 120  # of the envelope of an error
-_VERBS = {
+_VERBS: dict[type, str] = {
     Identification: 'identify',
     Validation: 'validate',
     Discovery: 'discover',
