@@ -98,7 +98,7 @@ def test_experiments_keep_the_stroke_that_the_model_predicts(model: ModelFile) -
 
 def test_a_model_that_does_not_say_what_it_misses_is_refused(model: ModelFile) -> None:
     bare = ModelFile(model.model, model.values)
-    with pytest.raises(InvestigationError, match='identify it once more'):
+    with pytest.raises(InvestigationError, match='identify it again'):
         Investigation(bare, LIMITS, RATE)
 
 
@@ -138,7 +138,7 @@ def test_one_limit_alone_is_refused_and_none_is_what_is_known(model: ModelFile) 
     assert granted_range((0.0, 0.0), (-0.5, 1.0), model) == known_range(-0.5, 1.0, model)
     with pytest.raises(InvestigationError, match=r'exceed the -1 \.\. 1 V'):
         granted_range((-3.0, 0.2), (-1.0, 1.0), model)
-    with pytest.raises(InvestigationError, match='does not say'):
+    with pytest.raises(InvestigationError, match='does not publish its voltage range'):
         granted_range((0.0, 0.0), (0.0, 0.0), model)
 
 

@@ -122,7 +122,7 @@ def test_a_budget_is_spent_and_a_larger_one_goes_on(setup: Setup, tmp_path: Path
     assert spent.seconds <= 2.0
     assert actuator.used == []  # what is not settled is used by nobody
     assert len(list((folder / 'bags').iterdir())) == spent.experiments
-    assert spent.words.endswith('goes on from here.')
+    assert spent.words.endswith('continues from here.')
     assert told[-1].answer == Journal.read(folder).lines[-1]['answer']
     found = conduct(folder, asked(60.0), actuator)
     assert found.stop.reason == 'sure'

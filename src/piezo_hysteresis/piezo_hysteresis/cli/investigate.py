@@ -178,6 +178,6 @@ def _replay(folder: Path, workers: int) -> int:
     if last is None:
         raise PiezoError(f'{folder} holds no experiment yet')
     print(f'   {last["answer"]}')
-    print(found.stop.words if found.stop else 'it was broken off here: investigate goes on')
+    print(found.stop.words if found.stop else 'interrupted: investigate continues from here')
     print(f'the same choices and the same names as in {folder}')
     return 0

@@ -396,7 +396,7 @@ def judged_on(found: Identification, records: Sequence[Record]) -> Identificatio
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     """Say what records lost, and so where the model leaves much more than their noise."""
     remarks = [
-        f'record {row.record}: {counted(row.lost, "sample")} left out as spikes or drop-outs.'
+        f'record {row.record}: {counted(row.lost, "sample")} excluded as spikes or drop-outs.'
         for row in rows
         if row.lost
     ]
@@ -415,8 +415,8 @@ def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
         return remarks
     sentence = (
         f'on record {worst.record}, its worst, the model misses {1e6 * worst.free_run_rms:.3g} '
-        f'µm, {ratio:.0f} times the noise: standard deviations do not cover that, and `discover` '
-        'says what is missing.'
+        f'µm, {ratio:.0f} times the noise: standard deviations do not cover that; `discover` '
+        'reports what is missing.'
     )
     return [*remarks, sentence]
 

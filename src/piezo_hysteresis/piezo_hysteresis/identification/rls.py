@@ -341,8 +341,10 @@ class OnlineRls:
 
     def _notes(self) -> tuple[str, ...]:
         notes = [
-            'RLS identifies only A1 - A; A1 + A stays at its initial value. Use output_error for '
-            'both.'
+            (
+                'RLS identifies only A1 - A; A1 + A stays at its initial value. Use '
+                'output_error for both.'
+            )
         ]
         if self._settings.offset and self._settings.variant != 'basic':
             notes.append('A0 and the offset cannot be distinguished in steady state.')

@@ -44,7 +44,7 @@ def require_settings(
         raise IdentificationError(f'forgetting must be a number, got {forgetting!r}')
     if forgetting is not None and not 0.0 < forgetting <= 1.0:
         raise IdentificationError(
-            f'forgetting must be above 0 and at most 1, got {forgetting:g}; 1 forgets nothing'
+            f'forgetting must be above 0 and at most 1, got {forgetting:g}; 1 disables forgetting'
         )
 
 

@@ -142,7 +142,9 @@ def _best_pair(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> t
 def _why(apart: float, pair: tuple[str, str], news: float) -> str:
     reasons = []
     if apart > 0.0:
-        reasons.append(f'tells {pair[0]} from {pair[1]} ({apart:.2g} nats are expected)')
+        reasons.append(f'distinguishes {pair[0]} and {pair[1]} ({apart:.2g} nats expected)')
     if news > 0.0:
-        reasons.append(f'has a chance of {news:.1%} to show what no record has shown')
-    return ' and '.join(reasons) or 'is what is left'
+        reasons.append(
+            f'has a probability of {news:.1%} to show an effect that no record has shown'
+        )
+    return ' and '.join(reasons) or 'is the only one left'

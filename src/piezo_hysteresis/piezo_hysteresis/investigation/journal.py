@@ -96,7 +96,7 @@ class Journal:
             rules = replace(found.setup.rules, budget=setup.rules.budget)
             if not same or replace(found.setup, rules=rules).to_dict() != setup.to_dict():
                 raise InvestigationError(
-                    f'{folder} holds an investigation of another model or with other limits: give '
+                    f'{folder} has an investigation of another model or with other limits: give '
                     'another folder, or the same words as before to go on'
                 )
             return cls(folder, setup, found.lines)

@@ -124,7 +124,7 @@ def granted_range(
         asked = known_range(*taken, model) if taken[0] < taken[1] else taken
         if not asked[0] < asked[1]:
             raise InvestigationError(
-                'the actuator does not say which voltages it takes: give low and high'
+                'the actuator does not publish its voltage range: give low and high'
             )
     if reason := range_refusal(*asked):
         raise InvestigationError(reason)

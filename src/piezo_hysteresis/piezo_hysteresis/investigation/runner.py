@@ -243,7 +243,7 @@ class _Course:
         text += f', after {count} experiment{"" if count == 1 else "s"} of {now.spent:.3g} s'
         text += '.' if count == 1 else ' together.'
         if stop.reason == 'budget':
-            text += ' No node uses it yet; a larger budget goes on from here.'
+            text += ' No node uses it yet; a larger budget continues from here.'
         if gaps[0] == gaps[0]:
             text += f' On a record taken afterwards the gap is {gaps[1]:.3g} noise floors in place'
             text += f' of {gaps[0]:.3g}.'

@@ -101,12 +101,12 @@ class ExperimentAnswer:
         """What it answered, in one sentence."""
         after = self.after
         if after.verdict == 'none':
-            return f'nothing new above the noise; nothing is missing with {_chance(after)}'
-        gap = f'a gap of {after.floors:.3g} noise floors is left'
+            return f'no new residual above the noise; no missing effect with {_chance(after)}'
+        gap = f'remaining gap {after.floors:.3g} noise floors'
         if after.names:
             return f'{" and ".join(after.names)} with {_chance(after)}; {gap}'
         name, chance = after.surest
-        return f'something that has no name yet, perhaps {name} ({chance:.2g}); {gap}'
+        return f'an effect without a name yet, perhaps {name} ({chance:.2g}); {gap}'
 
 
 def _chance(belief: Belief) -> str:
@@ -159,7 +159,7 @@ class Investigation:
         known = self.model.discrepancy
         if known is None:
             raise InvestigationError(
-                'the model does not say what it misses: identify it once more, on records of the '
+                'the model has no discrepancy: identify it again, on records of the '
                 'actuator as it should be'
             )
         every = [
@@ -217,14 +217,14 @@ class Investigation:
         if settled and not telling:
             return self._sure()
         if not ranked:
-            return Stop('budget', 'the budget is spent before it is settled')
+            return Stop('budget', 'the budget ended without a result')
         if telling or not self.answers or self._confirming():
             return ranked[0]
         if self._nameless() and (others := self._unseen()):
             return others[0]
         if self.belief.verdict == 'none':
-            return Stop('nothing', 'nothing is missing that an allowed experiment could show')
-        return Stop('exhausted', 'no allowed experiment is expected to tell more')
+            return Stop('nothing', 'no effect is missing that an allowed experiment could show')
+        return Stop('exhausted', 'no allowed experiment is expected to add information')
 
     def _unseen(self) -> list[ExperimentChoice]:
         left = self.rules.budget - self.spent
@@ -246,7 +246,7 @@ class Investigation:
 
     def _sure(self) -> Stop:
         names = ' and '.join(self.belief.names)
-        rest = '; what is left has no name' if self.belief.left else ''
+        rest = '; the remaining residual has no name' if self.belief.left else ''
         return Stop('sure', f'{names}: sure, and confirmed by another experiment{rest}')
 
     def _is_sure(self) -> bool:

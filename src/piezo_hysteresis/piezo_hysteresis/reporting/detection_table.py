@@ -18,8 +18,8 @@ _TEXT = (
 )
 _APART = (
     f'Where another effect is named, its change of the response lies less than {APART:g} standard '
-    'deviations away at the limit: below the size given there, these records cannot tell the two '
-    'apart.'
+    'deviations away at the limit: below the size given there, these records cannot distinguish '
+    'the two.'
 )
 
 

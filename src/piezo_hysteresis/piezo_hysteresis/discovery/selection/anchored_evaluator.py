@@ -299,9 +299,7 @@ def known_to_miss(given: ModelFile) -> Discrepancy:
         If the file does not say.
     """
     if given.discrepancy is None:
-        raise IdentificationError(
-            'the model file does not say what its model misses: identify it anew'
-        )
+        raise IdentificationError('the model file has no discrepancy: identify it again')
     return given.discrepancy
 
 

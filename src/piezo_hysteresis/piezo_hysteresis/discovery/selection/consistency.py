@@ -26,8 +26,8 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
     names = _better_known(training, both)
     which = f' ({", ".join(names)})' if names else ''
     return (
-        'One set of values explains all records to the floor: what is left on held-out records '
-        f'comes from values that the training records tell badly{which}.'
+        'One set of values explains all records to the floor: the residual on held-out records '
+        f'comes from values that the fitted records determine poorly{which}.'
     )
 
 
