@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from numbers import Real
-from pathlib import Path
 from typing import Any, cast
 
 from piezo_hysteresis.arrays import FloatArray
@@ -18,7 +17,6 @@ from piezo_hysteresis.cli.compensate_study import (
     open_plant,
     parse_reference,
     run_study,
-    write_results,
 )
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import near
@@ -84,10 +82,6 @@ class Compensation(Reportable):
             'largest_m': [each.largest for each in metrics],
             'mean_m': [each.mean for each in metrics],
         }
-
-    def write(self, path: str) -> None:
-        """Write the folder that `report` returns the page of."""
-        write_results(Path(path), self.study, list(self.runs), self.reference, self.seconds)
 
 
 def compensate(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import singledispatch
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -11,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.cli.compensate_study import write_results
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.data.annotate import annotated
@@ -124,7 +126,7 @@ def _(result: Discovery, path: str) -> None:
 
 @_write.register
 def _(result: Compensation, path: str) -> None:
-    result.write(path)
+    write_results(Path(path), result.study, list(result.runs), result.reference, result.seconds)
 
 
 def _require_data(records: Sequence[Record]) -> None:
