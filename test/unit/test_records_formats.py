@@ -91,6 +91,39 @@ def test_a_matlab_object_says_how_to_save(tmp_path: Path, monkeypatch: Any) -> N
         load(path)
 
 
+def test_a_matlab_object_of_73_says_how_to_save(tmp_path: Path) -> None:
+    h5py = pytest.importorskip('h5py')
+    path = tmp_path / 'object.mat'
+    with h5py.File(path, 'w', userblock_size=512) as file:
+        file.create_group('#subsystem#')['MCOS'] = np.zeros(3)
+        file['run'] = np.array([3707764736, 2, 1, 1, 1, 1], np.uint32)
+        file['run'].attrs['MATLAB_class'] = np.bytes_('timetable')
+        file['run'].attrs['MATLAB_object_decode'] = np.int32(3)
+    with path.open('r+b') as raw:
+        raw.write(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\x00\x02IM')
+    with pytest.raises(RecordError, match=r'run is a MATLAB object .* save its columns'):
+        load(path)
+
+
+@pytest.mark.parametrize('share', [0.01, 0.5, 0.99])
+def test_a_tdms_file_that_was_cut_off_is_refused(
+    tmp_path: Path, share: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    nptdms = pytest.importorskip('nptdms')
+    path = tmp_path / 'cut.tdms'
+    channels = [
+        nptdms.ChannelObject('run', name, column, properties={'wf_increment': 1e-3})
+        for name, column in COLUMNS.items()
+    ]
+    with nptdms.TdmsWriter(str(path)) as file:
+        file.write_segment(channels)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(RecordError, match='cut off; save it again'):
+        load(path)
+    assert caplog.records == []
+
+
 def test_groups_of_hdf5_are_records(tmp_path: Path) -> None:
     h5py = pytest.importorskip('h5py')
     with h5py.File(tmp_path / 'runs.h5', 'w') as file:

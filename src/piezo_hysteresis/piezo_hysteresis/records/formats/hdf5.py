@@ -2,20 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield the tables of a file; scalars may be data sets or attributes."""
+    """Yield the tables of a file; scalars may be data sets or attributes.
+
+    Raises
+    ------
+    RecordError
+        If it holds MATLAB objects only.
+    """
     import h5py
 
     with h5py.File(path, 'r') as file:
-        yield from tables_of(_entries(file, h5py))
+        found = list(tables_of(_entries(file, h5py)))
+        objects = [name for name, item in file.items() if _is_object(item)]
+    if not found and objects:
+        raise object_refused(objects)
+    yield from found
+
+
+def object_refused(names: Sequence[str]) -> RecordError:
+    """Return the error that says how to save what only MATLAB reads."""
+    return RecordError(
+        f'{", ".join(names)} is a MATLAB object (table, timetable, iddata), which only MATLAB '
+        "reads; save its columns as vectors: save('x.mat', 'time_s', 'voltage_V', "
+        "'displacement_um')"
+    )
+
+
+def _is_object(item: Any) -> bool:
+    return 'MATLAB_object_decode' in item.attrs
 
 
 def _entries(group: Any, h5py: Any) -> dict[str, Any]:
@@ -25,7 +49,7 @@ def _entries(group: Any, h5py: Any) -> dict[str, Any]:
             continue
         if isinstance(item, h5py.Group):
             found[name] = _entries(item, h5py)
-        elif isinstance(item, h5py.Dataset) and item.shape is not None:
+        elif isinstance(item, h5py.Dataset) and item.shape is not None and not _is_object(item):
             found[name] = item[()]
     return found
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.formats import hdf5
 from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
 
@@ -31,11 +30,7 @@ def read(path: Path) -> Iterator[ColumnTable]:
     found = list(tables_of({key: value for key, value in entries.items() if not _opaque(value)}))
     objects = [key for key, value in entries.items() if _opaque(value)]
     if not found and objects:
-        raise RecordError(
-            f'{", ".join(objects)} is a MATLAB object (table, timetable, iddata), which only '
-            "MATLAB reads; save its columns as vectors: save('x.mat', 'time_s', 'voltage_V', "
-            "'displacement_um')"
-        )
+        raise hdf5.object_refused(objects)
     yield from found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,20 @@ from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield a table for each group; a channel without a unit in its name has that of the file."""
+    """Yield a table for each group; a channel without a unit in its name has that of the file.
+
+    Raises
+    ------
+    RecordError
+        If it was cut off, or its channels have two rates.
+    """
     import nptdms
 
+    # it warns of a file that is cut off, which is refused here
+    nptdms.log.log_manager.set_level(logging.ERROR)
     with nptdms.TdmsFile.open(path) as file:
+        if file.file_status.incomplete_final_segment or not file.groups():
+            raise RecordError('it ends before its last sample: it was cut off; save it again')
         for group in file.groups():
             entries: dict[str, Any] = {_name(each): each[:] for each in group.channels()}
             steps = {float(each.properties.get('wf_increment', 0.0)) for each in group.channels()}
