@@ -20,15 +20,15 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.compensate_links import Builder
 from piezo_hysteresis.cli.main import main as verb
-from piezo_hysteresis.compensation.base import Limits, Link
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
 )
-from piezo_hysteresis.compensation.loop import closed_loop
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.waveforms import Sine
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 RATE, PRESET, LIMITS = 1000.0, 'fdk_pzba_00030', Limits(-1.2, 1.2, 2000.0)
 ORDERS = (0, 1, 3)

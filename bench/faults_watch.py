@@ -205,6 +205,6 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
             continue
         elif connected.get(state.life, False) and k not in lasts:
             lost += 1
-    unheard = {s.life for s in seen[:end]} - connected.keys()
-    lost += sum(s.life in unheard and s.life > min(connected) for s in seen[:end])
+    awaiting_first_heartbeat = {s.life for s in seen[:end]} - connected.keys()
+    lost += sum(s.life in awaiting_first_heartbeat and s.life > min(connected) for s in seen[:end])
     return lost, (seen[-1].arrived - seen[end].arrived if tail else 0.0)

@@ -22,14 +22,14 @@ import numpy as np
 
 from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Link
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.linear_gain import LinearGain
-from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
+from piezo_hysteresis.compensation.link import Link
+from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metrics
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.papers import bimorph, runs
 from piezo_hysteresis.waveforms import Sequence as Parts

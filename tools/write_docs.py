@@ -21,11 +21,11 @@ from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
 
 from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.node_sheet import NodeSheet
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_hysteresis.common.registry import package_of
-from piezo_hysteresis.common.sheet import NodeSheet
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.sheets import SHEETS
-from piezo_sim.nodes.sheets import SHEETS as SIMULATOR_SHEETS
+from piezo_sim.nodes.simulator_sheets import SHEETS as SIMULATOR_SHEETS
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
 

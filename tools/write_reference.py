@@ -27,8 +27,9 @@ PAGES = {
             *(
                 f'compensation.{name}'
                 for name in (
-                    'base', 'inverses.choice', 'loop', 'model_plant', 'harmonics.attenuation',
-                    'harmonics.settings', 'feedback.settings', 'feedback.pid',
+                    'link', 'inverses.inverse_choice', 'offline_loop', 'model_plant',
+                    'harmonics.harmonic_attenuation',
+                    'harmonics.attenuation_settings', 'feedback.feedback_settings', 'feedback.pid',
                     'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
                 )
             ),

@@ -16,6 +16,7 @@ from expectations import Live, Outcome, parse, values_at
 from pages import ROOT, blocks_of, pages
 
 from piezo_hysteresis.cli.main import VERBS, load_verb
+from piezo_hysteresis.common.registry import NODES
 from piezo_sim.cli import build_parser
 
 sys.path.insert(0, str(ROOT / 'test' / 'unit'))
@@ -72,7 +73,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 @pytest.mark.parametrize(('page', 'program', 'words'), ALL)
 def test_a_command_is_understood(page: str, program: str, words: str) -> None:
     arguments = shlex.split(words)
-    node = any(ROOT.glob(f'src/{program}/{program}/nodes/**/{arguments[0]}.py'))
+    node = NODES.get(arguments[0], '').startswith(f'{program}.')
     if node and '--ros-args' in arguments:  # the rest is for ROS
         arguments = arguments[: arguments.index('--ros-args')]
     if program == 'piezo_hysteresis' and arguments[0] in VERBS:

@@ -9,11 +9,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_hysteresis.compensation.base import Limits, ReferencePoint
 from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
 from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.link import Limits, ReferencePoint
 
 DT = 1e-3
 anything = st.floats(allow_nan=True, allow_infinity=True)

@@ -17,31 +17,31 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.parallel import side_by_side
-from piezo_hysteresis.compensation.base import INVERSES, Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback import hinf
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.hinf import HInfinity
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.inverses.base import InverseLink
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.linear_gain import ModeGain
-from piezo_hysteresis.compensation.loop import closed_loop
+from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.export.compensator import compensator_of
 from piezo_hysteresis.export.doors import compensator_doors, plant_doors
 from piezo_hysteresis.export.fields import of_model
 from piezo_hysteresis.export.more_sections import frequency_section, repetitive_section
 from piezo_hysteresis.export.native import object_code
-from piezo_hysteresis.export.plant import plant_of
+from piezo_hysteresis.export.plant_functions import plant_of
 from piezo_hysteresis.export.sections import (
     attenuation_section,
     feedback_section,
@@ -51,7 +51,7 @@ from piezo_hysteresis.export.sections import (
 )
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.waveforms import Sine
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 pytestmark = pytest.mark.slow
 

@@ -10,15 +10,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.harmonics.repetitive import (
     OddRepetitive,
     RepetitiveSettings,
     mode_cancelling,
 )
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
-from piezo_hysteresis.compensation.sensor import SensorWatch
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor_guard import SensorWatch
 from piezo_hysteresis.compensation.transition import CrossFade, Transition
 from piezo_hysteresis.models import named
 from piezo_hysteresis.numerics.smooth import smooth_step

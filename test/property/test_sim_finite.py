@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from piezo_sim import Plant, PlantError
 from piezo_sim.parts.chain import GRID
-from piezo_sim.table import PlantParameter
+from piezo_sim.plant_parameters import PlantParameter
 
 TABLE = Plant().parameter_table
 EFFECTS = [row.name for row in Plant().effect_table]

@@ -140,7 +140,7 @@ def answer(number: int) -> None:
 
 
 if __name__ == '__main__':
-    # As for a started node: `quiet_start` takes the signals up.
+    # As for a started node: `install_early_exit_handlers` takes the signals up.
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
     sys.path.pop(0)  # a node sees no modules of tests
     serve(prepare())

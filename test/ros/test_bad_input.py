@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from piezo_hysteresis.common.health import Level
 from piezo_hysteresis.common.order import AHEAD
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.links.control_loop import ControlLoop
 from piezo_hysteresis.nodes.links.link_node import LinkNode

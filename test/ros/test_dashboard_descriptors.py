@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from piezo_hysteresis.common.table import ParameterSpec
+from piezo_hysteresis.common.parameter_table import ParameterSpec
 from piezo_hysteresis.dashboard.controls import ParameterState, reach
-from piezo_hysteresis.nodes.dashboard.dashboard import ros_arguments
+from piezo_hysteresis.nodes.dashboard.dashboard_node import ros_arguments
 from piezo_hysteresis.nodes.dashboard.node_registry import from_ros
-from piezo_hysteresis.parameters import tables
+from piezo_hysteresis.parameters import node_tables
 from piezo_hysteresis.ros.parameters import describe
-from piezo_sim.nodes.tables import plant_table, simulator_table
+from piezo_sim.nodes.simulator_tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 from piezo_sim.presets import preset_names
 
 pytestmark = pytest.mark.ros
 
 SPECS = [
-    *(spec for name in tables.__all__ for spec in getattr(tables, name).specs),
+    *(spec for name in node_tables.__all__ for spec in getattr(node_tables, name).specs),
     *simulator_table().specs,
 ]
 

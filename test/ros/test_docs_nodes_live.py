@@ -12,8 +12,8 @@ from listening import Listener
 from live_nodes import LiveNodes
 
 from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.node_sheet import NodeSheet
 from piezo_hysteresis.common.registry import package_of
-from piezo_hysteresis.common.sheet import NodeSheet
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 

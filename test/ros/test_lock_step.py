@@ -11,17 +11,17 @@ from listening import Listener
 from live_nodes import LiveNodes
 
 from piezo_hysteresis.common.registry import package_of
-from piezo_hysteresis.compensation.base import Limits, Link
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.compensation.linear_gain import ModeGain
-from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.offline_loop import LoopResult, closed_loop
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.parameters.tables import ATTENUATION
+from piezo_hysteresis.parameters.node_tables import ATTENUATION
 from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, ModelEstimate

@@ -9,7 +9,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from piezo_hysteresis.common.stamps import nanoseconds_of, stamp_into, tick_nanoseconds
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.online import online
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings

@@ -10,10 +10,10 @@ import pytest
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.common.table import ParameterTable
+from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
-from piezo_hysteresis.parameters.tables import ATTENUATION, FEEDBACK, IDENTIFICATION
+from piezo_hysteresis.parameters.node_tables import ATTENUATION, FEEDBACK, IDENTIFICATION
 from piezo_interfaces.msg import ActuatorState
 from piezo_interfaces.srv import LoadModel
 

@@ -9,7 +9,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter, get_parameter_value
 
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_hysteresis.ros.parameters import NodeParameters, RefusedError
 from piezo_hysteresis.runtime.sweep_plan import parse_options
 

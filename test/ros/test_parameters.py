@@ -16,13 +16,13 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_hysteresis.common.registry import package_of
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
-from piezo_hysteresis.parameters import tables
+from piezo_hysteresis.parameters import node_tables
 from piezo_hysteresis.records import Record, write_bag
 from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_interfaces.msg import ActuatorState
-from piezo_sim.nodes.tables import plant_table, simulator_table
+from piezo_sim.nodes.simulator_tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 
 pytestmark = pytest.mark.ros
@@ -39,15 +39,15 @@ TABLES: dict[str, ParameterTable] = {
     'simulator': ParameterTable(
         (*simulator_table().specs, *plant_table(Plant.from_preset('fdk_pzba_00030')).specs)
     ),
-    'excitation': tables.EXCITATION,
-    'feedforward': tables.FEEDFORWARD,
-    'attenuation': tables.ATTENUATION,
-    'feedback': tables.FEEDBACK,
-    'identification': tables.IDENTIFICATION,
-    'gap_monitor': tables.GAP_MONITOR,
-    'discovery': tables.DISCOVERY,
-    'recorder': tables.RECORDER,
-    'player': tables.PLAYER,
+    'excitation': node_tables.EXCITATION,
+    'feedforward': node_tables.FEEDFORWARD,
+    'attenuation': node_tables.ATTENUATION,
+    'feedback': node_tables.FEEDBACK,
+    'identification': node_tables.IDENTIFICATION,
+    'gap_monitor': node_tables.GAP_MONITOR,
+    'discovery': node_tables.DISCOVERY,
+    'recorder': node_tables.RECORDER,
+    'player': node_tables.PLAYER,
 }
 
 

@@ -179,7 +179,7 @@ def test_reset_and_presets(twin: Twin) -> None:
     twin.plant.reset()
     twin.swing()
 
-    request = LoadPreset.Request(preset='unheard_of')
+    request = LoadPreset.Request(preset='awaiting_first_heartbeat_of')
     answer = twin.listener.call(LoadPreset, 'simulator/load_preset', request)
     assert not answer.success
     assert PRESET in answer.message

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.common.wording import OneLineParser, counted, near
 from piezo_hysteresis.models import ModelFile, named
@@ -30,7 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     ModelFile(model, model.defaults()).save(tmp_path / 'model.yaml')
     monkeypatch.chdir(tmp_path)
     yield tmp_path
-    talk.choose(talk.parsed([]))
+    verbosity.choose(verbosity.parsed([]))
 
 
 def refused(words: str, capsys: Any, program: Any = main) -> str:
@@ -99,9 +99,9 @@ def test_quiet_stands_before_the_verb_or_behind_it(
     words: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(words.split()) == 0
-    assert talk.level() == talk.Verbosity.QUIET
+    assert verbosity.level() == verbosity.Verbosity.QUIET
     assert main(['-v', 'info', 'one']) == 0
-    assert talk.level() == talk.Verbosity.VERBOSE
+    assert verbosity.level() == verbosity.Verbosity.VERBOSE
 
 
 @pytest.mark.slow

@@ -14,10 +14,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
 from piezo_hysteresis.common.health import Level
 from piezo_hysteresis.common.settings import specs_of
-from piezo_hysteresis.compensation.base import Limits, Measured
-from piezo_hysteresis.compensation.harmonics import rls
+from piezo_hysteresis.compensation.harmonics import harmonic_rls
 from piezo_hysteresis.compensation.harmonics.afc import gains
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     OWN,
     AttenuationSettings,
     HarmonicAttenuation,
@@ -31,13 +30,14 @@ from piezo_hysteresis.compensation.harmonics.lines import (
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
-from piezo_hysteresis.compensation.loop import (
+from piezo_hysteresis.compensation.link import Limits, Measured
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
     closed_loop,
     reference_points,
     tracking_metrics,
 )
-from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
@@ -46,7 +46,7 @@ from piezo_hysteresis.runtime.harmonic_laws import UNKNOWN_PLANT
 from piezo_hysteresis.runtime.link_health import LinkHealth
 from piezo_hysteresis.runtime.watchdog import Watchdog
 from piezo_hysteresis.waveforms import Sine
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 DT = 1e-3
 LIMITS = Limits(-3.0, 3.0, 1e4)
@@ -246,7 +246,7 @@ def test_rls_with_the_computed_factor_attenuates_as_its_loop_gain_says(
         method='rls', orders=(3,), fit=fit, gain=strength, forgetting=0.9998
     )
     _, ratio, _, link = run(frequency, settings, begin=4.0, seconds=24.0)
-    kappa = abs(rls.kappa(3 * frequency, link.memory[OWN:], link.packed, DT))
+    kappa = abs(harmonic_rls.kappa(3 * frequency, link.memory[OWN:], link.packed, DT))
     predicted = 1.0 / (1.0 + strength * kappa * abs(GAIN(3 * frequency)))
     assert 20 * math.log10(ratio / predicted) == pytest.approx(0.0, abs=3.0)
     assert ratio < 0.7

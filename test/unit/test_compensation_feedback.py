@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.feedback.base import OWN
+from piezo_hysteresis.compensation.feedback.feedback_link import OWN
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
     INTEGRAL_RULES,
     PROPORTIONAL_RULES,
@@ -33,14 +33,14 @@ from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
     hinf_synthesis,
 )
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains, plain
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
-from piezo_hysteresis.compensation.loop import closed_loop, tracking_metrics
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import closed_loop, tracking_metrics
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 DT = 1e-3
 LIMITS = Limits(-1.0, 1.0, 1e4)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import yaml
 
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
     INTEGRAL_RULES,
     LEVELS,
@@ -21,6 +20,7 @@ from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
 )
 from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import PidGains
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
 
 TABLES = Path(__file__).resolve().parents[2] / 'config' / 'fuzzy' / 'symmetric.yaml'

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.compensation.base import Limits, ReferencePoint
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse, least_slope
 from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
-from piezo_hysteresis.compensation.loop import reference_points
+from piezo_hysteresis.compensation.link import Limits, ReferencePoint
+from piezo_hysteresis.compensation.offline_loop import reference_points
 from piezo_hysteresis.errors import CompensationError, IdentificationError
 from piezo_hysteresis.identification.inverse_rows import (
     InverseBoucWen,
@@ -27,7 +27,7 @@ from piezo_hysteresis.identification.inverse_rows import (
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine, Triangle
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 DT = 1e-3
 BOUC_WEN = {'A1': 150e-6, 'A': 40e-6, 'beta': 1.0, 'gamma': 0.1}

@@ -10,7 +10,7 @@ from dashboard_fakes import Backend
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
 from piezo_hysteresis.dashboard.investigation_form import InvestigationForm, steps_words
-from piezo_hysteresis.dashboard.live import BackgroundJob, ShownBelief
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, ShownBelief
 from piezo_hysteresis.dashboard.panel import Controls
 
 BELIEFS = [

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup"')
 
 from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.live import Live, NodeState
+from piezo_hysteresis.dashboard.live_state import Live, NodeState
 from piezo_hysteresis.nodes.dashboard import node_registry as dashboard_nodes
 from piezo_hysteresis.nodes.dashboard.node_registry import TIMEOUT, NodeRegistry
 

@@ -12,12 +12,18 @@ from bokeh.document import Document
 from bokeh.events import ButtonClick
 from dashboard_fakes import Backend, filled, live_at
 
-from piezo_hysteresis.dashboard import page as page_module
+from piezo_hysteresis.dashboard import live_page as page_module
 from piezo_hysteresis.dashboard.axes import Follower
-from piezo_hysteresis.dashboard.live import BackgroundJob, Gap, LogLine, NodeState, ShownEstimate
-from piezo_hysteresis.dashboard.page import Page
-from piezo_hysteresis.dashboard.signals import State
-from piezo_hysteresis.dashboard.wellbeing import banner
+from piezo_hysteresis.dashboard.live_page import Page
+from piezo_hysteresis.dashboard.live_signals import State
+from piezo_hysteresis.dashboard.live_state import (
+    BackgroundJob,
+    Gap,
+    LogLine,
+    NodeState,
+    ShownEstimate,
+)
+from piezo_hysteresis.dashboard.overall_status import banner
 from piezo_hysteresis.dashboard.words import (
     estimate_words,
     gap_words,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.dashboard.decimate import columns, path
-from piezo_hysteresis.dashboard.signals import Signals, State
-from piezo_hysteresis.dashboard.spectrum import live_spectrum, unbroken_end, whole_periods
+from piezo_hysteresis.dashboard.live_signals import Signals, State
+from piezo_hysteresis.dashboard.live_spectrum import live_spectrum, unbroken_end, whole_periods
 
 
 @pytest.mark.parametrize('n', [1, 2, 599, 600, 601, 1201, 5000, 40000])

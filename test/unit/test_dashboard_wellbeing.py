@@ -10,8 +10,15 @@ from dashboard_fakes import live_at
 
 from piezo_hysteresis.dashboard.controls import ParameterState
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, Live, LogLine, NodeState
-from piezo_hysteresis.dashboard.wellbeing import MUTE, banner, overall, pulse
+from piezo_hysteresis.dashboard.live_state import (
+    BackgroundJob,
+    Counters,
+    Gap,
+    Live,
+    LogLine,
+    NodeState,
+)
+from piezo_hysteresis.dashboard.overall_status import MUTE, banner, overall, pulse
 from piezo_hysteresis.dashboard.words import (
     LOG_SHOWN,
     estimate_words,
@@ -19,7 +26,7 @@ from piezo_hysteresis.dashboard.words import (
     status_words,
     time_words,
 )
-from piezo_hysteresis.reporting.units import clock
+from piezo_hysteresis.reporting.display_units import clock
 
 
 def running(time: list[Any], mode: str = 'reference', **said: tuple[Any, ...]) -> Live:

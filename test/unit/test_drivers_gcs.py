@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers import DriverError, Measurement, open_controller, sweep
 from piezo_hysteresis.drivers.controller import UNLIMITED
 from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.models.modelfile import Provenance
 

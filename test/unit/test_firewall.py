@@ -12,7 +12,12 @@ from pathlib import Path
 import pytest
 
 from piezo_hysteresis.blocks import BLOCKS, EFFECTS
-from piezo_hysteresis.parameters.tables import ATTENUATION, FEEDBACK, FEEDFORWARD, IDENTIFICATION
+from piezo_hysteresis.parameters.node_tables import (
+    ATTENUATION,
+    FEEDBACK,
+    FEEDFORWARD,
+    IDENTIFICATION,
+)
 from piezo_sim.presets import load_preset, preset_names
 
 SOURCES = Path(__file__).parents[2] / 'src'

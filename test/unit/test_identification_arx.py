@@ -9,8 +9,8 @@ import pytest
 from scipy import signal
 
 from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import design, transfer_function
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function
 from piezo_hysteresis.records import Record, write_csv

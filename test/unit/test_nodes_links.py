@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile, named

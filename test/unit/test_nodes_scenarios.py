@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import yaml
 
+from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.common.registry import package_of
-from piezo_hysteresis.common.table import ParameterTable
-from piezo_hysteresis.parameters import tables
-from piezo_sim.nodes.tables import plant_table, simulator_table
+from piezo_hysteresis.parameters import node_tables
+from piezo_sim.nodes.simulator_tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 from piezo_sim.presets import preset_names
 
@@ -34,7 +34,7 @@ EXTRA = ['excitation', 'feedforward', 'feedback', 'gap_monitor', 'discovery', 'd
 
 def table_of(node: str, values: dict[str, Any]) -> ParameterTable:
     if node != 'simulator':
-        found: ParameterTable = getattr(tables, node.upper())
+        found: ParameterTable = getattr(node_tables, node.upper())
         return found
     own = simulator_table()
     preset = values.get('preset', own.defaults()['preset'])
@@ -165,7 +165,7 @@ def test_a_launch_file_names_what_there_is(
         assert arguments['scenario'][0] in {file.stem for file in SCENARIOS}
         assert arguments['preset'][0] in preset_names()
         for name in ('preset', 'clock', 'model_file'):
-            spec = simulator_table().spec(name) or tables.FEEDFORWARD.spec(name)
+            spec = simulator_table().spec(name) or node_tables.FEEDFORWARD.spec(name)
             assert spec is not None
             assert spec.judge(arguments[name][0]) == ''
 

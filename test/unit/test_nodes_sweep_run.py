@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from piezo_hysteresis.runtime.confirmation import Progress, Taken
+from piezo_hysteresis.runtime.consumer_progress import Progress, Taken
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, Kept, Pause, SweepRun, kept_message
 

@@ -9,7 +9,7 @@ import pytest
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.papers import (
-    catalogue,
+    figures,
     flap,
     fujii,
     stack,
@@ -19,7 +19,7 @@ from piezo_hysteresis.papers import (
     zhou,
 )
 from piezo_hysteresis.papers.bimorph import Length
-from piezo_hysteresis.papers.page import PAPERS, Exhibit, page, paper_page, save, write_pages
+from piezo_hysteresis.papers.paper_page import PAPERS, Exhibit, page, paper_page, save, write_pages
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -178,7 +178,7 @@ def test_a_figure_that_is_not_made_is_refused_with_the_reason(
 
 
 def test_every_builder_makes_the_figures_that_it_names() -> None:
-    for _, builders in catalogue.PAPERS.values():
+    for _, builders in figures.PAPERS.values():
         for group, build in builders:
             if group in (('Figure 5',), ('Figure 7',), ('Figure 3',)):
                 assert tuple(each.name for each in build(True)) == group

@@ -5,12 +5,14 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable
-from piezo_hysteresis.parameters import tables
-from piezo_sim.nodes.tables import plant_table, simulator_table
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
+from piezo_hysteresis.parameters import node_tables
+from piezo_sim.nodes.simulator_tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
 
-NODES = {name: table for name, table in vars(tables).items() if isinstance(table, ParameterTable)}
+NODES = {
+    name: table for name, table in vars(node_tables).items() if isinstance(table, ParameterTable)
+}
 SIMULATOR = ParameterTable(
     (*simulator_table().specs, *plant_table(Plant.from_preset('fdk_pzba_00030')).specs)
 )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.cli.progress import ProgressLines, left_words
 from piezo_hysteresis.errors import RecordError
@@ -165,7 +165,7 @@ def test_a_verbose_error_tells_where_it_arose(
     assert 'Traceback' in capsys.readouterr().err
     assert main(['info', str(tmp_path / 'no.csv')]) == 2
     assert 'Traceback' not in capsys.readouterr().err
-    assert talk.level() == talk.Verbosity.USUAL
+    assert verbosity.level() == verbosity.Verbosity.USUAL
 
 
 def completed(script: str, line: str) -> list[str]:

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.reporting.display_units import micrometres, shown, with_deviation
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table, write_report
 from piezo_hysteresis.reporting.plots import (
     PALETTE,
@@ -24,7 +25,6 @@ from piezo_hysteresis.reporting.plots import (
     xy_figure,
 )
 from piezo_hysteresis.reporting.signals import amplitude_spectrum, last_periods, thinned
-from piezo_hysteresis.reporting.units import micrometres, shown, with_deviation
 
 TIME = np.arange(2000.0) * 1e-3
 SINE = 5e-5 * np.sin(2 * np.pi * 7 * TIME)

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from piezo_hysteresis.common.table import ParameterTable
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK
 from piezo_hysteresis.runtime.feedback_laws import FeedbackLaws

@@ -12,9 +12,9 @@ import yaml
 
 from piezo_sim import load_preset
 from piezo_sim.cli import main
-from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.presets import read_preset
+from piezo_sim.simulation_errors import PresetError
 
 STAGE = Flexure(72e9, 14e-3, 3e-3, 3.5e-3, 10e-3)
 

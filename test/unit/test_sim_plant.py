@@ -12,8 +12,8 @@ from sim_signals import sine
 
 from piezo_hysteresis.waveforms import KINDS
 from piezo_sim import FAULTS, Plant, PlantError, PresetError, load_preset, preset_names
+from piezo_sim.plant_parameters import dimensions
 from piezo_sim.presets import read_preset
-from piezo_sim.table import dimensions
 
 NOISY = {
     f'effects.{name}': True

@@ -13,7 +13,7 @@ TOLD = 'import os; import {module}; print(os.environ["OPENBLAS_NUM_THREADS"])'
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    'module', ['piezo_hysteresis.cli.main', 'piezo_hysteresis.nodes.links.feedforward']
+    'module', ['piezo_hysteresis.cli.main', 'piezo_hysteresis.nodes.links.feedforward_node']
 )
 @pytest.mark.parametrize(('said', 'meant'), [(None, '1'), ('3', '3')])
 def test_linear_algebra_works_in_the_thread_that_calls_it(

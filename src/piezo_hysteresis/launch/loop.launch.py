@@ -85,7 +85,7 @@ def _nodes(context):
         'discovery': [page],
         'dashboard': [page],
     }
-    wanted = on | {'excitation', 'feedforward'} | ({'discovery'} if 'dashboard' in on else set())
+    chosen = on | {'excitation', 'feedforward'} | ({'discovery'} if 'dashboard' in on else set())
     return [
         Node(
             package=package_of(name),
@@ -96,7 +96,7 @@ def _nodes(context):
             ros_arguments=['--enclave', f'/{namespace}/{name}'] if secured else [],
         )
         for name, given in parameters.items()
-        if name in wanted
+        if name in chosen
     ]
 
 

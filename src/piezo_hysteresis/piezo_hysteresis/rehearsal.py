@@ -117,11 +117,11 @@ def online_methods() -> None:
 
 def inverses() -> None:
     """Invert every named model by every law that there is for it."""
-    from piezo_hysteresis.compensation.base import INVERSES, ReferencePoint
-    from piezo_hysteresis.compensation.inverses.base import InverseLink
-    from piezo_hysteresis.compensation.inverses.choice import inverse_for
     from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+    from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+    from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
     from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
+    from piezo_hysteresis.compensation.link import INVERSES, ReferencePoint
     from piezo_hysteresis.models import NAMES, named
     from piezo_hysteresis.models.named import BANK
 
@@ -143,14 +143,14 @@ def inverses() -> None:
 
 def laws() -> None:
     """Let every attenuation law take a few ticks."""
-    from piezo_hysteresis.compensation.base import Measured, ReferencePoint
-    from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
-    from piezo_hysteresis.compensation.harmonics.settings import (
+    from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
         AttenuationSettings,
         Fit,
         Method,
     )
+    from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
     from piezo_hysteresis.compensation.linear_gain import ModeGain
+    from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
     gain = ModeGain(1e-6, 68.0, 0.02, DT)
     for method, fit in product(get_args(Method), get_args(Fit)):
@@ -164,11 +164,11 @@ def laws() -> None:
 
 def errors() -> None:
     """Let every law on the error take a few ticks, and change its gains."""
-    from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
     from piezo_hysteresis.compensation.feedback import hinf
+    from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
     from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
     from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
-    from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
+    from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 
     gains, rules = PidGains(1.0, 1.0, 1.0), FuzzyRules(1e-6, 1e-3, 1.0, 1.0)
     plant = hinf.transfer_function([1e-6], [2.5e-5, 1e-4, 1.0])
@@ -184,11 +184,11 @@ def errors() -> None:
 
 def limits() -> None:
     """Limit a voltage, let it go to rest, and change a model smoothly."""
-    from piezo_hysteresis.compensation.base import Limits
     from piezo_hysteresis.compensation.energy import EnergyLimits
-    from piezo_hysteresis.compensation.inverses.choice import inverse_for
+    from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
     from piezo_hysteresis.compensation.limiter import Limiter
-    from piezo_hysteresis.compensation.sensor import SensorWatch
+    from piezo_hysteresis.compensation.link import Limits
+    from piezo_hysteresis.compensation.sensor_guard import SensorWatch
     from piezo_hysteresis.compensation.transition import CrossFade, Transition
     from piezo_hysteresis.models import named
 
@@ -207,11 +207,11 @@ def limits() -> None:
 
 def rivals() -> None:
     """Let repetitive control take a few ticks."""
-    from piezo_hysteresis.compensation.base import Measured, ReferencePoint
     from piezo_hysteresis.compensation.harmonics.repetitive import (
         OddRepetitive,
         RepetitiveSettings,
     )
+    from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
     law = OddRepetitive(RepetitiveSettings(1e-6), DT)
     law.reset()

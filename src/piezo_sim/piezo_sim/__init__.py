@@ -6,10 +6,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from piezo_sim.errors import PlantError, PresetError, SimulationError, SweepError
     from piezo_sim.plant import FAULTS, Plant
+    from piezo_sim.plant_parameters import PlantEffect, PlantParameter
     from piezo_sim.presets import Preset, load_preset, preset_names
-    from piezo_sim.table import PlantEffect, PlantParameter
+    from piezo_sim.simulation_errors import PlantError, PresetError, SimulationError, SweepError
 
 __version__ = '0.1.0'
 

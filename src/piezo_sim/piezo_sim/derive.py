@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from piezo_sim.errors import PlantError
 from piezo_sim.layout import DERIVED_TYPE, EFFECTS, PARAMETER_TYPE
 from piezo_sim.parts import bouc_wen, chain, play, slow, structure
+from piezo_sim.simulation_errors import PlantError
 
 Record = npt.NDArray[Any]
 

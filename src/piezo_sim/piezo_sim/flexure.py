@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from piezo_sim.errors import SimulationError
+from piezo_sim.simulation_errors import SimulationError
 
 
 class FlexureError(SimulationError):

@@ -23,7 +23,7 @@ from piezo_sim.parts import (
     slow,
     structure,
 )
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 _PARTS = (amplifier, drive, bouc_wen, play, preisach, structure, slow, sensor)
 

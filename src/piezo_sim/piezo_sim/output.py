@@ -12,8 +12,8 @@ import yaml
 
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.records import Record, write_bag, write_csv
-from piezo_sim.errors import SweepError
 from piezo_sim.plant import Plant
+from piezo_sim.simulation_errors import SweepError
 
 
 def check_target(path: Path, count: int) -> None:

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from piezo_hysteresis.common.wording import near
 from piezo_sim import derive
-from piezo_sim.errors import PlantError
 from piezo_sim.layout import EFFECTS, PARAMETERS, STATE_TYPE
 from piezo_sim.parts import chain, structure
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 from piezo_sim.presets import Preset, load_preset
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.simulation_errors import PlantError
 
 FloatArray = npt.NDArray[np.float64]
 

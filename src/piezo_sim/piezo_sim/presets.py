@@ -17,10 +17,10 @@ import yaml
 
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import near, reason_of
-from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.layout import EFFECTS, PARAMETERS
-from piezo_sim.table import NOMINAL_DISPLACEMENT, NOMINAL_VOLTAGE, PlantParameter
+from piezo_sim.plant_parameters import NOMINAL_DISPLACEMENT, NOMINAL_VOLTAGE, PlantParameter
+from piezo_sim.simulation_errors import PresetError
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_sim.errors import PresetError
 from piezo_sim.flexure import Flexure, FlexureError
 from piezo_sim.presets import load_preset
+from piezo_sim.simulation_errors import PresetError
 
 
 def configure_stage(parser: argparse.ArgumentParser) -> None:

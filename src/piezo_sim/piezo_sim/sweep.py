@@ -12,8 +12,8 @@ import numpy.typing as npt
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
 from piezo_hysteresis.waveforms.sine import smooth_ramp
-from piezo_sim.errors import SweepError
 from piezo_sim.plant import Plant
+from piezo_sim.simulation_errors import SweepError
 
 FloatArray = npt.NDArray[np.float64]
 

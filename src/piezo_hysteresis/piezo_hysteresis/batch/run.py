@@ -83,7 +83,7 @@ def run_batch(
         If there are no data, `out` cannot be written or holds the results of another verb, no
         process can start, or the given executor broke down; what is finished is kept.
     """
-    from piezo_hysteresis.batch.table import write_tables  # draws: not for the workers
+    from piezo_hysteresis.batch.results_table import write_tables  # draws: not for the workers
 
     jobs = jobs_of(task, data, out)
     claim(out, f'batch {task.verb}')

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.cli import discover, identify, talk
+from piezo_hysteresis.cli import discover, identify, verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         if row['state'] != 'done':
             print(f'{row["state"]}: {row["name"]}: {row["error"]}', file=sys.stderr)
     for note in done.notes:
-        talk.warn(str(note))
+        verbosity.warn(str(note))
     counts = ', '.join(f'{count} {state}' for state, count in settled(done.rows).items() if count)
     before = f' ({done.resumed} of them before)' if done.resumed else ''
     print(f'{counted(len(done.rows), "data set")}: {counts}{before}')

@@ -26,7 +26,7 @@ from piezo_hysteresis.cli.compensate_study import (
 )
 from piezo_hysteresis.cli.compensate_study import write_results as write
 from piezo_hysteresis.cli.shared_options import add_out
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile

@@ -8,19 +8,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, get_type_hints
 
-from piezo_hysteresis.compensation.base import INVERSES, Limits, Link
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights, PidGains
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
-from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    METHODS,
+    AttenuationSettings,
+)
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.harmonics.settings import METHODS, AttenuationSettings
-from piezo_hysteresis.compensation.inverses.base import InverseLink
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, mode_of, model_gain
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
+from piezo_hysteresis.compensation.link import INVERSES, Limits, Link
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction
 from piezo_hysteresis.models.modelfile import ModelFile

@@ -13,23 +13,23 @@ import numpy as np
 
 from piezo_hysteresis.cli.compensate_links import Builder, Feedback, Repetition
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.compensation.base import Limits, Link
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
-from piezo_hysteresis.compensation.loop import (
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
     TrackingMetrics,
     closed_loop,
     tracking_metrics,
 )
-from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.process_plant import simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def whole_parser() -> argparse.ArgumentParser:
     """Return one parser of all verbs, whose files and folders are completed as such."""
     import shtab
 
-    from piezo_hysteresis.cli import talk
+    from piezo_hysteresis.cli import verbosity
     from piezo_hysteresis.cli.main import PLAIN, VERBS, load_verb
 
     whole = argparse.ArgumentParser(prog=COMMAND)
@@ -37,7 +37,7 @@ def whole_parser() -> argparse.ArgumentParser:
         parser = verbs.add_parser(verb, help=module.HELP)
         module.configure(parser)
         if verb not in PLAIN:
-            talk.add_words(parser)
+            verbosity.add_words(parser)
         for action in parser._actions:
             kind = {'DIR': shtab.DIRECTORY, 'BAG': shtab.DIRECTORY}.get(str(action.metavar))
             takes = action.metavar in ('DATA', 'FILE', 'YAML', 'NAME|YAML', 'MODEL')

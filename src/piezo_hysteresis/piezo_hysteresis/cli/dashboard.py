@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.need_ros import ros_needed
-from piezo_hysteresis.parameters.dashboard import configure
+from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.parameters.dashboard_table import configure
 
 __all__ = ['HELP', 'configure', 'run']
 
@@ -21,5 +21,5 @@ def run(arguments: argparse.Namespace) -> int:
     known = {name: getattr(arguments, name) for name in ('namespace', 'folder', 'port', 'address')}
     given = {name: value for name, value in known.items() if value is not None}
     with ros_needed():
-        from piezo_hysteresis.nodes.dashboard import dashboard
-    return dashboard.run([f'--{name}={given[name]}' for name in given])
+        from piezo_hysteresis.nodes.dashboard import dashboard_node
+    return dashboard_node.run([f'--{name}={given[name]}' for name in given])

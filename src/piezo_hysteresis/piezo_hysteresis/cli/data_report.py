@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.records import Record, Survey
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
@@ -80,11 +80,11 @@ def bag_lines(bag: BagContent) -> list[str]:
 def print_survey_notes(found: Survey) -> None:
     """Print lost, repaired and noteworthy data to stderr."""
     for note in found.notes:
-        talk.warn(str(note), 'note')
+        verbosity.warn(str(note), 'note')
     for damage in found.damage:
-        talk.warn(str(damage), 'salvaged')
+        verbosity.warn(str(damage), 'salvaged')
     if found.damage:
         lost = sum(damage.lost for damage in found.damage)
-        talk.warn(
+        verbosity.warn(
             f'{counted(len(found.damage), "finding")}, {counted(lost, "sample")} lost', 'salvaged'
         )

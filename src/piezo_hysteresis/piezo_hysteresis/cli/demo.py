@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.errors import IdentificationError
@@ -136,4 +136,4 @@ def _print_fit(found: Any) -> None:
             f'({row.nrmse_percent:.3g} % of its standard deviation)'
         )
     for warning in found.warnings:
-        talk.warn(str(warning))
+        verbosity.warn(str(warning))

@@ -11,8 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.cli.need_ros import ros_needed
-from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, tracking_metrics
+from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.compensation.offline_loop import (
+    LoopResult,
+    TrackingMetrics,
+    tracking_metrics,
+)
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.errors import IdentificationError
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = task.work(arguments.data, arguments.out, progress)
     _tell(found.verdict, arguments.out)
     for finding in found.check.findings:
-        talk.warn(str(finding))
+        verbosity.warn(str(finding))
     return 0
 
 

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 from piezo_hysteresis.cli import compensate_links as chain
 from piezo_hysteresis.cli.compensate_links import Builder
-from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.inverses.reach import reach_of
 from piezo_hysteresis.compensation.limiter import packed_limits
+from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder, write_folder

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.errors import IdentificationError
@@ -168,11 +168,11 @@ def _tell(found: Any, data: Sequence[str], out: str) -> None:
     """Print parameters with the digits they have, errors and warnings."""
     from piezo_hysteresis.identification.discrepancy import discrepancy_words
     from piezo_hysteresis.identification.uncertainty import digits
+    from piezo_hysteresis.reporting.display_units import shown
     from piezo_hysteresis.reporting.identification_report import (
         discover_command,
         lacks_something,
     )
-    from piezo_hysteresis.reporting.units import shown
 
     print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
     for parameter in found.model.parameters:
@@ -197,6 +197,6 @@ def _tell(found: Any, data: Sequence[str], out: str) -> None:
         print('  ' + discrepancy_words(found.discrepancy))
     print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
-        talk.warn(str(warning))
+        verbosity.warn(str(warning))
     if lacks_something(found):
         print(f'next: {discover_command(found.model, data)}')

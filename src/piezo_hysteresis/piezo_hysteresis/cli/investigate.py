@@ -14,7 +14,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import PiezoError

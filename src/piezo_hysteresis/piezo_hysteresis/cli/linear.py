@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 
 _POOR = 10.0  # percent of what moves that a linear model may miss
 
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'pole {pole.real:.5g}{pole.imag:+.5g}j rad/s ({abs(pole) / (2 * np.pi):.4g} Hz)')
     print(f'written to {arguments.out}')
     if found.gain <= 0.0 or found.nrmse_percent > _POOR:
-        talk.warn(
+        verbosity.warn(
             'this is no model of an actuator; record faster and smaller moves (steps, a chirp '
             'above 1 Hz), and leave what settles at the start out with --warm-up'
         )

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.errors import PiezoError
 

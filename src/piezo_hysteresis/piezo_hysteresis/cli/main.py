@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import TextIO
 
 from piezo_hysteresis import __version__
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import OneLineParser, near
 from piezo_hysteresis.errors import DataNote, PiezoError
 
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
             warnings.showwarning = _say
             return _run(given)
     except PiezoError as error:
-        if talk.level() == talk.Verbosity.VERBOSE:
+        if verbosity.level() == verbosity.Verbosity.VERBOSE:
             traceback.print_exc()
         print(f'error: {error}', file=sys.stderr)
         return 2
@@ -89,11 +89,11 @@ def _say(
     kind = 'note' if issubclass(category, DataNote) else 'warning'
     if category.__name__ == 'DamageWarning':  # of a room that is not loaded for every verb
         kind = 'salvaged'
-    talk.warn(str(message), kind)
+    verbosity.warn(str(message), kind)
 
 
 def _run(given: list[str]) -> int:
-    early, given = talk.early_words(given)
+    early, given = verbosity.early_words(given)
     verb = given[0] if given else ''
     if verb not in VERBS:
         if verb and not verb.startswith('-'):
@@ -105,14 +105,14 @@ def _run(given: list[str]) -> int:
     )
     module.configure(parser)
     if verb not in PLAIN:
-        talk.add_words(parser)
+        verbosity.add_words(parser)
     plain = verb in PLAIN
     arguments = parser.parse_args(given[1:] if plain else [*early, *given[1:]])
-    talk.choose(talk.parsed(early) if plain else arguments)
+    verbosity.choose(verbosity.parsed(early) if plain else arguments)
     replaces = _prepared(arguments, verb)
     code = int(module.run(arguments))
     if replaces and code == 0:
-        talk.warn(f'{arguments.out}: {replaces} are replaced', 'note')
+        verbosity.warn(f'{arguments.out}: {replaces} are replaced', 'note')
     return code
 
 

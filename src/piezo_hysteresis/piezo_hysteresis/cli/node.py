@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-from piezo_hysteresis.cli.need_ros import installed, ros_needed
+from piezo_hysteresis.cli.ros_installation import installed, ros_needed
 from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import PiezoError
@@ -33,8 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     sys.stdout.flush()
     options = ros_words(arguments.words)
     with ros_needed():
-        from piezo_hysteresis.ros.starting import held_signals
-    with held_signals():
+        from piezo_hysteresis.ros.starting import blocked_signals
+    with blocked_signals():
         os.execv(sys.executable, [sys.executable, str(path), *options])  # never returns
     return 0
 

@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
         If the package `piezo_sim` is not installed.
     """
     try:
-        from piezo_hysteresis.papers import catalogue
-        from piezo_hysteresis.papers.page import page, save, write_pages
+        from piezo_hysteresis.papers import figures
+        from piezo_hysteresis.papers.paper_page import page, save, write_pages
     except ModuleNotFoundError as error:
         if error.name != 'piezo_sim':
             raise
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     out.mkdir(parents=True, exist_ok=True)
     found = []
     for paper in chosen:
-        for entry in catalogue.entries(paper, names, arguments.short):
+        for entry in figures.entries(paper, names, arguments.short):
             print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)
             save(entry, out)
             found.append(entry)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.cli.ros_installation import ros_needed
 
 HELP = 'topics from a bag'
 
@@ -36,5 +36,5 @@ def run(arguments: argparse.Namespace) -> int:
     }
     options += [switch for switch, given in switches.items() if given]
     with ros_needed():
-        from piezo_hysteresis.nodes.recording import player
-    return player.run(options)
+        from piezo_hysteresis.nodes.recording import player_node
+    return player_node.run(options)

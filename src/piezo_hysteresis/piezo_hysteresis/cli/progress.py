@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from piezo_hysteresis.cli.talk import Verbosity, level
-from piezo_hysteresis.reporting.units import clock, time_left
+from piezo_hysteresis.cli.verbosity import Verbosity, level
+from piezo_hysteresis.reporting.display_units import clock, time_left
 
 Tell = Callable[[float, str], None]
 

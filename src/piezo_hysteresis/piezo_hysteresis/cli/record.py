@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.need_ros import ros_needed
+from piezo_hysteresis.cli.ros_installation import ros_needed
 
 HELP = 'bag from topics of a running ROS 2 system'
 
@@ -26,5 +26,5 @@ def run(arguments: argparse.Namespace) -> int:
     """Hand over to the recorder node."""
     options = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
     with ros_needed():
-        from piezo_hysteresis.nodes.recording import recorder
-    return recorder.run(options)
+        from piezo_hysteresis.nodes.recording import recorder_node
+    return recorder_node.run(options)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli import talk
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.models import ModelFile
 
@@ -53,5 +53,5 @@ def run(arguments: argparse.Namespace) -> int:
     print(found.remark)
     print(f'written to {arguments.out}; open {arguments.out}/report.html')
     for warning in found.warnings:
-        talk.warn(warning)
+        verbosity.warn(warning)
     return 0

@@ -7,22 +7,22 @@ sheet besides, in `parameters/sheets.py`. No imports: setup.py reads this file.
 NODES = {
     'simulator': 'piezo_sim.nodes.simulator',
     'excitation': 'piezo_hysteresis.nodes.excitation.excitation',
-    'feedforward': 'piezo_hysteresis.nodes.links.feedforward',
-    'attenuation': 'piezo_hysteresis.nodes.links.attenuation',
-    'feedback': 'piezo_hysteresis.nodes.links.feedback',
+    'feedforward': 'piezo_hysteresis.nodes.links.feedforward_node',
+    'attenuation': 'piezo_hysteresis.nodes.links.attenuation_node',
+    'feedback': 'piezo_hysteresis.nodes.links.feedback_node',
     'control_loop': 'piezo_hysteresis.nodes.links.control_loop',
     'identification': 'piezo_hysteresis.nodes.identification',
     'gap_monitor': 'piezo_hysteresis.nodes.gap_monitor',
     'discovery': 'piezo_hysteresis.nodes.discovery',
-    'recorder': 'piezo_hysteresis.nodes.recording.recorder',
-    'player': 'piezo_hysteresis.nodes.recording.player',
+    'recorder': 'piezo_hysteresis.nodes.recording.recorder_node',
+    'player': 'piezo_hysteresis.nodes.recording.player_node',
     'gcs_driver': 'piezo_hysteresis.nodes.gcs_driver',
-    'dashboard': 'piezo_hysteresis.nodes.dashboard.dashboard',
+    'dashboard': 'piezo_hysteresis.nodes.dashboard.dashboard_node',
 }
 # Where the sheets of the nodes of a package are.
 SHEETS = {
     'piezo_hysteresis': 'piezo_hysteresis.parameters.sheets',
-    'piezo_sim': 'piezo_sim.nodes.sheets',
+    'piezo_sim': 'piezo_sim.nodes.simulator_sheets',
 }
 
 

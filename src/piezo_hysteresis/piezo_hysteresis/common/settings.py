@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from piezo_hysteresis.common.table import ParameterSpec, Value
+from piezo_hysteresis.common.parameter_table import ParameterSpec, Value
 
 Kind = TypeVar('Kind')
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.ranges import range_refusal
-from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits, largest_change, packed_energy
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from piezo_hysteresis.dashboard.controls import Value
-from piezo_hysteresis.dashboard.live import Live
+from piezo_hysteresis.dashboard.live_state import Live
 
 
 class Answer:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
-from piezo_hysteresis.reporting.units import shown
+from piezo_hysteresis.reporting.display_units import shown
 
 Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str] | list[bool]
 

@@ -20,7 +20,7 @@ from bokeh.models import (
 )
 
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
-from piezo_hysteresis.dashboard.live import BackgroundJob
+from piezo_hysteresis.dashboard.live_state import BackgroundJob
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.dashboard.words import job_words, start_words, time_words
 from piezo_hysteresis.errors import PiezoError

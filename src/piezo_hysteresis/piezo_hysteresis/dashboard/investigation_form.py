@@ -12,7 +12,7 @@ from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.dashboard.axes import live_axes
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live import BackgroundJob, ShownBelief
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, ShownBelief
 from piezo_hysteresis.dashboard.words import say, start_words, words_div
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.reporting.plot_parts import PALETTE

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from bokeh.models import Div, RadioButtonGroup, Row, Select, Toggle
 
-from piezo_hysteresis.dashboard.live import Live
-from piezo_hysteresis.dashboard.plots import (
+from piezo_hysteresis.dashboard.live_plots import (
     LoopPlot,
     PageState,
     SpectrumPlot,
     error_rms,
     new_traces,
 )
-from piezo_hysteresis.dashboard.signals import Window
+from piezo_hysteresis.dashboard.live_signals import Window
+from piezo_hysteresis.dashboard.live_state import Live
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
 from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
 from piezo_hysteresis.dashboard.words import (

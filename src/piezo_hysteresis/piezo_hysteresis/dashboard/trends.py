@@ -9,9 +9,9 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Label, Range1d, Span
 
 from piezo_hysteresis.dashboard.axes import Follower, live_axes
-from piezo_hysteresis.dashboard.live import Gap, ShownEstimate
+from piezo_hysteresis.dashboard.live_state import Gap, ShownEstimate
+from piezo_hysteresis.reporting.display_units import shown
 from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE
-from piezo_hysteresis.reporting.units import shown
 
 SECONDS = 120.0
 BAND = 2.0  # standard deviations

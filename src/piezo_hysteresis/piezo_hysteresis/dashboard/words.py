@@ -10,10 +10,16 @@ from urllib.parse import quote
 from bokeh.models import Div
 
 from piezo_hysteresis.dashboard.counted import COUNTED
-from piezo_hysteresis.dashboard.live import BackgroundJob, Counters, Gap, Live, ShownEstimate
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, Counters, Gap, Live, ShownEstimate
+from piezo_hysteresis.dashboard.overall_status import ago, corrected, of_node
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.dashboard.wellbeing import ago, corrected, of_node
-from piezo_hysteresis.reporting.units import clock, micrometres, shown, time_left, with_deviation
+from piezo_hysteresis.reporting.display_units import (
+    clock,
+    micrometres,
+    shown,
+    time_left,
+    with_deviation,
+)
 
 # What was logged is shown for so long [s].
 LOG_SHOWN = 60.0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from urllib.parse import parse_qs, urlsplit
 
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import Controller
 from piezo_hysteresis.drivers.errors import DriverError
 from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController, connection

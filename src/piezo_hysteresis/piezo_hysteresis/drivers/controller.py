@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.errors import DriverError
 
 #: Limits of a user who gives none; those of the controller hold all the same.

@@ -13,15 +13,15 @@ from math import isfinite
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
-from piezo_hysteresis.compensation.loop import (
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
     TrackingMetrics,
     closed_loop,
     tracking_metrics,
 )
-from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.drivers.controller import Controller
 from piezo_hysteresis.drivers.errors import DriverError
 from piezo_hysteresis.drivers.sweep import REST, whole

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.table import ParameterTable
+from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.jit import leaf
 from piezo_hysteresis.models.chain import Model
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis
-from piezo_hysteresis.compensation.inverses.base import InverseLink
-from piezo_hysteresis.compensation.inverses.feedforward import NAMES as EXTENDED
-from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import NAMES as EXTENDED
+from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.inverses.physical import (
     BOUC_WEN,
     FIRST,

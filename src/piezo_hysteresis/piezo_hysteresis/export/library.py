@@ -11,15 +11,15 @@ import numpy as np
 from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between
-from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.feedback.base import FeedbackLink
-from piezo_hysteresis.compensation.harmonics.attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive
-from piezo_hysteresis.compensation.inverses.base import InverseLink
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
-from piezo_hysteresis.compensation.loop import closed_loop
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.export.archive import archive
 from piezo_hysteresis.export.build_files import cmake, makefile
 from piezo_hysteresis.export.compensator import compensator_of
@@ -29,7 +29,7 @@ from piezo_hysteresis.export.fields import of_model
 from piezo_hysteresis.export.header import About, header
 from piezo_hysteresis.export.more_sections import frequency_section, repetitive_section
 from piezo_hysteresis.export.native import ExportError, known_target, object_code
-from piezo_hysteresis.export.plant import plant_of
+from piezo_hysteresis.export.plant_functions import plant_of
 from piezo_hysteresis.export.programs import Drive, bench, example, plant_test, selftest
 from piezo_hysteresis.export.sections import (
     Section,

@@ -12,7 +12,7 @@ from piezo_hysteresis.compensation.harmonics import repetitive
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, forget_repetitive
 from piezo_hysteresis.compensation.inverses import frequency_switch as switch
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
-from piezo_hysteresis.compensation.sensor import FREQUENCY, forget_watch
+from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, forget_watch
 from piezo_hysteresis.export.fields import OK, Field
 from piezo_hysteresis.export.sections import Section, inverse_section
 from piezo_hysteresis.jit import leaf, scratch

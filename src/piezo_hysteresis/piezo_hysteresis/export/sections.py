@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.energy import EnergyLimits, energy_numbers
-from piezo_hysteresis.compensation.feedback import base as feedback
-from piezo_hysteresis.compensation.feedback.base import FeedbackLink, forget_link
+from piezo_hysteresis.compensation.feedback import feedback_link as feedback
+from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink, forget_link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid
 from piezo_hysteresis.compensation.feedback.pid import (
     PROPORTIONAL,
@@ -27,17 +26,17 @@ from piezo_hysteresis.compensation.feedback.pid import (
     PidGains,
     take_gains,
 )
-from piezo_hysteresis.compensation.harmonics import attenuation
-from piezo_hysteresis.compensation.harmonics import settings as places
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics import attenuation_settings as places
+from piezo_hysteresis.compensation.harmonics import harmonic_attenuation as attenuation
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     LAWS,
     STEPS,
     HarmonicAttenuation,
     forget_ramp,
 )
 from piezo_hysteresis.compensation.harmonics.supervision import GUARD_SIZE, forget_guard
-from piezo_hysteresis.compensation.inverses import base as inverses
-from piezo_hysteresis.compensation.inverses.base import InverseLink
+from piezo_hysteresis.compensation.inverses import inverse_link as inverses
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.limiter import (
     HIGH,
     LIMITER_SIZE,
@@ -50,7 +49,8 @@ from piezo_hysteresis.compensation.limiter import (
     limit,
     packed_limits,
 )
-from piezo_hysteresis.compensation.sensor import forget_watch
+from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.sensor_guard import forget_watch
 from piezo_hysteresis.compensation.transition import (
     CROSS_SIZE,
     begin_cross,

@@ -20,9 +20,12 @@ from piezo_hysteresis.cli.compensate_study import (
 )
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import near
-from piezo_hysteresis.compensation.base import INVERSES, Limits
-from piezo_hysteresis.compensation.feedback.settings import PidGains
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings, Method
+from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    AttenuationSettings,
+    Method,
+)
+from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
@@ -118,7 +121,7 @@ def compensate(
     slew : float, optional
         Largest change of the voltage [V/s]; that of the preset, or 1000.
     law : str
-        Kind of inverse, one of `piezo_hysteresis.compensation.base.INVERSES`.
+        Kind of inverse, one of `piezo_hysteresis.compensation.link.INVERSES`.
     attenuation : str or AttenuationSettings
         Method that attenuates the harmonics of the error, ``'none'`` for no attenuation.
     pid : sequence of float, shape (3,), optional

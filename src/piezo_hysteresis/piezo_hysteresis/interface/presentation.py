@@ -23,11 +23,11 @@ from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting import folder
 from piezo_hysteresis.reporting.compensation_report import colour_of
 from piezo_hysteresis.reporting.discovery_folder import write_discovery
+from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.identification_folder import write_identification
 from piezo_hysteresis.reporting.identification_report import free_runs
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 from piezo_hysteresis.reporting.signals import last_periods
-from piezo_hysteresis.reporting.units import MICRO
 from piezo_hysteresis.reporting.validation_folder import write_validation
 
 _STRETCHES = 120  # of the envelope of an error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.ros.flat import FlatCodec
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 

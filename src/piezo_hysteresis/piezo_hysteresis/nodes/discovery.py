@@ -13,10 +13,10 @@ from rclpy.task import Future
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
+from piezo_hysteresis.nodes.investigation.investigation_server import InvestigationServer
 from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled
-from piezo_hysteresis.nodes.investigation.server import InvestigationServer
 from piezo_hysteresis.nodes.paths import inside
-from piezo_hysteresis.parameters.tables import DISCOVERY
+from piezo_hysteresis.parameters.node_tables import DISCOVERY
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters

@@ -11,14 +11,14 @@ from std_srvs.srv import Trigger
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.order import SequenceFilter, StampValidator
+from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import nanoseconds_of
-from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.nodes.paths import requested_model
-from piezo_hysteresis.parameters.tables import GAP_MONITOR
+from piezo_hysteresis.parameters.node_tables import GAP_MONITOR
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP

@@ -25,7 +25,7 @@ from piezo_hysteresis.drivers.worker import (
     SweepOutcome,
     SweepProgress,
 )
-from piezo_hysteresis.parameters.tables import GCS_DRIVER
+from piezo_hysteresis.parameters.node_tables import GCS_DRIVER
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP

@@ -9,13 +9,13 @@ from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import nanoseconds_of
-from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.online import OnlineMethod
 from piezo_hysteresis.nodes.messages import estimate_into
 from piezo_hysteresis.nodes.paths import inside
-from piezo_hysteresis.parameters.tables import IDENTIFICATION
+from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP

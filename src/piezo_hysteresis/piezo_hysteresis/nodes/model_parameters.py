@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from rclpy.node import Node
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable, Value
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.ros.parameters import NodeParameters
@@ -148,7 +148,7 @@ class ModelParameters:
         try:
             self.follow()
         except PiezoError as error:
-            self._node.get_logger().error(f'{error} (the model before stays in force)')
+            self._node.get_logger().error(f'{error} (the previous model remains active)')
 
     def _refuse_values(self, changes: dict[str, Value]) -> str:
         if self._changed:  # more may come with it

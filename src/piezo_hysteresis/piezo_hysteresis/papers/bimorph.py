@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits, Link
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.inverses.feedforward import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
 from piezo_hysteresis.compensation.linear_gain import linear_gain
-from piezo_hysteresis.compensation.loop import LoopResult
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.offline_loop import LoopResult
 from piezo_hysteresis.identification import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.models import Model, named

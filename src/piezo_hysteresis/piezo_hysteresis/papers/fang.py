@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from piezo_hysteresis.compensation.loop import LoopResult
+from piezo_hysteresis.compensation.offline_loop import LoopResult
 from piezo_hysteresis.papers import runs, stage
 from piezo_hysteresis.papers.loops import last, together, width
-from piezo_hysteresis.papers.page import Builders, Draw, Exhibit, finish, loop, panels
+from piezo_hysteresis.papers.paper_page import Builders, Draw, Exhibit, finish, loop, panels
 from piezo_hysteresis.papers.stage import SEEDS, Found
 from piezo_hysteresis.records import Record
 

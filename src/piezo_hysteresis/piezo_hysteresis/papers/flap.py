@@ -7,14 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from piezo_hysteresis.compensation.base import Limits, Link
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.loop import tracking_metrics
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import Model, named

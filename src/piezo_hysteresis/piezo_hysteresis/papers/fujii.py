@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from piezo_hysteresis.papers import bimorph, loops, runs
 from piezo_hysteresis.papers.bimorph import DT, Length, length_of
-from piezo_hysteresis.papers.page import Builders, Exhibit, finish, loop
+from piezo_hysteresis.papers.paper_page import Builders, Exhibit, finish, loop
 
 NO_MEAN = (
     'The model has no offset, so its free run and its feedforward miss the mean by 16 to 230 um; '

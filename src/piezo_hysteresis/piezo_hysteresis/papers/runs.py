@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits, Link, Measured, ReferencePoint
-from piezo_hysteresis.compensation.loop import LoopResult, closed_loop
+from piezo_hysteresis.compensation.link import Limits, Link, Measured, ReferencePoint
+from piezo_hysteresis.compensation.offline_loop import LoopResult, closed_loop
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Waveform
 from piezo_sim.plant import Plant

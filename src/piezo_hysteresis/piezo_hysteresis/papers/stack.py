@@ -8,18 +8,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.compensation.base import Limits, Link
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import (
     HInfinity,
     HInfinityDesign,
     design,
     transfer_function,
 )
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
 from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.inverses.choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
-from piezo_hysteresis.compensation.loop import tracking_metrics
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.inverse_rows import row_of, selector_table

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.papers import bimorph, loops, runs
 from piezo_hysteresis.papers.bimorph import DT, Length, length_of
-from piezo_hysteresis.papers.page import Builders, Exhibit, finish, loop
+from piezo_hysteresis.papers.paper_page import Builders, Exhibit, finish, loop
 
 KINDS = ('basic', 'extended')
 CONTROL = ('basic', 'printed')

@@ -8,13 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from piezo_hysteresis.compensation.base import Link
-from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics, tracking_metrics
+from piezo_hysteresis.compensation.link import Link
+from piezo_hysteresis.compensation.offline_loop import (
+    LoopResult,
+    TrackingMetrics,
+    tracking_metrics,
+)
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.papers import runs, stack
 from piezo_hysteresis.papers.loops import drawn, last, together, width
-from piezo_hysteresis.papers.page import Builders, Exhibit, finish, loop
+from piezo_hysteresis.papers.paper_page import Builders, Exhibit, finish, loop
 from piezo_hysteresis.waveforms import Waveform, from_spec
 
 _BEGIN = 1.2

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.loop import LoopResult, tracking_metrics
+from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metrics
 from piezo_hysteresis.papers import flap, runs
 from piezo_hysteresis.papers.loops import together, width
-from piezo_hysteresis.papers.page import Builders, Draw, Exhibit, finish, loop, panels
+from piezo_hysteresis.papers.paper_page import Builders, Draw, Exhibit, finish, loop, panels
 from piezo_hysteresis.waveforms import Sine, Waveform, from_spec
 
 FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.common.settings import rule_of, specs_of
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable, Value
-from piezo_hysteresis.compensation.base import INVERSES
-from piezo_hysteresis.compensation.feedback.settings import FuzzyScales, HInfinityWeights, PidGains
-from piezo_hysteresis.compensation.harmonics.settings import AttenuationSettings
+from piezo_hysteresis.compensation.feedback.feedback_settings import (
+    FuzzyScales,
+    HInfinityWeights,
+    PidGains,
+)
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.link import INVERSES
 from piezo_hysteresis.errors import CompensationError
 
 RATE = ParameterSpec(

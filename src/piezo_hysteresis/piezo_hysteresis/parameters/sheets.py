@@ -6,16 +6,16 @@ This file knows no ROS, so that a node answers ``--help`` without starting.
 from __future__ import annotations
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.sheet import NodeSheet
-from piezo_hysteresis.common.table import ParameterTable
-from piezo_hysteresis.parameters import dashboard, tables
+from piezo_hysteresis.common.node_sheet import NodeSheet
+from piezo_hysteresis.common.parameter_table import ParameterTable
+from piezo_hysteresis.parameters import dashboard_table, node_tables
 
 
 def _links() -> dict[str, ParameterTable]:
     links = {
-        'feedforward': tables.FEEDFORWARD,
-        'attenuation': tables.ATTENUATION,
-        'feedback': tables.FEEDBACK,
+        'feedforward': node_tables.FEEDFORWARD,
+        'attenuation': node_tables.ATTENUATION,
+        'feedback': node_tables.FEEDBACK,
     }
     return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in links.items()}
 
@@ -33,7 +33,7 @@ _ALL = (
         'automatically. A record starts when each recorder has confirmed its marker, is valid '
         'when each has all samples, and is repeated otherwise. Voltages beyond the range in '
         '`loop/status` are refused before the first sample.',
-        tables.EXCITATION,
+        node_tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         publishes=(
             topics.REFERENCE,
@@ -48,7 +48,7 @@ _ALL = (
         'First controller of the voltage chain: computes the voltage for the reference by the '
         'inverse of the loaded model. Without a model it divides by `gain`, which compensates '
         'nothing. It subscribes to the actuator only while it receives no reference.',
-        tables.FEEDFORWARD,
+        node_tables.FEEDFORWARD,
         subscribes=(topics.REFERENCE, topics.ESTIMATE, topics.STATE),
         publishes=(*_told(topics.VOLTAGE_FEEDFORWARD), '~/status', '/diagnostics'),
         services=('~/load_model', '~/use_estimate'),
@@ -58,7 +58,7 @@ _ALL = (
     NodeSheet(
         'attenuation',
         'Second controller of the voltage chain: suppresses harmonics of the tracking error.',
-        tables.ATTENUATION,
+        node_tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(*_told(topics.VOLTAGE_COMMAND), topics.HARMONICS, '~/status', '/diagnostics'),
         services=('~/load_model', '~/reset'),
@@ -69,7 +69,7 @@ _ALL = (
         'Optional controller of the voltage chain: PID, fuzzy PID or H-infinity on the '
         'tracking error. It uses the topics of `attenuation`; remap them to place it before '
         'or after that node.',
-        tables.FEEDBACK,
+        node_tables.FEEDBACK,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
         publishes=(*_told(topics.VOLTAGE_COMMAND), '~/status', '/diagnostics'),
         services=('~/load_model', '~/reset'),
@@ -94,7 +94,7 @@ _ALL = (
     NodeSheet(
         'identification',
         'Estimates the parameters of the extended model online by recursive least squares.',
-        tables.IDENTIFICATION,
+        node_tables.IDENTIFICATION,
         subscribes=(topics.STATE, topics.MARKER),
         publishes=(topics.ESTIMATE, '~/status', '/diagnostics'),
         services=('~/reset', '~/save'),
@@ -103,7 +103,7 @@ _ALL = (
         'gap_monitor',
         'Simulates the loaded model in parallel with the actuator and publishes the residual '
         'in multiples of the noise floor and by harmonic.',
-        tables.GAP_MONITOR,
+        node_tables.GAP_MONITOR,
         subscribes=(topics.STATE,),
         publishes=(topics.GAP, '/diagnostics'),
         services=('~/load_model', '~/reset'),
@@ -115,7 +115,7 @@ _ALL = (
         'the running actuator, as `investigate`, with experiments that it selects, starts and '
         'records. While it records it subscribes to `actuator/state` and `record/marker`, and '
         'its status contains the number of recorded samples.',
-        tables.DISCOVERY,
+        node_tables.DISCOVERY,
         subscribes=(topics.LOOP_STATUS,),
         publishes=('~/status', '/diagnostics'),
         actions=('discover', 'investigate'),
@@ -126,7 +126,7 @@ _ALL = (
         'recorder and actuator: see [controllers.md](controllers.md). Each sweep becomes a bag '
         'below `folder`. `actuator/state` is for monitoring, at `monitor_rate`. Connecting moves '
         'nothing; a cancel, a shutdown and a loss stop the wave and ramp to 0 V.',
-        tables.GCS_DRIVER,
+        node_tables.GCS_DRIVER,
         publishes=(topics.STATE, '/diagnostics'),
         actions=('run_sweep',),
     ),
@@ -135,16 +135,16 @@ _ALL = (
         'Serves the live page: see [dashboard.md](dashboard.md). It subscribes to the topics '
         'of every displayed actuator through nodes `dashboard_recorder`, and is a client of '
         'the parameters and actions of the other nodes.',
-        tables.DASHBOARD,
+        node_tables.DASHBOARD,
         publishes=('/diagnostics',),
-        words=dashboard.configure,
+        words=dashboard_table.configure,
     ),
     NodeSheet(
         'recorder',
         'Writes topics into a rosbag2 bag that is readable at any time, even after a kill. '
         'Its status contains the number of recorded samples, so that an excitation or a '
         'player can wait for it.',
-        tables.RECORDER,
+        node_tables.RECORDER,
         subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
         publishes=('~/status', '/diagnostics'),
     ),
@@ -152,7 +152,7 @@ _ALL = (
         'player',
         'Plays a bag by the clock or in lock-step with its subscribers. It also publishes the '
         'topics of the bag. It waits for present recorders, so that they receive every sample.',
-        tables.PLAYER,
+        node_tables.PLAYER,
         subscribes=('/diagnostics',),
         publishes=('/diagnostics',),
     ),

@@ -7,11 +7,11 @@ from typing import Protocol
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
-from piezo_hysteresis.compensation.loop import LoopResult, TrackingMetrics
+from piezo_hysteresis.compensation.offline_loop import LoopResult, TrackingMetrics
+from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plot_parts import ROLES
 from piezo_hysteresis.reporting.plots import Curve, band_figure, trace_figure
-from piezo_hysteresis.reporting.units import micrometres
 
 _DRAWN = 400  # samples of the end that are drawn at least
 _ROLES = {

@@ -8,10 +8,11 @@ from typing import Protocol
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
-from piezo_hysteresis.compensation.loop import TrackingMetrics
+from piezo_hysteresis.compensation.offline_loop import TrackingMetrics
 from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.identification_certainty import parameter_section
 from piezo_hysteresis.reporting.identification_report import (
@@ -28,7 +29,6 @@ from piezo_hysteresis.reporting.plots import (
     spectrum_figure,
     trace_figure,
 )
-from piezo_hysteresis.reporting.units import micrometres
 
 _DRAWN_PERIODS = 3
 _RUNS = ('uncompensated', 'feedforward', 'attenuated')  # roles of the runs, in their order

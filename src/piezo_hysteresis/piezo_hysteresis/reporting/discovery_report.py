@@ -15,6 +15,7 @@ from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.reporting.detection_table import detection_section
+from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import (
@@ -25,7 +26,6 @@ from piezo_hysteresis.reporting.plots import (
     spectrum_figure,
     xy_figure,
 )
-from piezo_hysteresis.reporting.units import MICRO
 
 PERIODS = 3
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_hysteresis.reporting.display_units import shown, with_deviation
 from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plot_parts import PALETTE, new_axes
-from piezo_hysteresis.reporting.units import shown, with_deviation
 
 # Fewer elements are listed one by one.
 FEWEST = 6

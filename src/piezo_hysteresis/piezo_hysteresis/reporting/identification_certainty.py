@@ -8,9 +8,9 @@ from bokeh.palettes import PuOr11
 
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.uncertainty import CONDITION_LIMIT, CORRELATION_LIMIT
+from piezo_hysteresis.reporting.display_units import shown, with_deviation
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plot_parts import new_axes
-from piezo_hysteresis.reporting.units import shown, with_deviation
 
 _PAIRS = 5  # most strongly linked pairs that are listed
 _WRITTEN = 9  # up to so many parameters, numbers fit into the cells

@@ -15,6 +15,7 @@ from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.identification_certainty import (
     correlation_section,
     parameter_section,
@@ -23,7 +24,6 @@ from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods
-from piezo_hysteresis.reporting.units import micrometres
 
 _LOOPS = 4  # records whose loops are drawn
 _MANY_FLOORS = 3.0  # beyond this the model lacks something, not the record

@@ -12,10 +12,10 @@ from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.numerics.harmonics import phase_of
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
 from piezo_hysteresis.reporting.signals import last_periods, stands_out
-from piezo_hysteresis.reporting.units import micrometres
 
 _ORDERS = 9  # highest harmonic that is looked at
 

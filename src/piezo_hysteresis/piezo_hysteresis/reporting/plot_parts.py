@@ -19,8 +19,8 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.signals import envelope, thinned
-from piezo_hysteresis.reporting.units import MICRO
 
 #: Okabe and Ito: distinct with any colour vision, and by lightness in print.
 PALETTE = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')

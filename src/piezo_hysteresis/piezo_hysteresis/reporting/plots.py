@@ -10,6 +10,7 @@ from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Range1d
 from bokeh.transform import dodge
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plot_parts import (
     GREY,
@@ -26,7 +27,6 @@ from piezo_hysteresis.reporting.plot_parts import (
     readable_decades,
 )
 from piezo_hysteresis.reporting.signals import amplitude_spectrum
-from piezo_hysteresis.reporting.units import MICRO
 
 __all__ = [
     'GREY',

@@ -8,10 +8,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.validate import Validation
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
 from piezo_hysteresis.reporting.page import PageSection, render, table
 from piezo_hysteresis.reporting.plots import Curve, band_figure
-from piezo_hysteresis.reporting.units import micrometres
 
 
 def validation_page(

@@ -14,7 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from piezo_hysteresis.common.health import Health, Level
-from piezo_hysteresis.ros.herald import Herald, Readiness
+from piezo_hysteresis.ros.readiness import Herald, Readiness
 from piezo_hysteresis.ros.timers import wall_timer
 
 TOPIC = '/diagnostics'
@@ -24,7 +24,7 @@ LOOK = 0.2
 PERIOD = 1.0
 
 # How long the last word of a node that ends may take to be heard.
-LAST_WORD = Duration(seconds=1)
+FINAL_STATUS_TIMEOUT = Duration(seconds=1)
 
 
 # The value that says whether the node can answer.
@@ -88,7 +88,7 @@ class Diagnostics:
         """Say how the node is for the last time, and wait until that was heard."""
         self._level = None
         self.look()
-        self._publisher.wait_for_all_acked(LAST_WORD)
+        self._publisher.wait_for_all_acked(FINAL_STATUS_TIMEOUT)
 
 
 def state_of(status: DiagnosticStatus) -> str:

@@ -6,10 +6,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from piezo_hysteresis.ros.diagnostics import TOPIC, state_of
-from piezo_hysteresis.ros.work_book import WorkBook
+from piezo_hysteresis.ros.heartbeats import Heartbeats
 
 
-class Neighbours(WorkBook):
+class Neighbours(Heartbeats):
     """The other nodes of a namespace.
 
     Parameters
@@ -34,7 +34,7 @@ class Neighbours(WorkBook):
             for info in self._node.get_publishers_info_by_topic(TOPIC)
             if self._place is None or info.node_namespace.strip('/') == self._place
         }
-        self.meet(there - {self._own})
+        self.update_discovered(there - {self._own})
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:

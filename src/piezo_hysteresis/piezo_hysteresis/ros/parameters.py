@@ -20,7 +20,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from piezo_hysteresis.common.table import ParameterSpec, ParameterTable, Value
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
 
 Apply = Callable[[dict[str, Value]], None]
 Refuse = Callable[[dict[str, Value]], str]

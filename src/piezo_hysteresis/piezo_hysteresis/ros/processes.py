@@ -19,7 +19,7 @@ from typing import IO, Self
 
 from ament_index_python.packages import get_package_prefix
 
-from piezo_hysteresis.ros.starting import OWNER, held_signals
+from piezo_hysteresis.ros.starting import OWNER, blocked_signals
 
 TIMEOUT = 5.0
 
@@ -54,7 +54,7 @@ class NodeProcess:
         path = Path(get_package_prefix(package)) / 'lib' / package / executable
         self.name = executable
         self.log = log
-        with log.open('wb') as output, held_signals():
+        with log.open('wb') as output, blocked_signals():
             # A group of its own: a signal for one node never reaches its owner.
             self._process = subprocess.Popen(
                 [sys.executable, str(path), *arguments],

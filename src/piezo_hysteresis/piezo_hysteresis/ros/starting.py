@@ -30,11 +30,11 @@ ENDS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def held_signals() -> Iterator[None]:
+def blocked_signals() -> Iterator[None]:
     """Let signals that end a process wait; one that is started meanwhile inherits that.
 
-    `quiet_start` of the node takes them up. Until then Python itself and the loading of the entry
-    point would answer a Ctrl-C with a traceback.
+    `install_early_exit_handlers` of the node takes them up. Until then Python itself and the
+    loading of the entry point would answer a Ctrl-C with a traceback.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
     try:
@@ -43,7 +43,7 @@ def held_signals() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def quiet_start() -> None:
+def install_early_exit_handlers() -> None:
     """End the process at once and in silence on SIGINT or SIGTERM; until `run_node` takes over.
 
     A Ctrl-C while modules are imported would otherwise show where in them it came. Nothing has
@@ -88,7 +88,7 @@ def __getattr__(name: str) -> Callable[[], None]:
         raise AttributeError(name)
 
     def run() -> None:
-        quiet_start()
+        install_early_exit_handlers()
         if any(option in HELP_WORDS for option in sys.argv[1:]):
             return print_help(name)
         end_with_owner()

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import ReferencePoint
+from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.numerics.smooth import smooth_ramp
 from piezo_hysteresis.waveforms import Sine, Waveform
-from piezo_hysteresis.waveforms.base import Samples
+from piezo_hysteresis.waveforms.waveform import Samples
 
 # Ticks that are evaluated together, and to see how far a waveform goes.
 AHEAD = 256

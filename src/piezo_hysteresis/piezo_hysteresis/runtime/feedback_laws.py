@@ -7,15 +7,15 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights, PidGains
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
 from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights, PidGains
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.runtime.known_plant import known_mode
 from piezo_hysteresis.runtime.laws import Law
-from piezo_hysteresis.runtime.plant import known_mode
 
 # Groups of parameters that shape the law of each method.
 _GROUPS: dict[str, tuple[str, ...]] = {

@@ -6,14 +6,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from piezo_hysteresis.compensation.harmonics.attenuation import (
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.runtime.known_plant import GUESS, known_gain
 from piezo_hysteresis.runtime.laws import Law
-from piezo_hysteresis.runtime.plant import GUESS, known_gain
 
 # The settings of the law are parameters under the same names.
 _SETTINGS = tuple(field.name for field in fields(AttenuationSettings))

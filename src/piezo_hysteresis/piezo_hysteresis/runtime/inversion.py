@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from piezo_hysteresis.compensation.base import Limits, ReferencePoint
-from piezo_hysteresis.compensation.inverses.base import InverseLink
-from piezo_hysteresis.compensation.inverses.choice import inverse_for
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.link import Limits, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 

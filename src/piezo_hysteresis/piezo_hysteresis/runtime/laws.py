@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, Protocol
 
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.models import ModelFile
 
 

@@ -76,7 +76,7 @@ class LinkHealth:
         if watchdog.stale:
             message = f'no input since tick {watchdog.newest}: the voltage is ramped to safety'
             if paused:
-                findings.append((Level.WARN, f'{message}; its sender is there and says nothing'))
+                findings.append((Level.WARN, f'{message}; publisher alive but silent'))
             else:
                 findings.append((Level.ERROR, f'{message}; its sender has gone'))
         if numbers['sample'] != self._sample:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from piezo_hysteresis.records.markers import CANCELLED, MOVED, REPEATED
-from piezo_hysteresis.runtime.confirmation import Progress
+from piezo_hysteresis.runtime.consumer_progress import Progress
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
 
 # How far ahead the marker of a record is sent to an actuator that keeps its own pace, at first and

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Generic, NamedTuple, TypeVar
 
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
 Tag = TypeVar('Tag')
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.waveforms.base import Shape, Shaped, WaveformError
+from piezo_hysteresis.waveforms.waveform import Shape, Shaped, WaveformError
 
 LAWS = ('linear', 'logarithmic')
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.waveforms.base import Samples, Shape, Shaped, WaveformError
+from piezo_hysteresis.waveforms.waveform import Samples, Shape, Shaped, WaveformError
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.waveforms.base import Samples, Waveform, WaveformError
+from piezo_hysteresis.waveforms.waveform import Samples, Waveform, WaveformError
 
 
 @dataclass(frozen=True)

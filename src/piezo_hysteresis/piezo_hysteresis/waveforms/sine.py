@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.numerics.smooth import smooth_ramp
-from piezo_hysteresis.waveforms.base import Samples, Shape, Shaped, WaveformError
+from piezo_hysteresis.waveforms.waveform import Samples, Shape, Shaped, WaveformError
 
 __all__ = ['Multisine', 'Sine', 'SineSum', 'common_frequency', 'smooth_ramp']
 

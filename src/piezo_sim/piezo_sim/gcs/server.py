@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from piezo_sim.errors import SimulationError
 from piezo_sim.gcs.controller import SimulatedController
 from piezo_sim.gcs.language import Language
 from piezo_sim.gcs.nv200 import Nv200Language
 from piezo_sim.plant import Plant
+from piezo_sim.simulation_errors import SimulationError
 
 #: Faults: the connection is dropped, an answer cut in its middle, or nothing is answered.
 FAULTS = ('drop', 'truncate', 'silence')

@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import Health
 from piezo_hysteresis.common.order import StampValidator
+from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, tick_nanoseconds
-from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import FlatCodec, head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.neighbours import Neighbours
@@ -27,11 +27,11 @@ from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
-from piezo_sim.errors import SimulationError
-from piezo_sim.nodes.health import ActuatorHealth
 from piezo_sim.nodes.pacing import CommandQueue, Pace
-from piezo_sim.nodes.tables import command_range, plant_table, simulator_table
+from piezo_sim.nodes.simulator_health import ActuatorHealth
+from piezo_sim.nodes.simulator_tables import command_range, plant_table, simulator_table
 from piezo_sim.plant import Plant
+from piezo_sim.simulation_errors import SimulationError
 
 STATE = FlatCodec(ActuatorState)
 COMMAND = FlatCodec(VoltageCommand)

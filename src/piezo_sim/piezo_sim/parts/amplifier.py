@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from piezo_hysteresis.kernels.compile import leaf
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 FAR = 1e12  # stands for "no limit": large, yet finite in every product
 

@@ -17,7 +17,7 @@ import math
 from typing import Any
 
 from piezo_hysteresis.kernels.compile import leaf
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 PARAMETERS = (
     PlantParameter(

@@ -16,7 +16,7 @@ from typing import Any
 
 from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.parts import bouc_wen, play, preisach
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 PARAMETERS = (
     PlantParameter(

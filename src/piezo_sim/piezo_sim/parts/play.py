@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from piezo_hysteresis.kernels.compile import leaf
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 OPERATORS = 12
 

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.parts.amplifier import FAR
 from piezo_sim.parts.noise import normal, uniform
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 OCTAVES = 6
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from piezo_hysteresis.kernels.compile import leaf
-from piezo_sim.table import PlantEffect, PlantParameter
+from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 KELVIN_VOIGT = 3
 DECADES = 9  # elements that together creep with the logarithm of time, two per decade

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.base import FeedbackLaw, stepping
+from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLaw, stepping
+from piezo_hysteresis.compensation.feedback.feedback_settings import FuzzyScales
 from piezo_hysteresis.compensation.feedback.pid import (
     GAINS,
     INTEGRAL,
@@ -25,7 +25,7 @@ from piezo_hysteresis.compensation.feedback.pid import (
     hold,
     pid,
 )
-from piezo_hysteresis.compensation.feedback.settings import FuzzyScales
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
 

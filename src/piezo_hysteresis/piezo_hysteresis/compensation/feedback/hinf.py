@@ -9,15 +9,19 @@ import numpy as np
 from scipy import linalg, signal
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.base import FeedbackLaw, FeedbackLink, stepping
+from piezo_hysteresis.compensation.feedback.feedback_link import (
+    FeedbackLaw,
+    FeedbackLink,
+    stepping,
+)
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
     GeneralizedPlant,
     StateSpace,
     hinf_synthesis,
     ill_conditioned,
 )
-from piezo_hysteresis.compensation.feedback.settings import HInfinityWeights
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.numerics.linalg import failing_as

@@ -7,9 +7,14 @@ from dataclasses import astuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.feedback.base import OWN, FeedbackLaw, FeedbackLink, stepping
-from piezo_hysteresis.compensation.feedback.settings import PidGains
+from piezo_hysteresis.compensation.feedback.feedback_link import (
+    OWN,
+    FeedbackLaw,
+    FeedbackLink,
+    stepping,
+)
+from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.jit import jit
 
 __all__ = ['Pid', 'PidGains']

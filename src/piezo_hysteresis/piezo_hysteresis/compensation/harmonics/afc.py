@@ -13,6 +13,14 @@ from __future__ import annotations
 import math
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    FIRST_STEP,
+    ORDERS,
+    RESONANCE,
+    SETTLE,
+    SPAN,
+    WITH_MEAN,
+)
 from piezo_hysteresis.compensation.harmonics.lines import (
     HIGHEST,
     MOST,
@@ -22,14 +30,6 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     fill_separable,
     folded,
     solve_normal,
-)
-from piezo_hysteresis.compensation.harmonics.settings import (
-    FIRST_STEP,
-    ORDERS,
-    RESONANCE,
-    SETTLE,
-    SPAN,
-    WITH_MEAN,
 )
 from piezo_hysteresis.compensation.harmonics.steering import (
     CHANGED,

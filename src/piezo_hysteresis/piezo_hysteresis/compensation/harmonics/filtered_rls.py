@@ -12,9 +12,13 @@ import cmath
 import math
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    FORGETTING,
+    LARGEST,
+    ORDERS,
+)
+from piezo_hysteresis.compensation.harmonics.harmonic_rls import rls_update
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic, folded
-from piezo_hysteresis.compensation.harmonics.rls import rls_update
-from piezo_hysteresis.compensation.harmonics.settings import FORGETTING, LARGEST, ORDERS
 from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.jit import jit, scratch
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
-from piezo_hysteresis.compensation.sensor import (
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor_guard import (
     DISPLACEMENT,
     FREQUENCY,
     POINT_SIZE,

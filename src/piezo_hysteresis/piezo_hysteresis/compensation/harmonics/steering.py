@@ -6,8 +6,12 @@ import cmath
 import math
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    LARGEST,
+    LARGEST_STEP,
+    STEP_SIZE,
+)
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
-from piezo_hysteresis.compensation.harmonics.settings import LARGEST, LARGEST_STEP, STEP_SIZE
 from piezo_hysteresis.jit import jit
 
 # What was believed before weighs this much against clear observations, which fade by the memory.

@@ -11,16 +11,16 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Restoring, Slot, System
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.inverses.base import OFFSET, InverseLink
 from piezo_hysteresis.compensation.inverses.block_inverse import (
     FIRST_SLOPE,
     from_rest,
     packed_block,
 )
 from piezo_hysteresis.compensation.inverses.chain_kernel import REST, STRUCTURE, chain_kernel
+from piezo_hysteresis.compensation.inverses.inverse_link import OFFSET, InverseLink
 from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 from piezo_hysteresis.compensation.inverses.structure_inverse import CORNERS
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.numerics.linalg import solve_square

@@ -9,13 +9,13 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Restoring
-from piezo_hysteresis.compensation.inverses.base import Run
 from piezo_hysteresis.compensation.inverses.block_inverse import (
     CLAMPED,
     FIRST_SLOPE,
     BlockInverse,
     block_inverse,
 )
+from piezo_hysteresis.compensation.inverses.inverse_link import Run
 from piezo_hysteresis.compensation.inverses.structure_inverse import (
     STATE_SIZE,
     carry_ahead,

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.inverses import base
-from piezo_hysteresis.compensation.inverses.base import InverseLink, Run
-from piezo_hysteresis.compensation.sensor import FREQUENCY, POINT_SIZE, write_point
+from piezo_hysteresis.compensation.inverses import inverse_link
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Run
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, POINT_SIZE, write_point
 from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
@@ -52,7 +52,7 @@ def choose(
 @functools.cache
 def stepping(slow: Run, fast: Run) -> Callable[..., float]:
     """Return the kernel for two inverses: their memories, settings and numbers, slow first."""
-    step_slow, step_fast = base.stepping(slow), base.stepping(fast)
+    step_slow, step_fast = inverse_link.stepping(slow), inverse_link.stepping(fast)
 
     @jit
     def step(

@@ -8,7 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.compensation.inverses.base import InverseLink, take
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
 from piezo_hysteresis.compensation.inverses.structure_inverse import STATE_SIZE, invert_structure
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, scratch

@@ -10,15 +10,15 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import COUNT
-from piezo_hysteresis.compensation.base import Limits
 from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis
-from piezo_hysteresis.compensation.inverses.base import InverseLink, Run, take
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Run, take
 from piezo_hysteresis.compensation.inverses.structure_inverse import (
     CORNERS,
     STATE_SIZE,
     invert_structure,
     mode_coefficients,
 )
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
 

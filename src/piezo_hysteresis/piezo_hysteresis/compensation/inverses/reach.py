@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
-from piezo_hysteresis.compensation.inverses.choice import model_gain
+from piezo_hysteresis.compensation.inverses.inverse_choice import model_gain
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import Model
 

@@ -9,7 +9,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS
-from piezo_hysteresis.compensation.inverses.base import InverseLink, take
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
 from piezo_hysteresis.jit import jit
 
 _CLAMPED, _STROKE, _D, _U, _H, _OWN = range(6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
 from piezo_hysteresis.drivers.errors import DriverError
 from piezo_hysteresis.drivers.gcs.connection import STOP, GcsConnection

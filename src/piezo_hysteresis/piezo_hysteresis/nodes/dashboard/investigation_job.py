@@ -7,7 +7,7 @@ from pathlib import Path
 from rclpy.node import Node
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
-from piezo_hysteresis.dashboard.live import Live, ShownBelief
+from piezo_hysteresis.dashboard.live_state import Live, ShownBelief
 from piezo_hysteresis.nodes.dashboard.jobs import ActionJob, what_was_found
 from piezo_interfaces.action import Investigate
 

@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
-from piezo_hysteresis.dashboard.live import BackgroundJob, Live
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.dashboard.topic_collector import TopicCollector
 from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
@@ -27,7 +27,7 @@ from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import Discover, Investigate, RunSweep
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
-LAST_WORDS = 0.4  # what is still on its way when a sweep ends [s]
+FINAL_STATUS_TIMEOUTS = 0.4  # what is still on its way when a sweep ends [s]
 EXPLAINED = 2.0  # within which a node that refuses says why in its log [s]
 GONE = 5.0  # without the node a job is lost [s]
 
@@ -261,7 +261,7 @@ class Jobs:
         if self._recorder is None:
             return
         if accepted:
-            self._later(LAST_WORDS, self._close)
+            self._later(FINAL_STATUS_TIMEOUTS, self._close)
         else:
             bag = self._recorder.path
             self._close()

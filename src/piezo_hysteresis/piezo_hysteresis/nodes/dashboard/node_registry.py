@@ -20,7 +20,7 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from piezo_hysteresis.dashboard.backend import Answer
 from piezo_hysteresis.dashboard.controls import ParameterState, Value, described
-from piezo_hysteresis.dashboard.live import Live, NodeState
+from piezo_hysteresis.dashboard.live_state import Live, NodeState
 
 TIMEOUT = 5.0  # for an answer [s]
 # Nodes of tools, which come and go.

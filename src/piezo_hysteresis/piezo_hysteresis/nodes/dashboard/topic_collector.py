@@ -18,12 +18,12 @@ from rclpy.serialization import deserialize_message
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.stamps import nanoseconds_of
-from piezo_hysteresis.dashboard.live import Counters, Gap, Live, LogLine, ShownEstimate
-from piezo_hysteresis.dashboard.signals import State
+from piezo_hysteresis.dashboard.live_signals import State
+from piezo_hysteresis.dashboard.live_state import Counters, Gap, Live, LogLine, ShownEstimate
 from piezo_hysteresis.ros.diagnostics import state_of
-from piezo_hysteresis.ros.herald import WORKS
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.runtime.confirmation import PLACES
+from piezo_hysteresis.ros.readiness import WORKS
+from piezo_hysteresis.runtime.consumer_progress import PLACES
 from piezo_interfaces.msg import (
     ActuatorState,
     LoopStatus,

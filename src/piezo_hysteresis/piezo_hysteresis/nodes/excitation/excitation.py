@@ -14,13 +14,13 @@ from std_msgs.msg import Float64
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import Health
 from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS
-from piezo_hysteresis.common.table import Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
-from piezo_hysteresis.nodes.excitation.sweep_audience import missing_subscribers
+from piezo_hysteresis.nodes.excitation.sweep_markers import missing_subscribers
 from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
-from piezo_hysteresis.parameters.tables import EXCITATION
+from piezo_hysteresis.parameters.node_tables import EXCITATION
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.neighbours import Neighbours

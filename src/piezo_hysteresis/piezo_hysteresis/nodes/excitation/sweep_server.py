@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.excitation.sweep_audience import SweepAudience
+from piezo_hysteresis.nodes.excitation.sweep_markers import SweepAudience
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters

@@ -149,7 +149,7 @@ class SweepGoals:
         self._running = frozenset(goal for goal, state in goals.items() if state in _RUNNING)
         for goal in self._left():
             if goals[goal] in _STARTED:
-                self._node.get_logger().warning('a sweep that nobody waits for is ended')
+                self._node.get_logger().warning('cancelling an orphaned sweep goal')
                 self._end(goal)
 
     def _left(self) -> list[bytes]:

@@ -21,7 +21,7 @@ from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
 from piezo_interfaces.action import RunSweep
 
 # What is still on its way when a sweep ends [s].
-LAST_WORDS = 0.4
+FINAL_STATUS_TIMEOUTS = 0.4
 # How long an excitation or an actuator may be away, between two looks whether it is there [s].
 AWAY, LOOK = 60.0, 1.0
 # How often an experiment is started at least before it is given up.
@@ -111,7 +111,7 @@ class Sweeper:
             if again:
                 self._come_to_rest(AT_REST * experiment.amplitude, under)
             result = self._sweep(experiment, under)
-            time.sleep(LAST_WORDS)
+            time.sleep(FINAL_STATUS_TIMEOUTS)
         finally:
             in_thread_of(self._node, self._bag.close)
         if self._node.get_fully_qualified_name() not in ', '.join(result.recorded_by).split(', '):

@@ -8,9 +8,9 @@ from rclpy.node import Node
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.nodes.codecs import measured_of, point_of
-from piezo_hysteresis.nodes.links.attenuation import attenuation
-from piezo_hysteresis.nodes.links.feedback import feedback
-from piezo_hysteresis.nodes.links.feedforward import Feedforward
+from piezo_hysteresis.nodes.links.attenuation_node import attenuation
+from piezo_hysteresis.nodes.links.feedback_node import feedback
+from piezo_hysteresis.nodes.links.feedforward_node import Feedforward
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_nodes
 from piezo_interfaces.msg import ActuatorState, Reference

@@ -15,10 +15,10 @@ from std_msgs.msg import Float64
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import Health
 from piezo_hysteresis.common.order import SequenceFilter, StampValidator
-from piezo_hysteresis.common.table import ParameterTable, Value
-from piezo_hysteresis.compensation.base import Limits
+from piezo_hysteresis.common.parameter_table import ParameterTable, Value
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.nodes.codecs import voltage_bytes
 from piezo_hysteresis.ros.diagnostics import Diagnostics

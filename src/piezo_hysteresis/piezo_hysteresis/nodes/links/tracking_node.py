@@ -9,8 +9,8 @@ from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.order import SequenceFilter
-from piezo_hysteresis.common.table import ParameterTable, Value
-from piezo_hysteresis.compensation.base import Measured, ReferencePoint
+from piezo_hysteresis.common.parameter_table import ParameterTable, Value
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile

@@ -12,7 +12,7 @@ from rclpy.publisher import Publisher
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.reports import QUIET, Reports, subscribers
 from piezo_hysteresis.ros.neighbours import Neighbours
-from piezo_hysteresis.runtime.confirmation import Progress
+from piezo_hysteresis.runtime.consumer_progress import Progress
 
 
 class Ended(Exception):
@@ -88,7 +88,7 @@ class Listeners:
     def _complete(self, started: float) -> bool:
         self._reports.look()
         self._neighbours.look()
-        if self._neighbours.unheard() or self._reports.silent():
+        if self._neighbours.awaiting_first_heartbeat() or self._reports.silent():
             return False
         quiet = time.monotonic() - max(started, self._reports.quiet_since()) >= QUIET
         return quiet and (self._recorders or bool(self._known()))

@@ -1,4 +1,4 @@
-"""Publishes on ``~/status`` what a recorder has taken, and what of it is in the bag."""
+"""Publishes on ``~/status`` the counters of a recorder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.nodes.codecs import STATE
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_hysteresis.ros.qos import LATCHED
-from piezo_hysteresis.runtime.confirmation import Taken
+from piezo_hysteresis.runtime.consumer_progress import Taken
 from piezo_interfaces.msg import LoopStatus, RecordMarker
 
 # Samples between two confirmations, and the longest time to the next one [s].

@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from piezo_hysteresis.ros.qos import LATCHED
-from piezo_hysteresis.runtime.confirmation import Progress
+from piezo_hysteresis.runtime.consumer_progress import Progress
 from piezo_interfaces.msg import LoopStatus
 
 # So long nothing may change among the nodes before they count as all there [s]. Two processes find

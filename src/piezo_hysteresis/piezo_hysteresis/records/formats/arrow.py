@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
+from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
 
 
 def read(path: Path) -> Iterator[ColumnTable]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records.formats import hdf5
-from piezo_hysteresis.records.formats.table import ColumnTable, tables_of
+from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
 
 
 def read(path: Path) -> Iterator[ColumnTable]:

@@ -16,7 +16,7 @@ from piezo_hysteresis.records.formats import (
     numpy_files,
     tdms,
 )
-from piezo_hysteresis.records.formats.table import ColumnTable
+from piezo_hysteresis.records.formats.column_table import ColumnTable
 from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.tabular import in_si, records_from
 

@@ -1,0 +1,123 @@
+"""Node metadata: purpose, topics, services, parameters; the text of ``--help``. No ROS."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
+
+_LINK = re.compile(r'\[([^]]+)\]\([^)]+\)')
+_ARGUMENTS = '[--help] [--ros-args -p NAME:=VALUE ... --params-file FILE -r __ns:=/NAME]'
+_NARROWEST = 60  # columns
+
+
+def _none() -> dict[str, ParameterTable]:
+    return {}
+
+
+@dataclass(frozen=True)
+class NodeSheet:
+    """What a page, a policy and ``--help`` tell about one node.
+
+    Attributes
+    ----------
+    executable : str
+        Name of the node in `common.registry`.
+    does : str
+        One or two sentences; links as in Markdown.
+    table : ParameterTable
+        Its parameters.
+    subscribes, publishes, services, actions : tuple of str
+        Relative names.
+    managed : bool
+        Whether it is a lifecycle node.
+    model : bool
+        Whether it also has the parameters of the loaded model.
+    more : callable
+        Returns further tables, by what they are of; slow ones are made when they are asked for.
+    words : callable, optional
+        Adds the words that the executable takes in front of ``--ros-args``.
+    """
+
+    executable: str
+    does: str
+    table: ParameterTable
+    subscribes: tuple[str, ...] = ()
+    publishes: tuple[str, ...] = ()
+    services: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    managed: bool = False
+    model: bool = False
+    more: Callable[[], Mapping[str, ParameterTable]] = _none
+    words: Callable[[argparse.ArgumentParser], None] | None = None
+
+    def help_text(self, program: str = '') -> str:
+        """Return what ``--help`` prints, without an end of line.
+
+        Parameters
+        ----------
+        program : str
+            How the reader called the node; its executable where not given.
+        """
+        width = max(_NARROWEST, shutil.get_terminal_size().columns)
+        program = program or self.executable
+        parser = argparse.ArgumentParser(prog=program, add_help=False)
+        if self.words is not None:
+            self.words(parser)
+        usage = f'{" ".join(parser.format_usage().split())} {_ARGUMENTS}'
+        does = _LINK.sub(r'docs/\1', self.does).replace('`', '')
+        parts = [
+            textwrap.fill(usage, width, subsequent_indent='    ', break_on_hyphens=False),
+            textwrap.fill(does, width),
+            '\n'.join(self._spoken(width)),
+        ]
+        if self.words is not None:
+            parts.append(parser.format_help().partition('\n\n')[2].rstrip())
+        for title, table in {'parameters': self.table, **self.more()}.items():
+            if table.specs:
+                rows = [line for spec in table.specs for line in _row(spec, width)]
+                parts.append('\n'.join([f'{title}:', *rows]))
+        if self.model:
+            parts.append('Those of the loaded model appear as model.NAME.')
+        parts.append('A parameter with * is fixed once the node runs.')
+        return '\n\n'.join(part for part in parts if part)
+
+    def _spoken(self, width: int) -> Iterator[str]:
+        for title, names in (
+            ('subscribes to', self.subscribes),
+            ('publishes', self.publishes),
+            ('services', self.services),
+            ('actions', self.actions),
+        ):
+            if names:
+                line = f'{title}: {", ".join(names)}'
+                yield textwrap.fill(line, width, subsequent_indent='  ')
+
+
+def _row(spec: ParameterSpec, width: int) -> list[str]:
+    """Return name, sentence and range of a parameter, as wide as the screen."""
+    star = ' *' if spec.read_only else ''
+    indent = ' ' * 6
+    text = f'{spec.description} ({_values(spec)})'
+    return [
+        f'  {spec.name}{star}',
+        *textwrap.wrap(text, width, initial_indent=indent, subsequent_indent=indent),
+    ]
+
+
+def _values(spec: ParameterSpec) -> str:
+    """Return the default and what is allowed."""
+    if isinstance(spec.default, bool):
+        return f'{str(spec.default).lower()}; true or false'
+    if spec.choices:
+        return f'{spec.default}; one of {", ".join(spec.choices)}'
+    if isinstance(spec.default, str):
+        return spec.default or 'a text'
+    if isinstance(spec.default, list):
+        return 'a list of texts' if spec.default == [''] else f'{spec.default}'
+    return f'{spec.default:g}; {spec.range_text()}'

@@ -1,0 +1,195 @@
+"""What the feedback links share: the error of the right tick, a watch over the plant, a bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.feedback.polarity import POLARITY_SIZE, inverted, see
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor_guard import (
+    DISPLACEMENT,
+    POINT_SIZE,
+    READ_DISPLACEMENT,
+    READ_SIZE,
+    READ_VOLTAGE,
+    WATCH_SIZE,
+    SensorWatch,
+    frozen_ticks,
+    partner_of,
+    write_point,
+    write_read,
+)
+from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
+
+# A window in which the voltage was cut off for this share of the time, while what the link
+# receives is within the range, is looked at: cut at both ends the loop swings between its limits,
+# cut at one end and answered by the opposite sign the plant is inverted.
+_CUT_SHARE = 0.25
+_BOTH_ENDS = 0.08
+_WINDOW = 0.5
+_FADE = 0.2
+
+# Places in the memory, behind that of the watch: why the law is off, ticks that were cut, then the
+# window: its ticks, those cut at the low and at the high end.
+_OFF, _SATURATED, _TICKS, _CUT_LOW, _CUT_HIGH = range(WATCH_SIZE, WATCH_SIZE + 5)
+_DIVERGED, _INVERTED = 1.0, 2.0
+_POLARITY = WATCH_SIZE + 5
+_FADING = _POLARITY + POLARITY_SIZE
+OWN = _FADING + FADE_SIZE  # where the memory of the law begins
+
+# Places in the settings.
+DT, LOW, HIGH, SLEW, WINDOW, FROZEN = range(6)
+
+
+class FeedbackLaw(NamedTuple):
+    """A law on the error as kernels; `memory` is its own, `p` its parameters.
+
+    Attributes
+    ----------
+    share : callable
+        ``share(error, memory, p, dt)``: share of the voltage [V] for the error d - y [m].
+    hold : callable
+        ``hold(memory, p)``: the share while no measurement can be believed [V].
+    cut : callable
+        ``cut(excess, memory, p, dt)``: takes note that the voltage was changed behind the law [V].
+    """
+
+    share: Callable[[float, FloatArray, FloatArray, float], float]
+    hold: Callable[[FloatArray, FloatArray], float]
+    cut: Callable[[float, FloatArray, FloatArray, float], None]
+
+
+@jit
+def judge(excess: float, received_in_range: bool, memory: FloatArray, window: float) -> None:
+    """Switch the law off where it does harm."""
+    memory[_TICKS] += 1.0
+    if excess != 0.0 and received_in_range:
+        memory[_SATURATED] += 1.0
+        if excess > 0.0:
+            memory[_CUT_LOW] += 1.0
+        else:
+            memory[_CUT_HIGH] += 1.0
+    if memory[_TICKS] < window:
+        return
+    low, high, ticks = memory[_CUT_LOW], memory[_CUT_HIGH], memory[_TICKS]
+    if low + high > _CUT_SHARE * ticks:
+        if min(low, high) > _BOTH_ENDS * ticks:
+            memory[_OFF] = _DIVERGED
+        if inverted(memory[_POLARITY:_FADING]):
+            memory[_OFF] = _INVERTED
+    memory[_TICKS] = memory[_CUT_LOW] = memory[_CUT_HIGH] = 0.0
+    if memory[_OFF] > 0.0:
+        begin_fade(memory[_FADING:OWN])
+
+
+def stepping(law: FeedbackLaw) -> Callable[..., float]:
+    """Return the kernel of a link: ``step(point, read, received, memory, settings, p)``.
+
+    It answers `received` plus the share of the law [V].
+    """
+    share_of, hold, cut = law
+
+    @jit
+    def step(
+        point: FloatArray, read: FloatArray, received: float, memory: FloatArray,
+        settings: FloatArray, p: FloatArray,
+    ) -> float:  # fmt: skip
+        dt, low, high, own = settings[DT], settings[LOW], settings[HIGH], memory[OWN:]
+        place = partner_of(point, read, memory, settings[FROZEN])
+        on = memory[_OFF] == 0.0
+        if not on:
+            share = 0.0
+        elif place < 0:
+            share = hold(own, p)
+        else:
+            reading = read[READ_DISPLACEMENT]
+            see(read[READ_VOLTAGE], reading, memory[_POLARITY:_FADING], dt)
+            share = share_of(memory[place + DISPLACEMENT] - reading, own, p, dt)
+        unlimited = received + share
+        safe = min(max(unlimited, low), high)
+        if on and place >= 0:
+            cut(safe - unlimited, own, p, dt)
+            judge(safe - unlimited, low <= received <= high, memory, settings[WINDOW])
+        return received + fade(safe - received, memory[_FADING:OWN], dt, _FADE, settings[SLEW])
+
+    return step
+
+
+@jit
+def forget_link(memory: FloatArray) -> None:
+    """Forget everything but the watch over the sensor, which forgets by itself."""
+    for k in range(WATCH_SIZE, memory.size):
+        memory[k] = 0.0
+    forget_fade(memory[_FADING:OWN])
+
+
+def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
+    """Return the settings of the kernel."""
+    bound = Limits(-math.inf, math.inf, math.inf) if limits is None else limits
+    window = float(max(1, round(_WINDOW / dt)))
+    return np.array([dt, bound.low, bound.high, bound.slew, window, frozen_ticks(dt)])
+
+
+class FeedbackLink:
+    """Base of the feedback links: adds a law on the error to the voltage that it receives.
+
+    The measurement is compared with the reference of its own tick. While there is none that may
+    be believed the law is asked for what it holds. When the plant is found to answer with the
+    opposite sign, or the loop to swing between the limits, the law fades out and stays off until
+    `reset`; `counters` say so.
+
+    Parameters
+    ----------
+    dt : float
+        Sampling interval [s].
+    limits : Limits, optional
+        Range of the voltage passed on [V]; the law learns what it was cut to (anti-windup).
+    size : int
+        Of the memory of the law.
+    """
+
+    #: Kernel of the link, from `stepping`.
+    kernel: ClassVar[Any]
+
+    def __init__(self, dt: float, limits: Limits | None, size: int) -> None:
+        if not (math.isfinite(dt) and dt > 0):
+            raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
+        self.dt = dt
+        self.settings = packed_settings(dt, limits)
+        self.memory = np.zeros(OWN + size)
+        self._watch = SensorWatch(dt, memory=self.memory)
+        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
+        #: Parameters of the law, as its kernels read them.
+        self.packed: FloatArray = np.zeros(0)
+
+    def step(
+        self, point: ReferencePoint, received: float, measured: Measured | None = None
+    ) -> float:
+        """Return `received` plus the share of the law [V]."""
+        write_point(self._point, point)
+        write_read(self._read, measured)
+        answer: float = self.kernel(
+            self._point, self._read, float(received), self.memory, self.settings, self.packed
+        )
+        return answer
+
+    def counters(self) -> dict[str, int]:
+        """Return what went wrong so far, by name."""
+        return {
+            'saturated': int(self.memory[_SATURATED]),
+            'inverted_plant': int(self.memory[_OFF] == _INVERTED),
+            'diverged': int(self.memory[_OFF] == _DIVERGED),
+            **self._watch.counters(),
+        }
+
+    def reset(self) -> None:
+        """Forget everything but the parameters."""
+        self._watch.reset()
+        forget_link(self.memory)

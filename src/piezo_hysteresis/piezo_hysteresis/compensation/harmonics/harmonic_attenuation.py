@@ -1,0 +1,253 @@
+"""The link that attenuates harmonics of the tracking error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.harmonics import afc, filtered_rls, harmonic_rls
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    SETTLE,
+    WITH_MEAN,
+    AttenuationSettings,
+)
+from piezo_hysteresis.compensation.harmonics.lines import Harmonic
+from piezo_hysteresis.compensation.harmonics.supervision import (
+    GUARD_SIZE,
+    RESUME,
+    RETREAT,
+    fade,
+    forget_guard,
+    guard_counters,
+    learns,
+    supervise,
+)
+from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor_guard import (
+    ACCELERATION,
+    DISPLACEMENT,
+    FREQUENCY,
+    PHASE,
+    POINT_SIZE,
+    READ_DISPLACEMENT,
+    READ_SIZE,
+    VELOCITY,
+    WATCH_SIZE,
+    SensorWatch,
+    frozen_ticks,
+    partner_of,
+    write_point,
+    write_read,
+)
+from piezo_hysteresis.jit import jit
+
+__all__ = ['AttenuationSettings', 'Harmonic', 'HarmonicAttenuation']
+
+# Change of the reference's amplitude from period to period that counts as a ramp.
+RAMP = 0.02
+
+# Places in the memory, behind that of the watch: the period of the reference, its largest
+# amplitude so far and that of the one before; then the memory of the supervision.
+_TURN, _LARGEST, _BEFORE = range(WATCH_SIZE, WATCH_SIZE + 3)
+GUARD = WATCH_SIZE + 3
+OWN = GUARD + GUARD_SIZE  # where the memory of the law begins
+
+# Places in the settings of the link.
+DT, FROZEN = range(2)
+
+
+class HarmonicLaw(NamedTuple):
+    """A way to attenuate harmonics as kernels.
+
+    All take its `memory`, packed settings `p` and packed gain `g`, and dt [s].
+
+    Attributes
+    ----------
+    size : callable
+        ``size(p)``: numbers that it remembers.
+    forget : callable
+        Puts every correction to 0.
+    update : callable
+        ``update(error, frequency, phase, ...)``: takes the error y - d [m] of one tick.
+    voltage : callable
+        ``voltage(frequency, phase, ...)``: what to subtract from the voltage [V].
+    disturb : callable
+        Takes what was seen of this window for a transient: nothing is to be learned from it.
+    regain : callable
+        Takes a new model of the plant gain.
+    retreat : callable
+        Puts every correction to 0, and keeps what was learned of the plant.
+    fading : bool
+        Whether it learns while it fades in: one that learns from what its own steps do cannot.
+    harmonics, counters : callable
+        What people ask; no kernels.
+    """
+
+    size: Callable[[FloatArray], int]
+    forget: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    update: Callable[..., None]
+    voltage: Callable[..., float]
+    disturb: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    regain: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    retreat: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    fading: bool
+    harmonics: Callable[[FloatArray, FloatArray, FloatArray, float], list[Harmonic]]
+    counters: Callable[[FloatArray], dict[str, int]]
+
+
+def _law(module: Any, size: Callable[[FloatArray], int]) -> HarmonicLaw:
+    return HarmonicLaw(
+        size, module.forget, module.update, module.voltage, module.disturb, module.regain,
+        getattr(module, 'retreat', module.forget), module is not afc, module.harmonics,
+        module.counters,
+    )  # fmt: skip
+
+
+LAWS: dict[str, HarmonicLaw] = {
+    'afc': _law(afc, afc.afc_size),
+    'rls': _law(harmonic_rls, harmonic_rls.rls_size),
+    'filtered_rls': _law(filtered_rls, filtered_rls.filtered_size),
+}
+
+
+@jit
+def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
+    """Take the reference of one tick; tell whether a period ended whose amplitude differs.
+
+    While the reference is eased in, the error changes with it, and a law that learns from changes
+    of the error would learn nonsense. The amplitude is that of velocity and acceleration, so that
+    the mean of the reference has no part in it; its largest value per period is compared with the
+    period before, so that a reference of several tones is no ramp.
+    """
+    if point[FREQUENCY] <= 0.0:
+        forget_ramp(memory)
+        return False
+    omega = 2.0 * math.pi * point[FREQUENCY]
+    size = math.hypot(point[VELOCITY] / omega, point[ACCELERATION] / (omega * omega))
+    turn = math.floor(point[PHASE] / (2.0 * math.pi))
+    if turn == memory[_TURN]:
+        memory[_LARGEST] = max(memory[_LARGEST], size)
+        return False
+    before, now = memory[_BEFORE], memory[_LARGEST]
+    memory[_TURN], memory[_BEFORE], memory[_LARGEST] = turn, now, size
+    return bool(before > 0.0 and abs(now - before) > RAMP * max(now, before))
+
+
+@jit
+def forget_ramp(memory: FloatArray) -> None:
+    """Forget the periods before."""
+    memory[_TURN], memory[_LARGEST], memory[_BEFORE] = -1.0, 0.0, 0.0
+
+
+def stepping(law: HarmonicLaw) -> Callable[..., float]:
+    """Return the kernel of a link: ``step(point, read, received, memory, settings, p, g)``.
+
+    It answers `received` minus the correction [V]; see `supervision` for its weight.
+    """
+    update, voltage, disturb, retreat = law.update, law.voltage, law.disturb, law.retreat
+    fading = law.fading
+
+    @jit
+    def step(
+        point: FloatArray, read: FloatArray, received: float, memory: FloatArray,
+        settings: FloatArray, p: FloatArray, g: FloatArray,
+    ) -> float:  # fmt: skip
+        dt, own, guard = settings[DT], memory[OWN:], memory[GUARD:OWN]
+        ramping = ramp_ended(point, memory)
+        if ramping:
+            disturb(own, p, g, dt)
+        place = partner_of(point, read, memory, settings[FROZEN])
+        if place >= 0:
+            error = read[READ_DISPLACEMENT] - memory[place + DISPLACEMENT]
+            frequency, phase = memory[place + FREQUENCY], memory[place + PHASE]
+            asked = supervise(
+                error, frequency, phase, memory[_BEFORE], ramping, p[WITH_MEAN] > 0.0, p[SETTLE],
+                guard, dt,
+            )  # fmt: skip
+            if asked == RETREAT:
+                retreat(own, p, g, dt)
+            elif asked == RESUME:
+                disturb(own, p, g, dt)
+            if learns(guard, fading):
+                update(error, frequency, phase, own, p, g, dt)
+        weight = fade(guard, fading, dt)
+        if weight == 0.0:
+            return received
+        return received - weight * voltage(point[FREQUENCY], point[PHASE], own, p, g, dt)
+
+    return step
+
+
+STEPS = {method: stepping(law) for method, law in LAWS.items()}
+
+
+class HarmonicAttenuation:
+    """A link that subtracts from the voltage what cancels chosen harmonics of the error.
+
+    The measurement is compared with the reference of its own tick, whatever the latency, and the
+    phase is the reference's accumulated one, so that changes of frequency are followed. While the
+    sensor is lost or frozen the correction goes on as it was learned, and nothing is learned.
+
+    Parameters
+    ----------
+    settings : AttenuationSettings
+        Method, orders and their tuning.
+    gain : callable
+        Modelled plant gain [m/V] by frequency [Hz], see `linear_gain`.
+    dt : float
+        Sampling interval [s].
+
+    Raises
+    ------
+    CompensationError
+        If a setting is impossible.
+    """
+
+    def __init__(self, settings: AttenuationSettings, gain: LinearGain, dt: float) -> None:
+        self.settings = settings
+        self.dt = float(dt)
+        #: Settings and gain, as the kernels read them.
+        self.packed, self.packed_gain = settings.packed, gain.packed
+        self.numbers = np.array([self.dt, frozen_ticks(dt)])
+        self._law, self._step = LAWS[settings.method], STEPS[settings.method]
+        self.memory = np.zeros(OWN + self._law.size(self.packed))
+        self._watch = SensorWatch(dt, memory=self.memory)
+        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
+        self.reset()
+
+    def step(
+        self, point: ReferencePoint, received: float, measured: Measured | None = None
+    ) -> float:
+        """Return `received` minus the correction [V]."""
+        write_point(self._point, point)
+        write_read(self._read, measured)
+        return self._step(
+            self._point, self._read, float(received), self.memory, self.numbers, self.packed,
+            self.packed_gain,
+        )  # fmt: skip
+
+    def harmonics(self) -> list[Harmonic]:
+        """Return order, error [m, rad] and correction [V, rad] of every order."""
+        return self._law.harmonics(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
+
+    def set_gain(self, gain: LinearGain) -> None:
+        """Take a new model of the plant gain while running."""
+        self.packed_gain = gain.packed
+        self._law.regain(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
+
+    def counters(self) -> dict[str, int]:
+        """Return what the law, its supervision and the watch over the sensor counted."""
+        own = self._law.counters(self.memory[OWN:])
+        return {**own, **guard_counters(self.memory[GUARD:OWN]), **self._watch.counters()}
+
+    def reset(self) -> None:
+        """Forget everything but the settings."""
+        self._watch.reset()
+        forget_ramp(self.memory)
+        forget_guard(self.memory[GUARD:OWN])
+        self._law.forget(self.memory[OWN:], self.packed, self.packed_gain, self.dt)

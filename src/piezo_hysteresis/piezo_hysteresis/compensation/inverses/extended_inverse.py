@@ -1,0 +1,157 @@
+"""The inverse of the extended Bouc-Wen model, Fujii 2018 (16), (17) and Tatebatake 2017 (12)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
+from piezo_hysteresis.compensation.inverses.physical import saturation
+from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit
+
+NAMES = ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')
+
+# Places in the memory; the counters come first.
+_CLAMPED, _STROKE, _U, _H, _D1, _D2, _D3 = range(7)
+
+
+@jit
+def _invert_extended(
+    reference: FloatArray,
+    voltage: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    dt: float,
+    low: float,
+    high: float,
+) -> None:
+    """Solve Fujii 2018 (3) for u[k] with y = d, by the branch that agrees with its own sign."""
+    a1, a, a0, beta, gamma, c1, c2, minimum = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
+    u, h = memory[_U], memory[_H]
+    d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
+    for k in range(reference.shape[1]):
+        d = reference[0, k]
+        r = d - d1 - c1 * d2 - c2 * d3 + h - a1 * u
+        sign = 1.0 if r > 0.0 else -1.0
+        slope = a1 - a - sign * a0 + gamma * abs(h) + sign * beta * h
+        if slope < minimum:
+            slope = minimum
+            if r != 0.0:
+                memory[_CLAMPED] += 1.0
+        new = u + r / slope
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[_STROKE] += 1.0
+        du = new - u
+        h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
+        u = new
+        d3, d2, d1 = d2, d1, d
+        voltage[k] = u
+    memory[_U], memory[_H] = u, h
+    memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
+
+
+@jit
+def _invert_printed(
+    reference: FloatArray,
+    voltage: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    dt: float,
+    low: float,
+    high: float,
+) -> None:
+    """Divide by A1 what is left of (7), y = d, h of the sample before: Tatebatake 2017 (12)."""
+    a1, a, a0, beta, gamma, c1, c2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
+    u, h = memory[_U], memory[_H]
+    d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
+    for k in range(reference.shape[1]):
+        d = reference[0, k]
+        new = (d - d1 - c1 * d2 - c2 * d3 + h) / a1
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[_STROKE] += 1.0
+        du = new - u
+        h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
+        u = new
+        d3, d2, d1 = d2, d1, d
+        voltage[k] = u
+    memory[_U], memory[_H] = u, h
+    memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
+
+
+_KERNELS = {'solved': _invert_extended, 'printed': _invert_printed}
+
+
+class ExtendedInverse(InverseLink):
+    """Feedforward by the direct inverse of the extended model.
+
+    The law ``solved``, Fujii 2018 (16), (17), solves the model for the voltage of this sample, h
+    of this sample included. ``printed``, Tatebatake 2017 (12), takes h of the sample before and
+    divides by A1: one sample of hysteresis late, and without a branch that could be wrong.
+
+    Fujii 2018 (15), (16), (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3]
+    + h[k-1] - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the
+    branch that has the sign of r. Where D is not above `minimum_slope` the model has no inverse
+    there; D is then clamped and counted, its sign never flipped.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        ``A1, A`` [m/V], ``beta, gamma`` [1/V], ``c1, c2`` [1] and, where they are not 0, ``A0``
+        [m/V] and ``offset`` [m].
+    dt : float
+        Sampling interval [s].
+    minimum_slope : float, optional
+        Smallest slope D that is used [m/V]; a tenth of A1 where it is not given.
+    law : {'solved', 'printed'}
+        See above.
+    limits, start, transition
+        As in `InverseLink`.
+
+    Raises
+    ------
+    CompensationError
+        If there is no such law, a parameter is missing or not finite, or A1 is not positive.
+    """
+
+    memory_size = 7
+
+    def __init__(
+        self,
+        parameters: Mapping[str, float],
+        dt: float,
+        minimum_slope: float | None = None,
+        *,
+        law: str = 'solved',
+        limits: Limits | None = None,
+        start: float = 0.5,
+        transition: float = 0.2,
+    ) -> None:
+        if law not in _KERNELS:
+            raise CompensationError(
+                f'there is no inverse {law!r} of the extended model; choose solved or printed'
+            )
+        self.run = _KERNELS[law]
+        self._minimum_slope = minimum_slope
+        super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        with_defaults = {'A0': 0.0, **parameters}
+        packed = take(with_defaults, NAMES, 'the inverse of the extended model')
+        if not packed[0] > 0:
+            raise CompensationError(
+                f'A1 = {packed[0]:g} m/V is not positive, so the model has no inverse; check the '
+                'polarity of the sensor and identify again'
+            )
+        minimum = 0.1 * packed[0] if self._minimum_slope is None else self._minimum_slope
+        if not minimum > 0:
+            raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
+        return np.array([*packed, minimum])
+
+    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        self.own[_H] *= saturation(new) / max(saturation(old), 1e-300)

@@ -1,0 +1,308 @@
+"""Which inverse and which plant gain belong to a model; the laws of the papers by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple, TypedDict
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks import BLOCKS
+from piezo_hysteresis.blocks.base import Between, Part, Slot
+from piezo_hysteresis.blocks.gain import BLOCK as STRAIGHT
+from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
+from piezo_hysteresis.compensation.inverses.physical import (
+    Law,
+    PhysicalInverse,
+    structure_coefficients,
+)
+from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
+from piezo_hysteresis.compensation.linear_gain import (
+    LinearGain,
+    ModeGain,
+    gain_at,
+    packed_pulse,
+)
+from piezo_hysteresis.compensation.link import INVERSES, Limits
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.chain import Model
+
+# Hystereses that `PhysicalInverse` solves in closed form.
+_LAWS: dict[Part | None, Law] = {
+    Part.EXACT: 'exact',
+    Part.EULER: 'euler',
+    Part.PLAYS: 'plays',
+    Part.GAIN: 'gain',
+}
+_EXTENDED = (Part.EULER, Part.RECURSION)
+
+
+class _Anatomy(NamedTuple):
+    """What a chain consists of to an inverse in closed form.
+
+    Attributes
+    ----------
+    core : tuple of Part or None
+        Its blocks without added tones, delays and the zero of the reading.
+    delayed : bool
+        Whether it has a delay.
+    simple : bool
+        Whether its zero, where it has one, is one constant at the end.
+    """
+
+    core: tuple[Part | None, ...]
+    delayed: bool
+    simple: bool
+
+
+def _anatomy(model: Model) -> _Anatomy:
+    blocks = [block for block in model.blocks if block.slot is not Slot.ADDED]
+    delays = [block for block in blocks if block.between is Between.DELAY]
+    zeros = [place for place, block in enumerate(blocks) if block.part is Part.ZERO]
+    core = tuple(b.part for b in blocks if b.part is not Part.ZERO and b not in delays)
+    return _Anatomy(core, bool(delays), zeros in ([], [len(blocks) - 1]))
+
+
+def inverse_for(
+    model: Model,
+    values: Mapping[str, float],
+    dt: float,
+    *,
+    limits: Limits | None = None,
+    start: float = 0.5,
+    transition: float = 0.2,
+    scale: float = 1.0,
+    law: str = 'auto',
+) -> InverseLink:
+    """Return the inverse of `model` by a law, by default the best that there is for it.
+
+    The extended model gets Fujii 2018 (16), (17); one hysteresis with or without a mode the
+    physical inverse; an oscillator and Xiao 2014's law their own; every other chain the numeric
+    one. Added tones are ignored.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units; missing ones take their default.
+    dt : float
+        Sampling interval [s].
+    limits, start, transition
+        As in `InverseLink`.
+    scale : float
+        Typical voltage [V], for the numeric inverse.
+    law : str
+        One of `INVERSES`. ``fujii2018`` is Fujii 2018 (16), (17), ``tatebatake2017`` Tatebatake
+        2017 (12) as printed, both for the extended model; ``zhou2021`` Zhou 2021 (8), h of the
+        sample before, for one Bouc-Wen block with or without a structure; ``xiao2014`` Xiao 2014's
+        selector; ``fang2019`` the modified or the classical model of Fang 2019, solved exactly, as
+        the equation of its feedforward is missing from the text.
+
+    Raises
+    ------
+    CompensationError
+        If the model has no inverse, or none by that law.
+    """
+    if law not in INVERSES:
+        raise CompensationError(
+            f'there is no inverse {law!r}; choose one of {", ".join(INVERSES)}'
+        )
+    options: _Options = {'limits': limits, 'start': start, 'transition': transition}
+    if law != 'auto':
+        return _by_law(model, values, dt, law, scale, options)
+    named = model.unpack(model.pack(values))
+    core, delayed, simple = _anatomy(model)
+    if simple and not delayed:
+        if core == _EXTENDED:
+            return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
+        if core == (Part.OSCILLATOR,):
+            return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
+        if core == (Part.SELECTOR,):
+            return SlopeSelectedInverse(
+                named, dt, limits=limits, start=start, transition=transition
+            )
+    structured = len(core) == 1 or core[1:] == (Part.STRUCTURE,)
+    if simple and structured and core[0] in _LAWS:
+        law = _LAWS[core[0]]
+        return PhysicalInverse(
+            named, dt, law=law, limits=limits, start=start, transition=transition
+        )
+    if Part.OSCILLATOR in core:
+        raise CompensationError(
+            f'model {model.name} has an oscillator with further blocks, which has no inverse '
+            'here; use a model whose hysteresis stands before the structure'
+        )
+    return ChainInverse(
+        model, named, dt, scale=scale, limits=limits, start=start, transition=transition
+    )
+
+
+class _Options(TypedDict):
+    """What every inverse takes."""
+
+    limits: Limits | None
+    start: float
+    transition: float
+
+
+# Blocks of the chain, without delay, offset and structure, that a law is for.
+_FOR: dict[str, tuple[tuple[Part, ...], ...]] = {
+    'fujii2018': (_EXTENDED,),
+    'tatebatake2017': (_EXTENDED,),
+    'zhou2021': ((Part.EXACT,), (Part.EULER,)),
+    'exact': ((Part.EXACT,), (Part.EULER,)),
+    'xiao2014': ((Part.SELECTOR,),),
+    'fang2019': ((Part.MODIFIED,), (Part.EXACT,), (Part.EULER,)),
+}
+
+
+def _called(part: Part) -> str:
+    """Return the names of the blocks that are such a part."""
+    return ' or '.join(block.name for block in BLOCKS.values() if block.part is part)
+
+
+def _by_law(
+    model: Model,
+    values: Mapping[str, float],
+    dt: float,
+    law: str,
+    scale: float,
+    options: _Options,
+) -> InverseLink:
+    """Return the inverse by a named law; Fang 2019 (feedforward) is one of them."""
+    named = model.unpack(model.pack(values))
+    core = tuple(part for part in _anatomy(model).core if part is not Part.STRUCTURE)
+    if law in _FOR and core not in _FOR[law]:
+        blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
+        needed = ' or '.join(' and '.join(map(_called, each)) for each in _FOR[law])
+        raise CompensationError(
+            f'the law {law} inverts {needed}, but model {model.name} is {" -> ".join(blocks)}; '
+            'take another law or identify that model'
+        )
+    if law == 'fang2019' and core == (Part.MODIFIED,):
+        law = 'numeric'
+    if law in ('fujii2018', 'tatebatake2017'):
+        printed = 'printed' if law == 'tatebatake2017' else 'solved'
+        return ExtendedInverse(named, dt, law=printed, **options)
+    if law in ('zhou2021', 'exact', 'fang2019'):
+        return PhysicalInverse(
+            named, dt, law='delayed' if law == 'zhou2021' else 'exact', **options
+        )
+    if law == 'xiao2014':
+        return SlopeSelectedInverse(named, dt, **options)
+    if law == 'numeric':
+        return ChainInverse(model, named, dt, scale=scale, **options)
+    slope = abs(model_gain(model, values, dt, scale)(0.0))
+    straight = {'A1': slope, 'offset': float(named.get('offset', 0.0))}
+    return PhysicalInverse(straight, dt, law='gain', **options)
+
+
+class ModelGain:
+    """Complex gain [m/V] of a model for a small tone on top of a large drive.
+
+    The hysteresis counts by its mean local slope along a full loop; the rest of the chain by the
+    response to a small pulse. Added tones, friction, drift and offset have no part in it.
+
+    Parameters
+    ----------
+    model : Model
+        The chain.
+    values : mapping of str to float
+        Its parameters, SI units.
+    dt : float
+        Sampling interval [s].
+    amplitude : float
+        Amplitude of the drive [V].
+    seconds : float
+        Length of the pulse response [s]; several time constants of the mode.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        values: Mapping[str, float],
+        dt: float,
+        *,
+        amplitude: float = 1.0,
+        seconds: float = 3.0,
+    ) -> None:
+        pulse = np.zeros(round(seconds / dt))
+        pulse[0] = 1e-3 * amplitude
+        small, packed = _for_small_tones(model, model.pack(values), amplitude, dt)
+        response = small.respond(pulse, packed, dt)
+        rest = small.respond(np.zeros_like(pulse), packed, dt)
+        self._dt = dt
+        self._pulse: FloatArray = (response - rest) / pulse[0]
+
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that `gain_at` reads."""
+        return packed_pulse(self._pulse, self._dt)
+
+    def __call__(self, frequency: float) -> complex:
+        """Return the gain [m/V] at `frequency` [Hz]."""
+        return complex(gain_at(float(frequency), self.packed))
+
+
+def _for_small_tones(
+    model: Model, packed: FloatArray, amplitude: float, dt: float
+) -> tuple[Model, FloatArray]:
+    """Return the chain with its hysteresis as a gain and without friction and tones."""
+    blocks, values = [], []
+    first = 0
+    for block in model.blocks:
+        own = packed[first : first + len(block.parameters)]
+        first += len(block.parameters)
+        if block.slot is Slot.HYSTERESIS:
+            slope = _mean_slope(Model(block.name, (block,)), own, amplitude, dt)
+            block, own = STRAIGHT, np.array([slope])
+        elif block.slot is Slot.ADDED or block.between is Between.PATH:
+            continue
+        blocks.append(block)
+        values.append(own)
+    return Model(model.name, tuple(blocks)), np.concatenate(values)
+
+
+def _mean_slope(model: Model, packed: FloatArray, amplitude: float, dt: float) -> float:
+    """Return the response of a hysteresis to a small third harmonic on a large drive."""
+    phase = 2.0 * np.pi * np.arange(4000) / 1000.0
+    drive, probe = amplitude * np.sin(phase), 0.01 * amplitude * np.sin(3.0 * phase + 0.7)
+    frequency = 1.0 / (1000.0 * dt)
+    with_probe = model.respond(drive + probe, packed, dt, frequency=frequency)
+    against_probe = model.respond(drive - probe, packed, dt, frequency=frequency)
+    difference = 0.5 * (with_probe - against_probe)[2000:]
+    small = probe[2000:]
+    return float(difference @ small / (small @ small))
+
+
+def model_gain(
+    model: Model, values: Mapping[str, float], dt: float, amplitude: float = 1.0
+) -> LinearGain:
+    """Return the plant gain that a model predicts; see `ModelGain`."""
+    return ModelGain(model, values, dt, amplitude=amplitude)
+
+
+def mode_of(values: Mapping[str, float], gain: float, dt: float) -> ModeGain:
+    """Return a model as nodes have it without its file: a gain, a mode and a delay.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters of the model, SI units.
+    gain : float
+        Its quasi-static gain [m/V].
+    dt : float
+        Sampling interval [s].
+    """
+    delay = values.get('delay', 0.0)
+    k1, k2 = structure_coefficients(values)
+    if k2 == 0.0:
+        return ModeGain(gain, 0.0, 1.0, dt, delay)
+    frequency = 1.0 / (2.0 * math.pi * math.sqrt(k2))
+    return ModeGain(gain, frequency, 0.5 * k1 / math.sqrt(k2), dt, delay)

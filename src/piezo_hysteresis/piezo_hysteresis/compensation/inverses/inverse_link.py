@@ -1,0 +1,260 @@
+"""What every feedforward inverse shares: conditioning of the reference, counting, bumpless change.
+
+An inverse is one compiled kernel over the conditioned reference with an explicit state, so the
+array version and the one-sample version give the same bits.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.sensor_guard import POINT_SIZE, write_point
+from piezo_hysteresis.compensation.transition import FADE_SIZE, Transition, fade
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.numerics.smooth import smooth_step
+
+#: Kernel of an inverse: ``run(reference, voltage, memory, p, dt, low, high)``, rows of the
+#: reference displacement, velocity and acceleration.
+Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
+
+# Places in the state of the conditioning kernel, which comes first in the memory of a link; that
+# of a change follows, then that of the inverse.
+_TICK, _LAST, REFUSED = 0, 1, 2
+FADING = 3
+OWN = FADING + FADE_SIZE
+
+# Places in the settings.
+DT, LOW, HIGH, OFFSET, EASING, DURATION, SLEW = range(7)
+
+# No actuator moves by kilometres; beyond these sizes the arithmetic would overflow.
+_ABSURD, _ABSURD_RATE = 1e3, 1e9
+
+
+@jit
+def condition(
+    reference: FloatArray,
+    conditioned: FloatArray,
+    state: FloatArray,
+    offset: float,
+    ticks: float,
+    dt: float,
+) -> None:
+    """Refer the reference to the rest position and ease it in over the first `ticks`.
+
+    Rows of both arrays are displacement, velocity and acceleration.
+    What is not a number, or absurd, is replaced by the last displacement at rest.
+    """
+    for k in range(reference.shape[1]):
+        d, v, a = reference[0, k], reference[1, k], reference[2, k]
+        if not (abs(d) < _ABSURD and abs(v) < _ABSURD_RATE and abs(a) < _ABSURD_RATE):
+            d, v, a = state[_LAST], 0.0, 0.0
+            state[REFUSED] += 1.0
+        state[_LAST] = d
+        d -= offset
+        s = state[_TICK] / ticks if ticks > 0.0 else 1.0
+        if s < 1.0:
+            gain, rate, bend = smooth_step(s)
+            rate /= ticks * dt
+            bend /= (ticks * dt) ** 2
+            a = bend * d + 2.0 * rate * v + gain * a
+            v = rate * d + gain * v
+            d = gain * d
+            state[_TICK] += 1.0
+        conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
+
+
+@functools.cache
+def stepping(run: Run) -> Callable[..., float]:
+    """Return the kernel of a link: ``step(point, received, memory, settings, p)``.
+
+    It answers `received` plus the voltage of the inverse [V].
+    """
+
+    @jit
+    def step(
+        point: FloatArray, received: float, memory: FloatArray, settings: FloatArray, p: FloatArray
+    ) -> float:
+        row, eased, answer = scratch((3, 1)), scratch((3, 1)), scratch(1)
+        row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
+        dt = settings[DT]
+        condition(row, eased, memory[:FADING], settings[OFFSET], settings[EASING], dt)
+        run(eased, answer, memory[OWN:], p, dt, settings[LOW], settings[HIGH])
+        changing = memory[FADING:OWN]
+        return received + fade(answer[0], changing, dt, settings[DURATION], settings[SLEW])
+
+    return step
+
+
+class InverseLink:
+    """Base of the feedforward links; the first of a chain.
+
+    Subclasses set `counter_names` and their kernel, give the size of its memory and order its
+    parameters.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Parameters of the model to invert, by name, in SI units.
+    dt : float
+        Sampling interval [s].
+    limits : Limits, optional
+        Range that the plant will be held to [V]; the memory of the inverse follows the limited
+        voltage, so that a reference beyond the stroke leaves no wrong hysteresis behind.
+    start : float
+        Seconds over which the reference is eased in from the rest position [s].
+    transition : float
+        Seconds over which the output follows a change of the parameters [s].
+
+    Raises
+    ------
+    CompensationError
+        If the model cannot be inverted.
+    """
+
+    counter_names: tuple[str, ...] = ('clamped_slopes', 'out_of_stroke')
+    memory_size: int = 8
+    #: Kernel of the inverse.
+    run: Any
+
+    def __init__(
+        self,
+        parameters: Mapping[str, float],
+        dt: float,
+        *,
+        limits: Limits | None = None,
+        start: float = 0.5,
+        transition: float = 0.2,
+    ) -> None:
+        if not (math.isfinite(dt) and dt > 0):
+            raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
+        self.dt = dt
+        bound = Limits(-math.inf, math.inf, math.inf) if limits is None else limits
+        self._point = np.zeros(POINT_SIZE)
+        self.memory = np.zeros(OWN + self.memory_size)
+        self._transition = Transition(dt, transition, bound.slew, self.memory[FADING:OWN])
+        self._parameters = dict(parameters)
+        self.packed = self._pack(self._parameters)
+        offset = float(self._parameters.get('offset', 0.0))
+        ease = float(round(start / dt))
+        self.settings = np.array(
+            [dt, bound.low, bound.high, offset, ease, transition, bound.slew], dtype=np.float64
+        )
+        self._step = stepping(self.run)
+        self.reset()
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters in force, by name."""
+        return dict(self._parameters)
+
+    def step(
+        self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
+    ) -> float:
+        """Return the voltage for this tick: `received` plus that of the inverse [V]."""
+        write_point(self._point, point)
+        return self._step(self._point, float(received), self.memory, self.settings, self.packed)
+
+    def respond(
+        self,
+        displacement: FloatArray,
+        velocity: FloatArray | None = None,
+        acceleration: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return the voltage [V] to a whole reference from rest; the link itself is untouched.
+
+        Gives the same bits as stepping a link that was reset.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (n,)
+            Reference [m].
+        velocity, acceleration : ndarray, shape (n,), optional
+            Its analytic derivatives [m/s], [m/s^2]; taken as 0 where they are not given, which
+            is right only for inverses that do not use them.
+        """
+        reference = np.zeros((3, len(displacement)))
+        for row, column in enumerate((displacement, velocity, acceleration)):
+            if column is not None:
+                reference[row] = column
+        conditioned = np.empty_like(reference)
+        dt, low, high, offset, ease = self.settings[: EASING + 1].tolist()
+        condition(reference, conditioned, np.zeros(3), offset, ease, dt)
+        voltage = np.empty(reference.shape[1])
+        self.run(conditioned, voltage, self.initial_memory(), self.packed, dt, low, high)
+        return voltage
+
+    def set_parameters(self, parameters: Mapping[str, float]) -> None:
+        """Change parameters while running; the output goes over smoothly.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            New values by name; the others stay.
+
+        Raises
+        ------
+        CompensationError
+            If the new set cannot be inverted; the old one then stays in force.
+        """
+        merged = {**self._parameters, **parameters}
+        packed = self._pack(merged)
+        self._carry_over(self.packed, packed)
+        self.packed = packed
+        self._parameters = merged
+        self.settings[OFFSET] = float(merged.get('offset', 0.0))
+        self._transition.start()
+
+    def counters(self) -> dict[str, int]:
+        """Return what went wrong so far, by name."""
+        own = self.memory[OWN : OWN + len(self.counter_names)]
+        counts = {name: int(n) for name, n in zip(self.counter_names, own, strict=True)}
+        counts['refused_references'] = int(self.memory[REFUSED])
+        return counts
+
+    def reset(self) -> None:
+        """Forget everything but the parameters."""
+        self.memory[:FADING] = 0.0
+        self.memory[OWN:] = self.initial_memory()
+        self._transition.reset()
+
+    @property
+    def own(self) -> FloatArray:
+        """Memory of the inverse itself."""
+        return self.memory[OWN:]
+
+    def initial_memory(self) -> FloatArray:
+        """Return the memory of the inverse itself at rest."""
+        return np.zeros(self.memory_size)
+
+    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+        raise NotImplementedError
+
+    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        """Translate the memory to new parameters; by default it stays as it is."""
+
+
+def take(parameters: Mapping[str, float], required: tuple[str, ...], what: str) -> list[float]:
+    """Return the `required` parameters in order.
+
+    Raises
+    ------
+    CompensationError
+        If one is missing or not finite.
+    """
+    missing = [name for name in required if name not in parameters]
+    if missing:
+        raise CompensationError(
+            f'{what} needs the parameter(s) {", ".join(missing)}; identify a model that has them'
+        )
+    bad = [name for name in required if not math.isfinite(parameters[name])]
+    if bad:
+        raise CompensationError(f'{what}: {", ".join(bad)} must be finite; identify again')
+    return [float(parameters[name]) for name in required]

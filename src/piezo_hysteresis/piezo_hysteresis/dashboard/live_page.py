@@ -1,0 +1,137 @@
+"""One reader's page, kept up to date as fast as his browser draws it."""
+
+from __future__ import annotations
+
+import time
+
+from bokeh.document import Document
+from bokeh.models import CustomJS, Div, Select
+
+from piezo_hysteresis.dashboard.backend import Backend
+from piezo_hysteresis.dashboard.overall_status import banner, pulse
+from piezo_hysteresis.dashboard.panel import Controls
+from piezo_hysteresis.dashboard.pictures import Pictures
+from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
+from piezo_hysteresis.dashboard.words import say, words_div
+
+SLOWLY = 0.3  # words and spectra change no faster [s]
+TIMEOUT = 10.0  # after which a picture counts as lost on its way [s]
+
+# Runs in the browser once the picture is on the screen; in a tab that nobody sees it waits.
+SEEN = (
+    'const tags = cb_obj.tags; requestAnimationFrame(() => setTimeout(() => {seen.tags = tags}))'
+)
+
+
+class Flow:
+    """Sends the next picture only when the browser has drawn the one before.
+
+    Otherwise a slow browser would lag behind, further and further.
+
+    Parameters
+    ----------
+    beat : Div
+        On the page; its tags number the pictures.
+    """
+
+    def __init__(self, beat: Div) -> None:
+        self._beat = beat
+        self._number = 0
+        self._sent_at = 0.0
+        self.seen = Div(name='seen')
+        beat.js_on_change('tags', CustomJS(args={'seen': self.seen}, code=SEEN))
+
+    def ready(self) -> bool:
+        """Return whether the browser waits for a picture."""
+        late = time.monotonic() - self._sent_at > TIMEOUT
+        return late or list(self.seen.tags) == list(self._beat.tags)
+
+    def sent(self) -> None:
+        """Note that a picture is on its way."""
+        self._number += 1
+        self._sent_at = time.monotonic()
+        self._beat.tags = [self._number]
+
+
+class Page:
+    """The document of one reader.
+
+    Parameters
+    ----------
+    document : Document
+        Empty so far.
+    backend : Backend
+        Speaks to the nodes.
+    actuator : str
+        Namespace of the actuator.
+    chosen : bool
+        Whether the reader asked for this one; otherwise the page goes over to one that is found.
+    refresh : float
+        How often it is drawn [Hz].
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        backend: Backend,
+        actuator: str,
+        chosen: bool = False,
+        refresh: float = 10.0,
+    ) -> None:
+        self._backend, self._chosen = backend, chosen
+        self._live = backend.live(actuator)
+        self._pictures = Pictures()
+        self._controls = Controls(backend, actuator)
+        self._banner = words_div('banner')
+        self._pulse = Div(text='', name='pulse', stylesheets=[WIDGET_STYLE])
+        self._actuator = Select(
+            value=actuator or '/', options=[actuator or '/'], name='actuator', width=180
+        )
+        self._actuator.js_on_change(
+            'value',
+            CustomJS(code="location.search = '?actuator=' + encodeURIComponent(cb_obj.value)"),
+        )
+        self._flow = Flow(self._pulse)
+        self._slow = 0.0
+        document.title = f'Actuator {actuator}'.strip()
+        document.template = page_template()
+        with document.models.freeze():  # or every root would have all models counted anew
+            for root in (
+                self._actuator, self._pulse, self._banner, *self._pictures.roots,
+                *self._controls.roots,
+            ):  # fmt: skip
+                document.add_root(root)
+            self._controls.refresh()
+            self._draw(self._is_slow())
+        document.add_periodic_callback(self.refresh, round(1000 / refresh))
+
+    def refresh(self) -> None:
+        """Bring everything up to date."""
+        self._controls.refresh()
+        if self._flow.ready():
+            self._draw(self._is_slow())
+            self._flow.sent()
+
+    def _is_slow(self) -> bool:
+        now = time.monotonic()
+        if now - self._slow < SLOWLY:
+            return False
+        self._slow = now
+        return True
+
+    def _draw(self, slowly: bool) -> None:
+        if slowly:
+            self._offer_actuators()
+            say(self._banner, banner(self._live))
+            say(self._pulse, pulse(self._live, self._pictures.tracking))
+            self._controls.tell()
+        self._pictures.refresh(self._live, slowly)
+
+    def _offer_actuators(self) -> None:
+        found = self._backend.actuators()
+        options = sorted({name or '/' for name in (*found, self._live.actuator)})
+        if options != list(self._actuator.options):
+            self._actuator.options = options
+        self._actuator.visible = len(options) > 1
+        if not self._chosen and not self._live.received and self._live.actuator not in found:
+            self._actuator.value = found[0] or '/'

@@ -1,0 +1,156 @@
+"""Serves the page and the reports to this machine, from a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import re
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.document import Document
+from bokeh.server.server import BaseServer
+from bokeh.server.util import bind_sockets
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+from tornado.web import HTTPError, StaticFileHandler
+
+from piezo_hysteresis.dashboard.access import LOCAL_NAMES, AccessPolicy
+from piezo_hysteresis.dashboard.backend import Backend
+from piezo_hysteresis.dashboard.guard import GuardedApplication
+from piezo_hysteresis.dashboard.live_page import Page
+from piezo_hysteresis.errors import PiezoError
+
+# A reader who went away is forgotten after so long [ms].
+FORGOTTEN = 5000
+_NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
+
+
+class ReportHandler(StaticFileHandler):
+    """Hands out reports, and nothing else, from one folder."""
+
+    def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
+        """Refuse what is no report or leads out of the folder, links followed."""
+        target = Path(absolute_path).resolve()
+        if Path(root).resolve() not in target.parents or target.suffix != '.html':
+            raise HTTPError(404)
+        return super().validate_absolute_path(root, absolute_path)
+
+
+class DashboardServer:
+    """The web server of the page.
+
+    Parameters
+    ----------
+    backend : Backend
+        Speaks to the nodes.
+    address, port : str, int
+        Where it listens; port 0 takes a free one.
+    folder : str
+        Whose reports are served.
+    origins : sequence of str
+        Further ``HOST:PORT`` that browsers may open the page as.
+    token : str
+        What a reader has to show once, '' for nothing.
+    refresh : float
+        How often pages are drawn [Hz].
+
+    Raises
+    ------
+    PiezoError
+        If the port is taken, the address is not of this machine, an origin is none or the token
+        can be guessed.
+    """
+
+    def __init__(
+        self,
+        backend: Backend,
+        *,
+        address: str,
+        port: int,
+        folder: str,
+        origins: Sequence[str] = (),
+        token: str = '',
+        refresh: float = 10.0,
+    ) -> None:
+        AccessPolicy(address, port, origins, token)  # refused before anything is listened to
+        self._backend = backend
+        self._refresh = refresh
+        try:
+            self._sockets, self.port = bind_sockets(address, port)
+        except OSError as error:
+            raise PiezoError(
+                f'{address}:{port} cannot be listened to ({error.strerror or error}); '
+                'give another port'
+            ) from None
+        self._address, self._folder = address, folder
+        self._access = AccessPolicy(address, self.port, origins, token)
+        self._loop: IOLoop | None = None
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name='dashboard', daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        name = self._address if self._address in LOCAL_NAMES else 'localhost'
+        return f'http://{name}:{self.port}/'
+
+    @property
+    def local(self) -> bool:
+        """Whether only this machine reaches it."""
+        return all(s.getsockname()[0].startswith(('127.', '::1')) for s in self._sockets)
+
+    @property
+    def running(self) -> bool:
+        """Whether it serves."""
+        return self._thread.is_alive()
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+        self._ready.wait(10.0)
+
+    def stop(self) -> None:
+        """Close every page and end the thread."""
+        if self._loop is not None:
+            self._loop.add_callback(self._loop.stop)
+        self._thread.join(5.0)
+
+    def _serve(self) -> None:
+        # a reader who goes away is nothing to warn of
+        logging.getLogger('bokeh').setLevel(logging.ERROR)
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        loop = IOLoop.current()
+        application = Application(FunctionHandler(self._new_page))
+        tornado = GuardedApplication(
+            {'/': application},
+            access=self._access,
+            extra_websocket_origins=self._access.names,
+            extra_patterns=[(r'/reports/(.*)', ReportHandler, {'path': self._folder})],
+            unused_session_lifetime_milliseconds=FORGOTTEN,
+            check_unused_sessions_milliseconds=FORGOTTEN,
+            stats_log_frequency_milliseconds=3_600_000,
+        )
+        http = HTTPServer(tornado)
+        http.add_sockets(self._sockets)
+        server = BaseServer(loop, tornado, http)
+        server.start()
+        self._loop = loop
+        self._ready.set()
+        try:
+            loop.start()
+        finally:
+            with contextlib.suppress(Exception):  # pages that are open end with the process
+                server.stop(wait=False)
+            loop.close(all_fds=True)
+
+    def _new_page(self, document: Document) -> None:
+        arguments = document.session_context.request.arguments.get('actuator', [b''])
+        asked = arguments[0].decode('utf-8', 'replace').strip('/')
+        chosen = bool(_NAMESPACE.match(asked)) and self._backend.allows(asked)
+        actuator = asked if chosen else self._backend.actuators()[0]
+        Page(document, self._backend, actuator, chosen, self._refresh)

@@ -1,0 +1,322 @@
+"""The live page: ROS in this thread, the web server in another, `Live` between them."""
+
+from __future__ import annotations
+
+import argparse
+import queue
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Health, Level, judge
+from piezo_hysteresis.dashboard.backend import (
+    Answer,
+    DiscoveryOrder,
+    InvestigationOrder,
+    SweepOrder,
+)
+from piezo_hysteresis.dashboard.controls import Value
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
+from piezo_hysteresis.dashboard.page_server import DashboardServer
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.dashboard.investigation_job import InvestigationJob
+from piezo_hysteresis.nodes.dashboard.jobs import Jobs
+from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
+from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
+from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
+from piezo_hysteresis.parameters.dashboard_table import DASHBOARD, configure
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
+
+LISTEN_EVERY = 0.03
+LAG = 1.0  # without listening, which is counted [s]
+LOOK_EVERY = 1.0
+MOST_ACTUATORS = 100
+STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
+
+
+class ActuatorSession:
+    """Topics, nodes, jobs and recorder of one actuator."""
+
+    def __init__(self, node: Node, live: Live, folder: Path, later: Later) -> None:
+        self.live = live
+        self._node = silent_node(node, 'dashboard_recorder', live.actuator)
+        self.ear = TopicCollector(self._node, live)
+        self.directory = NodeRegistry(node, live)
+        self.jobs = Jobs(node, live, self.ear, RecorderReport(self._node), folder, later)
+        self.investigation = InvestigationJob(node, live, folder)
+
+    def watch(self) -> None:
+        """Look who offers what; called about once a second."""
+        self.jobs.watch()
+        self.live.investigations_offered = self.investigation.offered
+        self.investigation.watch()
+
+    def close(self) -> None:
+        """Finish what is being recorded."""
+        self.jobs.close()
+        self._node.destroy_node()
+
+
+def silent_node(node: Node, name: str, namespace: str = '') -> Node:
+    """Return a node in no executor: its subscriptions are served by the caller."""
+    return Node(
+        name,
+        namespace=namespace,
+        context=node.context,
+        start_parameter_services=False,
+        enable_rosout=False,
+        use_global_arguments=False,
+    )
+
+
+Later = Callable[[float, Callable[[], None]], None]
+
+
+class Dashboard(Node):
+    """Serves the page; is the `Backend` that it speaks to, from any thread."""
+
+    def __init__(self) -> None:
+        super().__init__('dashboard')
+        self._params = NodeParameters(self, DASHBOARD)
+        self._folder = Path(self._params.text('folder')).expanduser()
+        self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._due: list[tuple[float, Callable[[], None]]] = []
+        self._desks: dict[str, ActuatorSession] = {}
+        self._lives: dict[str, Live] = {}
+        self._found: list[str] = []
+        self._collector_node = silent_node(self, 'dashboard_ear')
+        self._common = SharedTopics(self._collector_node, self._live_of, self._on_event)
+        self._look()
+        self._server = self._serve()
+        self._ticked, self._lags = self._now(), 0
+        self._watch = CounterWatch(
+            {'lags': (Level.WARN, 'the page lags: the machine is too slow')}
+        )
+        Diagnostics(self, self._health)
+        wall_timer(self, LISTEN_EVERY, self._tick)
+        wall_timer(self, LOOK_EVERY, self._look)
+
+    def _serve(self) -> DashboardServer:
+        try:
+            server = DashboardServer(
+                self,
+                address=self._params.text('address'),
+                port=self._params.integer('port'),
+                folder=str(self._folder.resolve()),
+                origins=self._words('origins'),
+                token=self._params.text('token'),
+                refresh=self._params.number('refresh'),
+            )
+        except PiezoError as error:
+            self.get_logger().fatal(str(error))
+            raise SystemExit(2) from None
+        if not server.local and not self._params.text('token'):
+            self.get_logger().warning(
+                f'anyone who reaches port {server.port} of this machine can move the actuator: '
+                'set token, or leave address at 127.0.0.1'
+            )
+        server.start()
+        self.get_logger().info(f'open {server.url}')
+        return server
+
+    def _words(self, name: str) -> list[str]:
+        return [str(text) for text in self._params.values[name] if text]  # type: ignore[union-attr]
+
+    # --- in the thread of ROS ------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        while not self._wishes.empty():
+            self._wishes.get()()
+        now = self._now()
+        self._lags += now - self._ticked > LAG
+        self._ticked = now
+        for entry in [entry for entry in self._due if entry[0] <= now]:
+            self._due.remove(entry)
+            entry[1]()
+        self._common.poll()
+        for desk in self._desks.values():
+            desk.ear.poll()
+            desk.jobs.confirm()
+
+    def _health(self) -> Health:
+        findings = self._watch.findings({'lags': self._lags})
+        if not self._server.running:
+            findings.append((Level.ERROR, 'the web server has ended: start the dashboard again'))
+        fine = f'serves {self._server.url}'
+        values = {
+            'actuators': ', '.join(self._found),
+            'looked_at': len(self._desks),
+            'lags': self._lags,
+        }
+        return judge(findings, fine, values)
+
+    def _now(self) -> float:
+        return time.monotonic()
+
+    def _later(self, seconds: float, what: Callable[[], None]) -> None:
+        self._due.append((self._now() + seconds, what))
+
+    def _look(self) -> None:
+        self._found = self._find_actuators()
+        spaces: dict[str, set[str]] = {}
+        for name, space in self.get_node_names_and_namespaces():
+            if shown(name):
+                spaces.setdefault(space.strip('/'), set()).add(name)
+        for actuator, desk in self._desks.items():
+            publishers = self.get_publishers_info_by_topic(desk.ear.topic(topics.STATE))
+            desk.live.published = bool(publishers)
+            if publishers:
+                desk.ear.counting = publishers[0].node_name
+            desk.directory.look(spaces.get(actuator, set()))
+            desk.watch()
+
+    def _wanted(self) -> list[str]:
+        """Return the namespaces that were asked for, none where all are welcome."""
+        own = self.get_namespace().strip('/')
+        named = [name.strip('/') for name in self._words('actuators')]
+        return named or ([own] if own else [])
+
+    def _find_actuators(self) -> list[str]:
+        names = self._wanted()
+        return names or sorted(
+            name.removesuffix(topics.STATE).strip('/')
+            for name, types in self.get_topic_names_and_types()
+            if STATE_TYPE in types
+            and name.endswith(f'/{topics.STATE}')
+            and self.count_publishers(name)
+        )
+
+    def _live_of(self, full: str) -> tuple[Live | None, str]:
+        space, _, name = full.rpartition('/')
+        return self._lives.get(space.strip('/')), name
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        space, _, name = event.node.rpartition('/')
+        desk = self._desks.get(space.strip('/'))
+        if desk is not None:
+            desk.directory.follow(name, event)
+
+    def _open(self, live: Live) -> None:
+        self._desks[live.actuator] = ActuatorSession(self, live, self._folder, self._later)
+        self._look()
+
+    # --- from the threads of the page ----------------------------------------------------------
+
+    def actuators(self) -> list[str]:
+        """Return the namespaces there are, never an empty list."""
+        return self._found or ['']
+
+    def allows(self, actuator: str) -> bool:
+        """Return whether a namespace that a reader asks for may be looked at."""
+        names = self._wanted()
+        return actuator in names if names else len(self._lives) < MOST_ACTUATORS
+
+    def live(self, actuator: str) -> Live:
+        """Return what is known of an actuator."""
+        if actuator not in self._lives:
+            live = self._lives[actuator] = Live(actuator)
+            self._wishes.put(lambda: self._open(live))
+        return self._lives[actuator]
+
+    def set_parameters(self, actuator: str, node: str, values: Mapping[str, Value]) -> Answer:
+        """Set parameters of a node."""
+        answer = Answer()
+        self._wish(actuator, lambda desk: desk.directory.set(node, values, answer))
+        return answer
+
+    def start_sweep(self, actuator: str, order: SweepOrder) -> None:
+        """Run a sweep and record it, after the experiment that runs has been ended."""
+        self.live(actuator).sweep = BackgroundJob('asked', 0.0, 'asking the excitation')
+        self._wish(actuator, lambda desk: self._rest_then_sweep(desk, order))
+
+    def _rest_then_sweep(self, desk: ActuatorSession, order: SweepOrder) -> None:
+        mode = desk.live.parameter('excitation', 'mode')
+        answer = Answer()
+        if mode is None or mode.value == 'idle':
+            answer.give()
+        else:
+            desk.directory.set('excitation', {'mode': 'idle'}, answer)
+
+        def go_on() -> None:
+            if not answer.done:
+                self._later(LISTEN_EVERY, go_on)
+            elif answer.reason:
+                desk.live.sweep = BackgroundJob('failed', 0.0, answer.reason)
+            else:
+                desk.jobs.run_sweep(order)
+
+        go_on()
+
+    def cancel_sweep(self, actuator: str) -> None:
+        """Let the actuator return to rest."""
+        self._wish(actuator, lambda desk: desk.jobs.sweep.cancel())
+
+    def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
+        """Find what the baseline misses in recorded data."""
+        self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'asking the discovery node')
+        self._wish(actuator, lambda desk: desk.jobs.run_discovery(order))
+
+    def cancel_discovery(self, actuator: str) -> None:
+        """Give a discovery up."""
+        self._wish(actuator, lambda desk: desk.jobs.discovery.cancel())
+
+    def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
+        """Find what the model in use misses by experiments."""
+        asking = BackgroundJob('asked', 0.0, 'asking the discovery node')
+        self.live(actuator).investigation = asking
+        self._wish(actuator, lambda desk: desk.investigation.run(order))
+
+    def cancel_investigation(self, actuator: str) -> None:
+        """Give an investigation up."""
+        self._wish(actuator, lambda desk: desk.investigation.cancel())
+
+    def bags(self, actuator: str) -> list[str]:
+        """Return the bags that were recorded, the newest first."""
+        desk = self._desks.get(actuator)
+        return desk.jobs.bags() if desk is not None else []
+
+    def _wish(self, actuator: str, what: Callable[[ActuatorSession], None]) -> None:
+        self.live(actuator)
+        self._wishes.put(lambda: what(self._desks[actuator]))
+
+    def close(self) -> None:
+        """End the server and finish what is being recorded."""
+        self._server.stop()
+        for desk in self._desks.values():
+            desk.close()
+        self._collector_node.destroy_node()
+
+
+def ros_arguments(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments for ROS: options of the verb, and those behind ``--ros-args``."""
+    options = list(arguments)
+    cut = options.index('--ros-args') if '--ros-args' in options else len(options)
+    parser = argparse.ArgumentParser(prog='dashboard')
+    configure(parser)
+    given = parser.parse_args(options[:cut])
+    ros = ['--ros-args', *options[cut + 1 :]]
+    for name in ('folder', 'port', 'address'):
+        value = getattr(given, name)
+        if value is not None:
+            ros += ['-p', f'{name}:={value}']
+    if given.namespace:
+        ros += ['-r', f'__ns:=/{given.namespace.strip("/")}']
+    return ros
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the page for the verb ``dashboard``."""
+    return run_node(Dashboard, ros_arguments(arguments))
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run(sys.argv[1:]))

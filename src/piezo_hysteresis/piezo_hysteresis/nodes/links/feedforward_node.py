@@ -1,0 +1,206 @@
+"""Feedforward by the inverse of the loaded model: the first link of the voltage chain."""
+
+from __future__ import annotations
+
+import sys
+
+from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
+
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.parameter_table import Value
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.nodes.codecs import measured_of, point_of
+from piezo_hysteresis.nodes.links.link_node import LinkNode
+from piezo_hysteresis.nodes.messages import model_from
+from piezo_hysteresis.nodes.model_parameters import ModelParameters
+from piezo_hysteresis.nodes.paths import requested_model
+from piezo_hysteresis.parameters.links import FEEDFORWARD
+from piezo_hysteresis.ros.flat import nanoseconds_of_head
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.runtime.inversion import Inversion
+from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
+from piezo_interfaces.srv import LoadModel
+
+# How often silence of the reference is looked for [s].
+LOOK = 0.1
+
+
+class Feedforward(LinkNode):
+    """Answers every reference with the voltage that the model says it takes.
+
+    Without a model it answers ``displacement / gain``: no compensation.
+
+    Parameters
+    ----------
+    wired : bool
+        False where somebody in the same process calls the ``take_`` methods instead of topics.
+    """
+
+    def __init__(self, *, wired: bool = True) -> None:
+        output, source = topics.VOLTAGE_FEEDFORWARD, topics.REFERENCE
+        super().__init__('feedforward', FEEDFORWARD, output, source)
+        self._seen = -1
+        self._states: Subscription | None = None
+        self._ticks = SequenceFilter()
+        self._estimate: ModelEstimate | None = None
+        value = self.parameters.number
+        self._gain = value('gain')
+        law = self.parameters.text('law')
+        self._inversion = Inversion(
+            self.dt, self.limits(), value('start'), value('transition'), law
+        )
+        self._model_parameters = ModelParameters(self, self.parameters, self._take, self._refusal)
+        self._load_at_start(self.parameters.text('model_file'))
+        if wired:
+            self.create_subscription(
+                Reference, topics.REFERENCE, self._on_reference, LOOP, raw=True
+            )
+            wall_timer(self, LOOK, self._look)
+        self.create_subscription(ModelEstimate, topics.ESTIMATE, self._on_estimate, LATCHED)
+        self.create_service(LoadModel, '~/load_model', self._on_load_model)
+        self.create_service(Trigger, '~/use_estimate', self._on_use_estimate)
+        self.autostart()
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of the inverse."""
+        return self._inversion.counters()
+
+    def apply(self, changes: dict[str, Value]) -> None:
+        """Take accepted parameter changes over."""
+        super().apply(changes)
+        self._gain = self.parameters.number('gain')
+        self._inversion.start = self.parameters.number('start')
+        if any(name in ('transition', 'law') or name.startswith('limits.') for name in changes):
+            law = self.parameters.text('law')
+            self._inversion.rebuild(self.limits(), self.parameters.number('transition'), law)
+        if 'follow_estimate' not in changes:
+            self.go_over()
+
+    def refuse(self, changes: dict[str, Value]) -> str:
+        """Return '' or why the loaded model has no inverse by another law."""
+        if 'law' in changes:
+            return self._inversion.refusal(str(changes['law']))
+        return ''
+
+    # --- ticks ---------------------------------------------------------------------------------
+
+    def _on_reference(self, payload: bytes) -> None:
+        self.take_reference(*point_of(payload))
+
+    def take_reference(self, head: bytes, point: ReferencePoint) -> None:
+        """Publish the voltage for the reference of one tick."""
+        sample, newest = point.sample, self.intake.newest
+        if not self.intake.take(sample):
+            if sample == newest:
+                self.pass_on_again(sample)
+            return
+        self.stamps.true_time(sample, nanoseconds_of_head(head))
+        if sample <= newest:
+            self._inversion.forget()
+            self.begin_anew(sample)
+        voltage = self._inversion.voltage(point)
+        if voltage is None:
+            voltage = point.displacement / self._gain
+        self.pass_on(head, sample, 0.0, voltage if self.active else 0.0)
+
+    def take_state(self, head: bytes, measured: Measured) -> None:
+        """Take note how far the actuator is."""
+        if self._ticks.take(measured.sample):
+            self.watch(head, measured.sample)
+
+    def _on_state(self, payload: bytes) -> None:
+        self.take_state(*measured_of(payload))
+
+    def _look(self) -> None:
+        """Watch the actuator while no reference comes; one message less per tick while it does."""
+        silent, self._seen = self.intake.newest == self._seen >= 0, self.intake.newest
+        if silent and self._states is None:
+            self._states = self.create_subscription(
+                ActuatorState, topics.STATE, self._on_state, LOOP, raw=True
+            )
+            self._ticks = SequenceFilter()
+        elif not silent and self._states is not None:
+            self.destroy_subscription(self._states)
+            self._states = None
+
+    # --- models --------------------------------------------------------------------------------
+
+    def _load_at_start(self, path: str) -> None:
+        try:
+            if path:
+                self.load(ModelFile.load(path))
+            self._model_parameters.follow()
+        except PiezoError as error:
+            self.give_up(str(error))
+
+    def _refusal(self, loaded: ModelFile) -> str:
+        return self._inversion.refusal(self.parameters.text('law'), loaded)
+
+    def _take(self, loaded: ModelFile) -> None:
+        """Invert `loaded` from now on.
+
+        Raises
+        ------
+        PiezoError
+            If it cannot be inverted; the old one then stays.
+        """
+        if not self._inversion.take(loaded):
+            return
+        self.go_over()
+        chain = ', '.join(loaded.model.block_names)
+        self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
+
+    def load(self, loaded: ModelFile) -> None:
+        """Make `loaded` the model; on any error the one before stays, in the parameters too.
+
+        Raises
+        ------
+        PiezoError
+            If it cannot be inverted.
+        """
+        self._model_parameters.load(loaded)
+
+    def _on_load_model(
+        self, request: LoadModel.Request, response: LoadModel.Response
+    ) -> LoadModel.Response:
+        try:
+            loaded = requested_model(request, self.parameters.text('model_folder'))
+            self.load(loaded)
+            response.success, response.message = True, f'inverts {loaded.model.name} now'
+        except PiezoError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_estimate(self, message: ModelEstimate) -> None:
+        self._estimate = message
+        if self.parameters.flag('follow_estimate'):
+            reason = self._use(message)
+            if reason:
+                self.get_logger().warning(reason, throttle_duration_sec=5.0)
+
+    def _on_use_estimate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._estimate is None:
+            response.success = False
+            response.message = 'no model/estimate has come yet: start the identification node'
+            return response
+        reason = self._use(self._estimate)
+        response.success, response.message = not reason, reason or 'the estimate is in use'
+        return response
+
+    def _use(self, message: ModelEstimate) -> str:
+        try:
+            self.load(model_from(message))
+        except PiezoError as error:
+            return f'model/estimate cannot be used: {error}'
+        return ''
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(Feedforward))

@@ -1,0 +1,203 @@
+"""Records topics into a bag, byte for byte; what was flushed survives whatever happens."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.recording.message_types import message_type
+from piezo_hysteresis.nodes.recording.offered_qos import matching, offered_as_yaml
+from piezo_hysteresis.nodes.recording.recorder_report import CONFIRM_AFTER, RecorderReport
+from piezo_hysteresis.parameters.node_tables import RECORDER
+from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
+from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
+
+# What is recorded where nothing is asked for.
+DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)
+
+
+SENTENCES: dict[str, Finding] = {
+    'dropped': (Level.ERROR, 'messages are lost: the disk is full or too slow')
+}
+
+# The bag is finished once nothing that was published before has come for so long [s].
+QUIET = 0.1
+LONGEST_DRAIN = 5.0
+
+# Types of the topics whose first message must not be missed.
+KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
+
+
+class RecorderNode(Node):
+    """Subscribes to the topics it is given as soon as it appears, and writes what comes."""
+
+    def __init__(self) -> None:
+        super().__init__('recorder')
+        Diagnostics(self, self._judge)
+        self._report = RecorderReport(self)
+        self._params = NodeParameters(self, RECORDER)
+        out = self._params.text('out')
+        if not out:
+            self._give_up('give the bag to create: -p out:=FOLDER')
+        try:
+            self._recorder = Recorder(out)
+        except PiezoError as error:
+            self._give_up(str(error))
+        names = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
+        self._missing = {self.resolve_topic_name(name) for name in names or DEFAULT_TOPICS}
+        self._inlets: list[tuple[Subscription, Callable[[bytes], None]]] = []
+        self._problem = ''
+        self._watch = CounterWatch(SENTENCES)
+        self._confirmed = self._topics_confirmed()
+        whole = len(self._confirmed) == 2
+        # Announced before it subscribes: a node that sees the subscription can ask how far it is.
+        self._report.begin(self._recorder, confirms=whole)
+        self._subscribe_ahead()
+        self._look()
+        wall_timer(self, 0.1, self._look)
+        wall_timer(self, CONFIRM_AFTER, self._report.tell_news)
+        wall_timer(self, 1.0, self._tell)
+
+    def _give_up(self, reason: str) -> None:
+        self.get_logger().fatal(reason)
+        raise SystemExit(2)
+
+    def _topics_confirmed(self) -> dict[str, Callable[[bytes, bool], None]]:
+        """Return who counts what comes over the topics of records, where they are wanted."""
+        counted = {topics.STATE: self._report.on_state, topics.MARKER: self._report.on_marker}
+        resolved = {self.resolve_topic_name(name): count for name, count in counted.items()}
+        return {name: count for name, count in resolved.items() if name in self._missing}
+
+    def _subscribe_ahead(self) -> None:
+        """Subscribe to what the suite itself publishes before it appears, to lose nothing."""
+        for short, kind in KNOWN_TYPES.items():
+            name = self.resolve_topic_name(short)
+            if name in self._missing:
+                self._missing.discard(name)
+                self._record(name, kind, LOOP)
+
+    def _look(self) -> None:
+        """Subscribe to wanted topics that have appeared."""
+        if not self._missing:
+            return
+        present = dict(self.get_topic_names_and_types())
+        for name in sorted(self._missing & present.keys()):
+            publishers = self.get_publishers_info_by_topic(name)
+            if publishers:
+                self._missing.discard(name)
+                self._record(name, present[name][0], matching(publishers))
+
+    def _record(self, name: str, kind: str, qos: QoSProfile) -> None:
+        try:
+            definition, type_hash = definition_of(kind)
+        except PiezoError as error:
+            self.get_logger().warning(f'{name} is recorded without its definition: {error}')
+            definition = type_hash = ''
+        number = self._recorder.add_topic(
+            name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
+        )
+        writer = self._writer(number, self._confirmed.get(name))
+        subscription = self.create_subscription(message_type(kind), name, writer, qos, raw=True)
+        self._inlets.append((subscription, writer))
+        self.get_logger().info(f'recording {name}')
+
+    def _writer(
+        self, number: int, count: Callable[[bytes, bool], None] | None
+    ) -> Callable[[bytes], None]:
+        write, now = self._recorder.write, time.time_ns
+
+        def on_message(payload: bytes) -> None:
+            kept = write(number, payload, now())
+            if count is not None:
+                count(payload, kept)
+
+        return on_message
+
+    def _tell(self) -> None:
+        self._report.tell()
+        status = self._recorder.status
+        if status.problem != self._problem:
+            self._problem = status.problem
+            if status.problem:
+                self.get_logger().error(f'nothing can be written: {status.problem}')
+        for name in self._missing:
+            self.get_logger().warning(f'nobody publishes {name} yet', throttle_duration_sec=10.0)
+
+    def _judge(self) -> Health:
+        status = self._recorder.status
+        counts = {'received': status.received, 'written': status.written}
+        counts['dropped'] = status.dropped
+        findings = self._watch.findings(counts)
+        if status.problem:
+            findings.append((Level.ERROR, f'nothing can be written: {status.problem}'))
+        findings += [(Level.WARN, f'nobody publishes {name} yet') for name in self._missing]
+        fine = f'{status.written} messages are in {self._recorder.path}'
+        return judge(findings, fine, counts)
+
+    def _drain(self) -> None:
+        """Write what was published until now and is still on its way through the middleware.
+
+        It is all there once nothing has come for a moment, or what comes is newer.
+        """
+        asked, last = time.time_ns(), time.monotonic()
+        end = last + LONGEST_DRAIN  # for a publisher whose clock is behind
+        while time.monotonic() < min(last + QUIET, end):
+            for subscription, write in self._inlets:
+                with subscription.handle:
+                    while got := subscription.handle.take_message(subscription.msg_type, True):
+                        payload, info = got
+                        if info['source_timestamp'] > asked:
+                            break
+                        write(payload)
+                        last = time.monotonic()
+            time.sleep(0.1 * QUIET)
+
+    def close(self) -> None:
+        """Write all that came until now and finish the bag."""
+        self._drain()
+        status = self._recorder.close()
+        self.get_logger().info(
+            f'{self._recorder.path}: {status.written} messages, {status.dropped} dropped'
+        )
+
+
+def create() -> RecorderNode:
+    """Return the node, ready to record from its first appearance on."""
+    # A client that sees the node in the graph may start at once: what takes time is done before.
+    for kind in KNOWN_TYPES.values():
+        definition_of(kind)
+        message_type(kind)
+    return RecorderNode()
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the recorder for the verb ``record``."""
+    parser = argparse.ArgumentParser(prog='record')
+    parser.add_argument('topics', nargs='*')
+    parser.add_argument('--out', required=True)
+    parser.add_argument('--namespace', default='')
+    options = parser.parse_args(list(arguments))
+    names = ', '.join(options.topics)
+    ros = ['--ros-args', '-p', f'out:={options.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
+    if options.namespace:
+        ros += ['-r', f'__ns:=/{options.namespace.strip("/")}']
+    return run_node(create, ros)
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run_node(create))

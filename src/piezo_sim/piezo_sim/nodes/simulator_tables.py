@@ -1,0 +1,104 @@
+"""The simulator's own parameters; those of the plant come from the plant's table."""
+
+from __future__ import annotations
+
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
+from piezo_sim.plant import Plant
+
+
+def simulator_table() -> ParameterTable:
+    """Return what the node itself has, before any plant is loaded."""
+    return ParameterTable(
+        (
+            ParameterSpec(
+                'preset',
+                'fdk_pzba_00030',
+                'Simulated actuator; setting it loads all its parameters, at rest.',
+            ),
+            ParameterSpec(
+                'rate', 1000.0, 'Sampling rate.', 'Hz', low=1.0, high=1e5, read_only=True
+            ),
+            ParameterSpec(
+                'clock',
+                'real_time',
+                'lock_step waits for the command of every tick; real_time runs by the clock.',
+                choices=('real_time', 'lock_step'),
+                read_only=True,
+            ),
+            ParameterSpec(
+                'speed_factor',
+                1.0,
+                'Speed of the real_time clock relative to real time.',
+                '1',
+                above=0.0,
+                high=100.0,
+            ),
+            ParameterSpec(
+                'lock_step_deadline',
+                5.0,
+                'Time without a command after which a lock-step loop is reported as broken.',
+                's',
+                above=0.0,
+                high=3600.0,
+            ),
+            ParameterSpec(
+                'command_timeout',
+                0.1,
+                'Time without a command after which the voltage ramps to safe_voltage '
+                '(real_time).',
+                's',
+                above=0.0,
+                high=3600.0,
+            ),
+            ParameterSpec(
+                'wait_for',
+                0,
+                'Number of subscribers of the state required before the first tick (lock_step).',
+                low=0,
+                high=99,
+            ),
+            ParameterSpec('safe_voltage', 0.0, 'Voltage without commands.', 'V', -500.0, 500.0),
+            ParameterSpec(
+                'ramp', 1.0, 'Slew of the ramp to safe_voltage.', 'V/s', above=0.0, high=1e6
+            ),
+            ParameterSpec(
+                'command_slew',
+                1e9,
+                'Slew limit of the applied command, unless voltage/command/slew is lower; '
+                'jumps become ramps.',
+                'V/s',
+                above=0.0,
+                high=1e9,
+            ),
+            ParameterSpec(
+                'publish_clock', False, 'Publish simulated time on /clock.', read_only=True
+            ),
+            ParameterSpec(
+                'seed', 0, 'Seed of noise and drop-outs.', low=0, high=2**31 - 1, read_only=True
+            ),
+        )
+    )
+
+
+def plant_table(plant: Plant) -> ParameterTable:
+    """Return a row for every number and switch of `plant`, with its present value as default."""
+    values = plant.parameters
+    numbers = [
+        ParameterSpec(
+            row.name, float(values[row.name]), row.description, row.unit, row.low, row.high
+        )
+        for row in plant.parameter_table
+    ]
+    switches = [
+        ParameterSpec(
+            f'effects.{effect.name}', bool(values[f'effects.{effect.name}']), effect.description
+        )
+        for effect in plant.effect_table
+    ]
+    return ParameterTable((*numbers, *switches))
+
+
+def command_range(plant: Plant) -> tuple[float, float]:
+    """Return the range of commands that the amplifier of `plant` takes [V]."""
+    values = plant.parameters
+    return float(values['amplifier.range_low']), float(values['amplifier.range_high'])

@@ -1,0 +1,122 @@
+"""A process says that it works while it compiles; whoever waits can tell who does."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from piezo_hysteresis.kernels import watch
+from piezo_hysteresis.ros import readiness
+from piezo_hysteresis.ros.heartbeats import FRESH, Heartbeats
+from piezo_hysteresis.ros.readiness import Herald, Readiness
+
+
+class Ear:
+    def __init__(self) -> None:
+        self.said: list[tuple[Readiness, str]] = []
+        self.compiled = 0
+
+    def say(self, state: Readiness, words: str) -> None:
+        self.said.append((state, words))
+
+    def compiles(self) -> None:
+        self.compiled += 1
+
+    def wait(self, count: int) -> None:
+        end = time.monotonic() + 10.0
+        while len(self.said) < count:
+            assert time.monotonic() < end, self.said
+            time.sleep(0.01)
+
+
+@pytest.fixture
+def ear(monkeypatch: pytest.MonkeyPatch) -> Ear:
+    monkeypatch.setattr(readiness, 'PERIOD', 0.05)
+    monkeypatch.setattr(readiness, 'SHORT', 0.02)
+    return Ear()
+
+
+def threads() -> int:
+    return sum(thread.name == 'herald' for thread in threading.enumerate())
+
+
+def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) -> None:
+    told = Herald(ear.say)
+    assert ear.said == [(Readiness.STARTING, 'starting (0 s)')]
+    ear.wait(3)
+    told.ready()
+    end = time.monotonic() + 10.0
+    while threads() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert threads() == 0, 'no thread is left beside the loop'
+    assert ear.compiled == 0
+    told.close()
+
+
+def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None:
+    told = Herald(ear.say, ear.compiles)
+    for _ in range(2):
+        watch.begin('kernel')
+        ear.wait(len(ear.said) + 2)
+        watch.end()
+    assert ear.said[-1][0] is Readiness.STARTING
+    assert ear.said[-1][1].startswith('starting: compiles its kernels, once (')
+    assert ear.compiled == 1
+    told.close()
+
+
+def test_compiling_later_is_said_too(ear: Ear) -> None:
+    told = Herald(ear.say, ear.compiles)
+    told.ready()
+    while threads():
+        time.sleep(0.01)
+    before = len(ear.said)
+    watch.begin('kernel')
+    ear.wait(before + 2)
+    watch.end()
+    assert ear.said[-1] == (Readiness.COMPILING, 'compiles its kernels, once (0 s)')
+    told.close()
+
+
+def test_a_kernel_within_a_kernel_is_one_compilation() -> None:
+    started: list[int] = []
+    leave = watch.listen(lambda: started.append(1))
+    before = watch.compiled()
+    watch.begin('outer')
+    watch.begin('inner')
+    assert watch.compiling() == 'outer'
+    watch.end()
+    watch.end()
+    leave()
+    assert (watch.compiling(), watch.compiled() - before, started) == ('', 1, [1])
+
+
+def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
+    now = [100.0]
+    book = Heartbeats(lambda: now[0])
+    assert book.quiet() == float('inf')
+    assert not book.is_ready('simulator')
+    book.note('/piezo/simulator', 'starting', 'starting (0 s)')
+    assert book.working() == 'piezo/simulator: starting (0 s)'
+    now[0] += FRESH
+    assert book.working() == ''
+    assert book.quiet() == FRESH
+    book.note('/piezo/simulator', 'ready', 'runs')
+    assert book.is_ready('piezo/simulator')
+    assert book.quiet() == FRESH
+
+
+def test_who_has_just_come_is_about_to_speak() -> None:
+    now = [100.0]
+    book = Heartbeats(lambda: now[0])
+    book.update_discovered(['/recorder', '/foreign'])
+    assert book.awaiting_first_heartbeat() == ['foreign', 'recorder']
+    book.note('/recorder', 'starting', 'starting (0 s)')
+    assert book.awaiting_first_heartbeat() == ['foreign']
+    now[0] += FRESH  # whoever never speaks under its own name holds nobody up for long
+    book.update_discovered(['/recorder', '/foreign', '/late'])
+    assert book.awaiting_first_heartbeat() == ['late']
+    book.update_discovered(['/recorder'])
+    assert book.awaiting_first_heartbeat() == []
