@@ -50,7 +50,7 @@ MISSING: dict[str, tuple[str, ...]] = {
     'Fang 2019': (
         'Figures 1, 2, 5, 6: drawings and block diagrams.',
         'The guide, 47.52 N/um: `python -m piezo_sim stage --preset fang_p845_stage`, 47.53 N/um.',
-        'Table 2: its rules are missing; ours are a file, `compensate --fuzzy-tables`.',
+        'Table 2: its rules are missing; this project uses a file, `compensate --fuzzy-tables`.',
     ),
 }
 

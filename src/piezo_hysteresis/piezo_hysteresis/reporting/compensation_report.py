@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
 from piezo_hysteresis.compensation.offline_loop import LoopResult, TrackingMetrics
@@ -103,7 +105,7 @@ def _left(runs: Sequence[StudiedRun]) -> PageSection:
         band_figure(
             [_curve(run, slice(None), run.result.error) for run in compensated],
             'Tracking error of the compensated runs', 'From the start, with the learning phase.',
-            'tracking error', 0.0,
+            'tracking error', _dominant(runs[0]),
         ),
         trace_figure(
             [_curve(run, _end(run), run.result.error) for run in compensated],
@@ -112,6 +114,14 @@ def _left(runs: Sequence[StudiedRun]) -> PageSection:
         ),
     ]  # fmt: skip
     return PageSection('Tracking error over time', '', tuple(figures))
+
+
+def _dominant(run: StudiedRun) -> float:
+    """Return the frequency of the largest line of the reference [Hz], 0 without one."""
+    time, reference = run.result.time, run.result.reference
+    lines = np.abs(np.fft.rfft(reference - reference.mean()))
+    peak = int(np.argmax(lines)) if lines.any() else 0
+    return peak / float(time[-1] - time[0]) if time.size > 1 else 0.0
 
 
 def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
@@ -124,8 +134,8 @@ def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
     ]
     tables: tuple[Table, ...] = ()
     if counted:
-        headers = ('run', 'link', 'what', 'ticks')
-        tables = (table(headers, counted, 'What the links and the limiter counted.'),)
+        headers = ('run', 'link', 'counter', 'ticks')
+        tables = (table(headers, counted, 'Counters of links and limiter.'),)
     figure = trace_figure(
         [
             Curve('reference', runs[0].result.time[_end(runs[0])],

@@ -45,25 +45,33 @@ def where_section(
     text = 'Measured minus model, free run, after the warm-up.'
     if found.noise_floor > 0:
         text += (
-            ' From period to period the measurement repeats itself within '
-            f'{micrometres(found.noise_floor)} µm rms: the noise floor, below which no model gets.'
+            f' The noise floor, {micrometres(found.noise_floor)} µm rms, is the part of the '
+            'measurement that does not repeat from period to period.'
         )
     if found.discrepancy is not None:
-        text += f' `model.yaml` keeps that the model {discrepancy_words(found.discrepancy)}.'
+        text += f' Discrepancy in `model.yaml`: the model {discrepancy_words(found.discrepancy)}.'
     return PageSection('Error by record and harmonic', text, tuple(figures), (_table(rows),))
 
 
 def over_frequency(records: Sequence[Record], found: Identification) -> Plot:
     """Draw the free-run error of every sine over its frequency."""
     by_name = {row.record: row for row in found.records}
-    pairs = sorted(
-        (r.info.frequency, by_name[r.name].free_run_rms) for r in records if r.info.frequency > 0
-    )
-    frequency, error = np.array(pairs).T
+    driven = [r for r in records if r.info.frequency > 0]
+    levels = sorted({float(f'{r.info.amplitude:.3g}') for r in driven}, reverse=True)
+    curves = []
+    for level in levels:
+        pairs = sorted(
+            (r.info.frequency, by_name[r.name].free_run_rms)
+            for r in driven
+            if float(f'{r.info.amplitude:.3g}') == level
+        )
+        frequency, error = np.array(pairs).T
+        name = f'{level:g} {driven[0].info.input_unit}' if len(levels) > 1 else 'free run'
+        curves.append(Curve(name, frequency, error, '' if len(levels) > 1 else 'error'))
     floor = found.noise_floor if found.noise_floor > 0 else None
-    caption = 'Free-run error of the model in every record, against the noise floor.'
+    caption = 'Free-run error of every record, by amplitude of the drive.'
     return xy_figure(
-        [Curve('free run', frequency, error, 'error')], 'Error over frequency', caption,
+        curves, 'Error over frequency', caption,
         'frequency of the drive [Hz]', 'rms error [µm]', log_y=True, floor=floor,
     )  # fmt: skip
 
@@ -155,5 +163,5 @@ def _table(rows: Sequence[tuple[object, ...]]) -> Table:
         'record', 'free run [µm]', 'free run [% of std]', 'in noise floors', 'one step [µm]',
         'largest part of the error',
     )  # fmt: skip
-    caption = 'Rms errors, and the multiple of the drive at which most of the error sits.'
+    caption = 'Rms errors, and the harmonic of the drive with the largest error.'
     return table(headers, rows, caption)
