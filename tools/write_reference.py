@@ -15,6 +15,10 @@ FOLDER = Path(__file__).resolve().parents[1] / 'docs' / 'reference'
 
 # Page: its sentence, and the modules whose public names the site lists.
 PAGES = {
+    'python': (
+        'Compensation in one call, and what every result offers. Guide: [Python](../python.md).',
+        ('interface.compensate_runs', 'common.results'),
+    ),
     'records': ('Reading and writing of data. Guide: [records](../records.md).', ('records',)),
     'models': ('Chains of blocks. Guide: [models](../models.md).', ('models',)),
     'identification': (
@@ -23,17 +27,14 @@ PAGES = {
     ),
     'compensation': (
         'Voltages from a reference. Guide: [compensation](../compensation.md).',
-        (
-            *(
-                f'compensation.{name}'
-                for name in (
-                    'link', 'inverses.inverse_choice', 'offline_loop', 'model_plant',
-                    'harmonics.harmonic_attenuation',
-                    'harmonics.attenuation_settings', 'feedback.feedback_settings', 'feedback.pid',
-                    'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
-                )
-            ),
-            'interface.compensate_runs',
+        tuple(
+            f'compensation.{name}'
+            for name in (
+                'link', 'inverses.inverse_choice', 'offline_loop', 'model_plant',
+                'harmonics.harmonic_attenuation',
+                'harmonics.attenuation_settings', 'feedback.feedback_settings', 'feedback.pid',
+                'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
+            )
         ),
     ),
     'discovery': (
