@@ -189,7 +189,7 @@ def test_a_result_is_shown_in_a_few_lines(found: ph.Identification) -> None:
     for result in shown:
         lines = repr(result).splitlines()
         assert len(lines) < 9
-        assert all(len(line) < 130 for line in lines)
+        assert all(len(line) < 160 for line in lines)
         page = result._repr_html_()
         assert page.startswith(f'<p><b>{lines[0]}')
         assert page.count('<tr>') == 1 + min(30, len(next(iter(result.columns().values()))))
