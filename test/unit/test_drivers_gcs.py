@@ -127,7 +127,7 @@ def test_every_driver_connects_measures_and_comes_to_rest(kind: str) -> None:
             with pytest.raises(DriverError, match=r'leaves the range -2 \.\. 2 V'):
                 sweep(made, [20.0], [2.5], 0.2)
             assert made.about()['limits']['high'] == 2.0
-        assert abs(controller.voltage) < 1e-5
+        assert abs(voltage_of(controller)) < 1e-5
     assert first.rate == second.rate == RATE / made.divider_for(0.5)
     np.testing.assert_allclose(np.abs(first.voltage).max(), 1.0, rtol=0.01)
     assert np.ptp(first.displacement) > 5e-5
@@ -386,6 +386,13 @@ def driving(address: str, timeout: float = 5.0) -> Iterator[ControllerThread]:
         thread.close()
 
 
+def voltage_of(controller: SimulatedController) -> float:
+    """Return the voltage, a tick after the last command [V]."""
+    time.sleep(2e-3)
+    controller.advance()
+    return controller.voltage
+
+
 def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
@@ -410,7 +417,7 @@ def test_a_thread_that_loses_its_controller_leaves_it_at_rest(kind: str, tmp_pat
             while controller.is_running and time.monotonic() < end:
                 time.sleep(0.01)
             assert not controller.is_running
-            assert abs(controller.voltage) < 1e-5
+            assert abs(voltage_of(controller)) < 1e-5
             assert largest_voltage(controller) <= 1.0 + 1e-5
 
 
@@ -426,14 +433,14 @@ def test_a_thread_keeps_what_is_complete_and_ends_at_rest(tmp_path: Path) -> Non
                 long, seen.append, lambda: bool(seen) and seen[-1].record == 'sine_30Hz_1V'
             )
             assert running.result(20.0).is_cancelled
-            assert controller.voltage == 0.0
+            assert voltage_of(controller) == 0.0
             assert [record.name for record in load(long.bag)] == ['sine_20Hz_1V']
             again = thread.run(replace(long, frequencies=[20.0])).result(20.0)
             assert 'exists already' in again.reason
             running = thread.run(order(tmp_path / 'never', seconds=2.5))
             until(lambda: abs(controller.voltage) > 0.1)
         assert running.result(1.0).is_cancelled
-        assert controller.voltage == 0.0
+        assert voltage_of(controller) == 0.0
         assert not controller.is_running
 
 
@@ -442,15 +449,29 @@ def test_a_thread_that_drove_nothing_leaves_the_controller_as_it_is() -> None:
         controller.set_voltage(1.5)
         with driving(address):
             pass
-        controller.advance()
-        assert controller.voltage == 1.5
+        assert voltage_of(controller) == 1.5
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_what_comes_late_is_no_answer_to_the_next_query(kind: str) -> None:
+    fault = Fault()
+    with served(kind, 1.0, fault) as (address, controller):
+        with open_controller(address, timeout=0.2) as made:
+            made.open_loop()
+            controller.set_voltage(0.5)
+            fault.after, fault.kind = 0, 'late'
+            with pytest.raises(DriverError, match='no answer to'):
+                made.voltage  # noqa: B018
+            assert not made.is_running
+            assert made.voltage == 0.5
+        assert voltage_of(controller) == 0.0
 
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_lost_connection_is_a_sentence(kind: str) -> None:
     with served(kind, fault=Fault('drop', 12)) as (address, controller):
         assert 'the connection is lost' in measured(address)
-        assert abs(controller.voltage) < 1e-5
+        assert abs(voltage_of(controller)) < 1e-5
 
 
 def test_the_generator_goes_on_to_its_end_without_a_client() -> None:

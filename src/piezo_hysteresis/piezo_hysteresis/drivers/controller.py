@@ -181,7 +181,8 @@ class Controller(ABC):
         if begin == voltage:
             return
         for k in range(1, count + 1):
-            self.set_voltage(begin + (voltage - begin) * k / count)
+            # the last one exactly: a range may end there
+            self.set_voltage(voltage if k == count else begin + (voltage - begin) * k / count)
             time.sleep(_STEP if k < count else 0.0)
 
     def stop(self) -> None:

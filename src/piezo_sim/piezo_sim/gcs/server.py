@@ -8,6 +8,7 @@ import select
 import socketserver
 import sys
 import threading
+import time
 import tty
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,8 +21,9 @@ from piezo_sim.gcs.nv200 import Nv200Language
 from piezo_sim.plant import Plant
 from piezo_sim.simulation_errors import SimulationError
 
-#: Faults: the connection is dropped, an answer cut in its middle, or nothing is answered.
-FAULTS = ('drop', 'truncate', 'silence')
+#: Faults: the connection is dropped, an answer cut in its middle, nothing is answered, or late.
+FAULTS = ('drop', 'truncate', 'silence', 'late')
+LATE = 0.5  # of an answer [s]
 _POLL = 0.02  # how often a pty looks whether it should end [s]
 
 
@@ -105,6 +107,7 @@ class Conversation:
                     yield answer[: len(answer) // 2].encode('latin-1')
                     return
                 answer = None if fault == 'silence' else answer
+                time.sleep(LATE if fault == 'late' else 0.0)
             else:
                 self._line.append(byte)
                 continue

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.wires import Wire, silent
+from piezo_hysteresis.drivers.wires import PATIENCE, Wire, silent
 
 PORT = 50_000
-STOP, RUNNING = b'\x18', b'\x09'
+STOP, RUNNING, IDENTITY = b'\x18', b'\x09', '*IDN?'
 
 #: What the usual error numbers mean, and what to do.
 ERRORS = {
@@ -31,7 +31,8 @@ class GcsConnection:
 
     def __init__(self, wire: Wire) -> None:
         self._wire, self.address = wire, wire.address
-        self._rest = b''
+        self._rest, self._identity = b'', ''
+        self._is_late = False
 
     def close(self) -> None:
         """Close the connection; the controller goes on with what it does."""
@@ -50,18 +51,25 @@ class GcsConnection:
     def ask(self, text: str | bytes) -> list[str]:
         """Send a query; return the lines of its answer.
 
+        After an answer that did not come in time, what comes late is thrown away first.
+
         Raises
         ------
         DriverError
             If the connection is lost, or the answer does not come whole in time.
         """
+        if self._is_late:
+            self._catch_up()
         self.send(text)
         lines = []
         while True:
             line = self._line(text)
             lines.append(line.rstrip(' \n'))
             if not line.endswith(' \n'):
-                return lines
+                break
+        if text == IDENTITY:
+            self._identity = lines[0]
+        return lines
 
     def command(self, text: str) -> None:
         """Send a command and ask whether it was accepted.
@@ -114,11 +122,28 @@ class GcsConnection:
         except ValueError:
             raise DriverError(f'{self.address}: {text!r} is answered by {answer!r}') from None
 
-    def _line(self, text: str | bytes) -> str:
-        while b'\n' not in self._rest:
+    def _catch_up(self) -> None:
+        """Read until the controller says who it is: all that was asked before is answered."""
+        self.send(IDENTITY)
+        for _ in range(PATIENCE if self._identity else 0):
             try:
-                self._rest += self._wire.receive()
+                while self._identity not in self._next():
+                    pass
             except TimeoutError:
-                raise silent(self.address, text) from None
+                continue
+            self._is_late = False
+            return
+        raise silent(self.address, IDENTITY)
+
+    def _line(self, text: str | bytes) -> str:
+        try:
+            return self._next()
+        except TimeoutError:
+            self._is_late = True
+            raise silent(self.address, text) from None
+
+    def _next(self) -> str:
+        while b'\n' not in self._rest:
+            self._rest += self._wire.receive()
         line, self._rest = self._rest.split(b'\n', 1)
         return line.decode('latin-1') + '\n'

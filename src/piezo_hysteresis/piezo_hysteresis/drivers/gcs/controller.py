@@ -8,7 +8,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
 from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.gcs.connection import STOP, GcsConnection
+from piezo_hysteresis.drivers.gcs.connection import IDENTITY, STOP, GcsConnection
 
 _UPDATE_TIME = '0x0E000200'  # period of the servo [s]
 _POSITION, _OUTPUT = 2, 7  # what the recorder holds: position [um], voltage of the output [V]
@@ -55,7 +55,7 @@ class GcsController(Controller):
                 f'{connection.address}: there is no axis {axis}; it has {", ".join(axes)}'
             )
         self._channel = axes.index(axis) + 1  # of its output and its wave generator
-        name, _, firmware = connection.ask('*IDN?')[0].rpartition(',')
+        name, _, firmware = connection.ask(IDENTITY)[0].rpartition(',')
         period = connection.number(f'SPA? {axis} {_UPDATE_TIME}')
         if not 0.0 < period < 1.0:
             raise DriverError(f'{connection.address}: a servo period of {period:g} s is none')

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.wires import Wire, silent
+from piezo_hysteresis.drivers.wires import PATIENCE, Wire, silent
 
 #: Of its telnet server.
 PORT = 23
 XON = b'\x11'
+#: In the answer to an empty line.
+MODEL = 'NV200'
 _AROUND = '\x00\x01\x11\x13\r\n <>'  # what stands around an answer
 
 #: What the error numbers mean.
@@ -36,7 +38,7 @@ class Nv200Connection:
 
     def __init__(self, wire: Wire) -> None:
         self._wire, self.address = wire, wire.address
-        self._rest = b''
+        self._rest, self._is_late = b'', False
 
     def close(self) -> None:
         """Close the connection; the controller goes on with what it does."""
@@ -45,24 +47,45 @@ class Nv200Connection:
     def ask(self, text: str) -> str:
         """Send a line; return its answer, empty for a command.
 
+        After an answer that did not come in time, what comes late is thrown away first.
+
         Raises
         ------
         DriverError
             If it is refused, the connection is lost, or the answer does not come in time.
         """
+        if self._is_late:
+            self._catch_up()
         self._wire.send(text.encode('ascii') + b'\r\n')
-        while XON not in self._rest:
-            try:
-                self._rest += self._wire.receive()
-            except TimeoutError:
-                raise silent(self.address, text) from None
-        raw, self._rest = self._rest.split(XON, 1)
-        answer = raw.decode('latin-1').strip(_AROUND)
+        try:
+            answer = self._next()
+        except TimeoutError:
+            self._is_late = True
+            raise silent(self.address, text) from None
         if answer.startswith('error'):
             number = answer.partition(',')[2].strip()
             reason = ERRORS.get(int(number) if number.isdigit() else 1, f'error {number}')
             raise DriverError(f'{self.address}: {text[:40]!r} is refused: {reason}')
         return answer
+
+    def _catch_up(self) -> None:
+        """Read until the controller says who it is: all that was asked before is answered."""
+        self._wire.send(b'\r\n')
+        for _ in range(PATIENCE):
+            try:
+                while MODEL not in self._next():
+                    pass
+            except TimeoutError:
+                continue
+            self._is_late = False
+            return
+        raise silent(self.address, '')
+
+    def _next(self) -> str:
+        while XON not in self._rest:
+            self._rest += self._wire.receive()
+        raw, self._rest = self._rest.split(XON, 1)
+        return raw.decode('latin-1').strip(_AROUND)
 
     def values(self, text: str) -> list[str]:
         """Return what stands behind the command in the answer to a query."""

@@ -14,7 +14,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
 from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.nv200.connection import Nv200Connection
+from piezo_hysteresis.drivers.nv200.connection import MODEL, Nv200Connection
 
 #: Of its servo, recorder and generator [Hz].
 SERVO = 20_000.0
@@ -59,7 +59,7 @@ class Nv200Controller(Controller):
         if self.axis != '1':
             raise DriverError(f'{self.address}: there is no axis {self.axis}; it has 1')
         name = ask('')
-        if 'NV200' not in name:
+        if MODEL not in name:
             raise DriverError(f'{self.address}: {name[:40]!r} answers, which is no NV200')
         actuator, serial = ','.join(self._line.values('desc')), self._line.values('acserno')[0]
         self.identity = Identity(f'piezosystem jena {name}, {actuator}, {serial}', '', SERVO)
