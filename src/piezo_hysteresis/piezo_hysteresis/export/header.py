@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.fields import Field
-from piezo_hysteresis.export.programs import template
+from piezo_hysteresis.export.programs import filled
 
 
 @dataclass(frozen=True)
@@ -49,26 +49,27 @@ def header(about: About, chain: Component | None, plant: Component) -> str:
     """Return the text of the header."""
     n, whole = about.name, f'{about.name}_plant'
     values = {
-        'UPPER': n.upper(), 'RATE': repr(about.rate), 'SHORT_RATE': f'{about.rate:.10g}',
-        **{key.upper(): _harmless(v) for key, v in vars(about).items() if key != 'rate'},
-    }  # fmt: skip
-    parts = [_filled('head.h', values)]
+        'upper': n.upper(),
+        'short_rate': f'{about.rate:.10g}',
+        **{key: _harmless(v) for key, v in vars(about).items()},
+    }
+    parts = [filled('head.h', **values)]
     if chain is not None:
         text = f'What may be set, with {n}_init and between steps with {n}_set.'
         parts += [
             _struct(f'{n}_parameters', text, chain.fields),
-            _filled('input.h', values),
+            filled('input.h', **values),
             _state(f'{n}_state', chain.rows),
-            _filled('loop.h', values),
-            _filled('common.h', values),
+            filled('loop.h', **values),
+            filled('common.h', **values),
         ]
-    plain = {**values, 'NAME': whole}
+    plain = {**values, 'name': whole}
     parts += [
         _struct(f'{whole}_parameters', 'The model as a plant: what may be set.', plant.fields),
         _state(f'{whole}_state', plant.rows),
-        _filled('plant.h', plain),
-        _filled('common.h', plain),
-        _filled('foot.h', values),
+        filled('plant.h', **plain),
+        filled('common.h', **plain),
+        filled('foot.h', **values),
     ]
     return '\n'.join(parts)
 
@@ -76,13 +77,6 @@ def header(about: About, chain: Component | None, plant: Component) -> str:
 def _harmless(value: object) -> str:
     """Return a word that cannot end a comment."""
     return ' '.join(str(value).replace('*/', '* /').split())
-
-
-def _filled(name: str, values: Mapping[str, str]) -> str:
-    text = template(name)
-    for key, value in values.items():
-        text = text.replace(f'${key}$', value)
-    return text
 
 
 def _struct(name: str, text: str, fields: Sequence[Field]) -> str:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import files
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+_ENVIRONMENT = Environment(
+    loader=PackageLoader('piezo_hysteresis.export'),
+    undefined=StrictUndefined,
+    keep_trailing_newline=True,
+    autoescape=False,  # no HTML
+)
 
 
-def template(name: str) -> str:
-    """Return the text of a file that is filled in."""
-    return (files('piezo_hysteresis.export') / 'templates' / name).read_text('utf-8')
+def filled(file: str, **values: object) -> str:
+    """Return the text of a template with its values."""
+    return _ENVIRONMENT.get_template(file).render(values)
 
 
 @dataclass(frozen=True)
@@ -52,31 +60,19 @@ def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, .
     moves = ''.join(
         f'    plant.{field} *= {1.0 + 0.002 * (-1) ** k!r};\n' for k, field in enumerate(moved)
     )
-    numbers = {
-        'FREQUENCY': drive.frequency, 'AMPLITUDE': drive.amplitude, 'MIDDLE': drive.middle,
-        'GAIN': drive.gain, 'CENTRE': drive.centre,
-    }  # fmt: skip
-    text = template('example.c').replace('/*OFF*/', off).replace('/*MOVES*/', moves)
-    text = text.replace('RUNS', '3' if links else '2').replace('/*ALL*/', ', '.join(links))
-    for key, value in numbers.items():
-        text = text.replace(f'${key}', repr(value))
-    return text.replace('NAME', name).replace('UPPER', name.upper())
+    return filled('example.c', name=name, drive=drive, links=links, off=off, moves=moves)
 
 
 def selftest(name: str, stroke: float) -> str:
     """Return the self-test: vectors, and that nothing leads out of the limits."""
-    text = template('selftest.c').replace('$STROKE', repr(stroke))
-    return text.replace('NAME', name).replace('UPPER', name.upper())
+    return filled('selftest.c', name=name, stroke=stroke)
 
 
 def plant_test(name: str, stroke: float) -> str:
     """Return the self-test of a plant alone."""
-    text = template('plant_selftest.c').replace('$STROKE', repr(stroke))
-    return text.replace('NAME', name).replace('UPPER', name.upper())
+    return filled('plant_selftest.c', name=name, stroke=stroke)
 
 
 def bench(name: str, drive: Drive) -> str:
     """Return the bench: time of single steps, and a loop by the clock."""
-    text = template('bench.c').replace('$FREQUENCY', repr(drive.frequency))
-    text = text.replace('$AMPLITUDE', repr(drive.amplitude)).replace('$MIDDLE', repr(drive.middle))
-    return text.replace('NAME', name).replace('UPPER', name.upper())
+    return filled('bench.c', name=name, drive=drive)

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from bokeh.embed import components
 from bokeh.resources import Resources
+from jinja2 import Template
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.reporting.folder import write_folder
@@ -118,7 +118,7 @@ def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
     script, places = components(figures) if figures else ('', ())
     waiting = iter(places)
     body = [_section(section, [next(waiting) for _ in section.figures]) for section in sections]
-    return Template(PAGE).substitute(
+    text: str = Template(PAGE, keep_trailing_newline=True).render(
         title=html.escape(title),
         verdict=_inline(verdict),
         style=STYLE + EXPORT_STYLE,
@@ -129,6 +129,7 @@ def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
         version=__version__,
         date=datetime.now(UTC).strftime('%Y-%m-%d %H:%M UTC'),
     )
+    return text
 
 
 def write_report(

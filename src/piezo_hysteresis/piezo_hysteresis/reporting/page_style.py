@@ -7,21 +7,21 @@ PAGE = """<!DOCTYPE html>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:">
-<title>$title</title>
-<style>$style</style>
-$library
+<title>{{ title }}</title>
+<style>{{ style }}</style>
+{{ library }}
 </head>
 <body>
 <main>
-<h1>$title</h1>
-<p class="verdict">$verdict</p>
-$body
-<footer>piezo_hysteresis $version, $date. Plots: choose a tool above a plot to zoom or move; a click
+<h1>{{ title }}</h1>
+<p class="verdict">{{ verdict }}</p>
+{{ body }}
+<footer>piezo_hysteresis {{ version }}, {{ date }}. Plots: choose a tool above a plot to zoom or move; a click
 on a name in a legend hides its line.</footer>
 </main>
-$script
+{{ script }}
 <script>
-$exports
+{{ exports }}
 const touch = matchMedia('(pointer: coarse)').matches;
 function suit(plot) {
   // A finger on a plot scrolls the page until a tool is chosen.

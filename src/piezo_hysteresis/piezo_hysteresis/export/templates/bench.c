@@ -1,15 +1,15 @@
-/* Time of single steps of NAME; with seconds as the first word a loop by the clock at its rate. */
+/* Time of single steps of {{ name }}; with seconds as the first word a loop by the clock at its rate. */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
-#include "NAME.h"
+#include "{{ name }}.h"
 
-static NAME_state state;
-static NAME_plant_state plant;
-static NAME_input input;
+static {{ name }}_state state;
+static {{ name }}_plant_state plant;
+static {{ name }}_input input;
 static double displacement, cosine = 1.0, sine;
 
 static long long now(void) {
@@ -19,13 +19,13 @@ static long long now(void) {
 }
 
 static void reference(long tick) { /* a turn by a small angle: no sine in the time that is measured */
-    const double w = 2.0 * 3.14159265358979323846 * $FREQUENCY, a = w / UPPER_RATE;
+    const double w = 2.0 * 3.14159265358979323846 * {{ drive.frequency }}, a = w / {{ name.upper() }}_RATE;
     static double ca, sa;
     if (tick == 0) ca = cos(a), sa = sin(a), cosine = 1.0, sine = 0.0;
-    input.displacement = $AMPLITUDE * sine + $MIDDLE;
-    input.velocity = $AMPLITUDE * w * cosine;
-    input.acceleration = -$AMPLITUDE * w * w * sine;
-    input.frequency = $FREQUENCY;
+    input.displacement = {{ drive.amplitude }} * sine + {{ drive.middle }};
+    input.velocity = {{ drive.amplitude }} * w * cosine;
+    input.acceleration = -{{ drive.amplitude }} * w * w * sine;
+    input.frequency = {{ drive.frequency }};
     input.phase = a * tick;
     input.measured = displacement;
     input.age = 1.0;
@@ -35,16 +35,16 @@ static void reference(long tick) { /* a turn by a small angle: no sine in the ti
 }
 
 static int begin(void) {
-    NAME_parameters p;
-    NAME_plant_parameters q;
-    NAME_defaults(&p);
-    NAME_plant_defaults(&q);
-    return NAME_init(&state, &p) || NAME_plant_init(&plant, &q);
+    {{ name }}_parameters p;
+    {{ name }}_plant_parameters q;
+    {{ name }}_defaults(&p);
+    {{ name }}_plant_defaults(&q);
+    return {{ name }}_init(&state, &p) || {{ name }}_plant_init(&plant, &q);
 }
 
 static int by_the_clock(double seconds) {
-    const long long period = (long long)(1e9 / UPPER_RATE + 0.5);
-    const long ticks = (long)(seconds * UPPER_RATE);
+    const long long period = (long long)(1e9 / {{ name.upper() }}_RATE + 0.5);
+    const long ticks = (long)(seconds * {{ name.upper() }}_RATE);
     long long next = now() + 1000000, worst = 0, jitter_sum = 0;
     long tick, late = 0, judged = 0;
     double voltage, sum = 0.0;
@@ -53,8 +53,8 @@ static int by_the_clock(double seconds) {
         while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL)) {}
         const long long woke = now() - next;
         reference(tick);
-        NAME_step(&state, &input, &voltage);
-        NAME_plant_step(&plant, voltage, &displacement);
+        {{ name }}_step(&state, &input, &voltage);
+        {{ name }}_plant_step(&plant, voltage, &displacement);
         if (now() - next > period) late++;
         if (woke > worst) worst = woke;
         jitter_sum += woke;
@@ -86,10 +86,10 @@ int main(int count, char **words) {
     for (tick = 0; tick < steps; tick++) {
         reference(tick);
         const long long started = now();
-        NAME_step(&state, &input, &voltage);
+        {{ name }}_step(&state, &input, &voltage);
         times[tick] = (float)(now() - started);
         total += times[tick];
-        NAME_plant_step(&plant, voltage, &displacement);
+        {{ name }}_plant_step(&plant, voltage, &displacement);
     }
     const double whole = (double)(now() - first) / steps; /* with the plant and the clock */
     qsort(times, steps, sizeof(float), compare);

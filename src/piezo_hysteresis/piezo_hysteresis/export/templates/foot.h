@@ -2,4 +2,4 @@
 }
 #endif
 
-#endif /* $UPPER$_H */
+#endif /* {{ upper }}_H */

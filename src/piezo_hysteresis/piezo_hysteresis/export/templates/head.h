@@ -1,22 +1,22 @@
-/* $NAME$: model $MODEL$ ($CHAIN$) as a C library, $SHORT_RATE$ Hz, $TARGET$.
+/* {{ name }}: model {{ model }} ({{ chain }}) as a C library, {{ short_rate }} Hz, {{ target }}.
  *
- * $LINKS$
- * Written by piezo_hysteresis $VERSION$ from a model with the fingerprint $FINGERPRINT$. Export it anew
+ * {{ links }}
+ * Written by piezo_hysteresis {{ version }} from a model with the fingerprint {{ fingerprint }}. Export it anew
  * instead of editing it.
  *
  * No function allocates, locks, blocks or calls anything but the mathematical functions of the C
  * library; all memory is in the structs, so that any number of loops run beside each other. SI units.
  */
-#ifndef $UPPER$_H
-#define $UPPER$_H
+#ifndef {{ upper }}_H
+#define {{ upper }}_H
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define $UPPER$_VERSION "$VERSION$"
-#define $UPPER$_FINGERPRINT "$FINGERPRINT$"
-#define $UPPER$_RATE $RATE$ /* steps per second [Hz] */
+#define {{ upper }}_VERSION "{{ version }}"
+#define {{ upper }}_FINGERPRINT "{{ fingerprint }}"
+#define {{ upper }}_RATE {{ rate }} /* steps per second [Hz] */
 
 /* Answers of init, set and reset: 0, or
  *   -2        the state was never initialised

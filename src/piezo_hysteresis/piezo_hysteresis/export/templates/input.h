@@ -7,4 +7,4 @@ typedef struct {
     double phase;        /* its accumulated phase [rad] */
     double measured;     /* displacement [m]; not a number where there is none */
     double age;          /* steps since it was measured: 1 where the last step's voltage is the newest */
-} $NAME$_input;
+} {{ name }}_input;

@@ -7,4 +7,4 @@
  *   16  what was computed is no number: the last voltage is held
  *   32  the voltage is slowed down to keep the mean power
  * or -2 where the state was never initialised; the voltage is then the one within the limits nearest to 0. */
-int $NAME$_step($NAME$_state *state, const $NAME$_input *input, double *voltage);
+int {{ name }}_step({{ name }}_state *state, const {{ name }}_input *input, double *voltage);

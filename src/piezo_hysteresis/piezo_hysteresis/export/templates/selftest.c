@@ -1,11 +1,11 @@
-/* Compares NAME with what the kernels in Python answered, and tries to lead it out of its limits.
+/* Compares {{ name }} with what the kernels in Python answered, and tries to lead it out of its limits.
  * With --exact anything but the same bits fails; otherwise what another C library rounds otherwise may
  * differ by 1e-12 of the stroke, and of the range of the voltage. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "NAME.h"
+#include "{{ name }}.h"
 #include "vectors.h"
 
 static int failed;
@@ -18,28 +18,28 @@ static void expect(int holds, const char *what) {
 }
 
 static void compare(int exact) {
-    NAME_parameters p;
-    NAME_state state;
-    NAME_plant_parameters q;
-    NAME_plant_state plant;
+    {{ name }}_parameters p;
+    {{ name }}_state state;
+    {{ name }}_plant_parameters q;
+    {{ name }}_plant_state plant;
     double voltage = 0.0, displacement = 0.0, dv = 0.0, dy = 0.0;
     int k, same = 0;
-    expect(NAME_defaults(&p) == 0 && NAME_init(&state, &p) == 0, "the defaults begin a state");
-    expect(NAME_plant_defaults(&q) == 0 && NAME_plant_init(&plant, &q) == 0, "and a plant");
+    expect({{ name }}_defaults(&p) == 0 && {{ name }}_init(&state, &p) == 0, "the defaults begin a state");
+    expect({{ name }}_plant_defaults(&q) == 0 && {{ name }}_plant_init(&plant, &q) == 0, "and a plant");
     for (k = 0; k < VECTORS; k++) {
-        NAME_input input;
+        {{ name }}_input input;
         memcpy(&input, vectors[k], 5 * sizeof(double));
         input.measured = displacement;
         input.age = 1.0;
-        expect(NAME_step(&state, &input, &voltage) >= 0, "a step is made");
-        NAME_plant_step(&plant, voltage, &displacement);
+        expect({{ name }}_step(&state, &input, &voltage) >= 0, "a step is made");
+        {{ name }}_plant_step(&plant, voltage, &displacement);
         dv = fmax(dv, fabs(voltage - vectors[k][5]));
         dy = fmax(dy, fabs(displacement - vectors[k][6]));
         same += voltage == vectors[k][5] && displacement == vectors[k][6];
     }
     printf("%d of %d ticks have the same bits; largest difference %g V, %g m\n", same, VECTORS, dv, dy);
     expect(same == VECTORS || (!exact && dv <= 1e-12 * (p.limits_high - p.limits_low) &&
-                               dy <= 1e-12 * $STROKE), "the library answers what the kernels answer");
+                               dy <= 1e-12 * {{ stroke }}), "the library answers what the kernels answer");
 }
 
 static double wild(unsigned long long *seed) {
@@ -49,31 +49,31 @@ static double wild(unsigned long long *seed) {
         case 1: return INFINITY;
         case 2: return -1e300;
         case 3: return 1.0;
-        default: return ((double)(*seed >> 11) / 9007199254740992.0 - 0.5) * 4.0 * $STROKE;
+        default: return ((double)(*seed >> 11) / 9007199254740992.0 - 0.5) * 4.0 * {{ stroke }};
     }
 }
 
 static void abuse(void) {
-    NAME_parameters p, wrong;
-    NAME_state state;
-    NAME_input input;
+    {{ name }}_parameters p, wrong;
+    {{ name }}_state state;
+    {{ name }}_input input;
     unsigned long long seed = 7;
     double voltage = NAN, last;
     long k;
-    NAME_defaults(&p);
+    {{ name }}_defaults(&p);
     memset(&state, 0, sizeof state);
     memset(&input, 0, sizeof input);
-    expect(NAME_step(&state, &input, &voltage) == -2, "a state that was never initialised is refused");
+    expect({{ name }}_step(&state, &input, &voltage) == -2, "a state that was never initialised is refused");
     expect(voltage >= p.limits_low && voltage <= p.limits_high, "and answered with a safe voltage");
     wrong = p;
     wrong.limits_slew = -1.0;
-    expect(NAME_init(&state, &wrong) == -102, "a slew below 0 is refused");
+    expect({{ name }}_init(&state, &wrong) == -102, "a slew below 0 is refused");
     wrong = p;
     wrong.limits_low = NAN;
-    expect(NAME_init(&state, &wrong) == -100, "limits that are no number are refused");
+    expect({{ name }}_init(&state, &wrong) == -100, "limits that are no number are refused");
     wrong = p;
     wrong.limits_low = p.limits_high;
-    expect(NAME_init(&state, &p) == 0 && NAME_set(&state, &wrong) == -3, "an empty range is refused");
+    expect({{ name }}_init(&state, &p) == 0 && {{ name }}_set(&state, &wrong) == -3, "an empty range is refused");
     last = fmin(fmax(0.0, p.limits_low), p.limits_high);
     for (k = 0; k < 200000; k++) {
         double *each = (double *)&input;
@@ -81,13 +81,13 @@ static void abuse(void) {
         for (i = 0; i < sizeof input / sizeof(double); i++) each[i] = wild(&seed);
         if (k % 3) input.age = 1.0;
         if (k % 7) input.frequency = 20.0;
-        NAME_step(&state, &input, &voltage);
+        {{ name }}_step(&state, &input, &voltage);
         if (!(voltage >= p.limits_low && voltage <= p.limits_high)) break;
-        if (!(fabs(voltage - last) <= p.limits_slew / UPPER_RATE * (1.0 + 1e-12) + 1e-12)) break;
+        if (!(fabs(voltage - last) <= p.limits_slew / {{ name.upper() }}_RATE * (1.0 + 1e-12) + 1e-12)) break;
         last = voltage;
     }
     expect(k == 200000, "whatever comes in, the voltage keeps its limits");
-    expect(NAME_reset(&state) == 0, "a state goes back to rest");
+    expect({{ name }}_reset(&state) == 0, "a state goes back to rest");
 }
 
 int main(int count, char **words) {
