@@ -39,7 +39,7 @@ def share(folder, pattern):
 
 setup(
     name=package,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(include=[f'{package}*']),
     package_data={package: ['py.typed', 'export/templates/*', 'ros/*.xml']},
     data_files=[

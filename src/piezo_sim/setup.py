@@ -12,7 +12,7 @@ nodes = [] if by_pip else ['simulator']
 
 setup(
     name=package,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(include=[f'{package}*']),
     package_data={package: ['py.typed']},
     data_files=[

@@ -112,4 +112,4 @@ def test_piezo_is_a_program_that_needs_nothing_sourced(shell: str, tmp_path: Pat
         cwd=tmp_path, env={'PATH': '/usr/bin:/bin', 'HOME': str(tmp_path)},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert (done.returncode, done.stdout) == (0, '0.1.0\n'), done.stderr
+    assert (done.returncode, done.stdout) == (0, '0.2.0\n'), done.stderr

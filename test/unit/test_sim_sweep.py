@@ -185,4 +185,4 @@ def test_presets_and_descriptions_are_listed(capsys: pytest.CaptureFixture[str])
 def test_it_tells_its_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match='0'):
         main(['--version'])
-    assert capsys.readouterr().out.strip() == '0.1.0'
+    assert capsys.readouterr().out.strip() == '0.2.0'

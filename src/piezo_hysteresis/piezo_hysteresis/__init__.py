@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from piezo_hysteresis.models import ModelFile as Model
     from piezo_hysteresis.records import Record, RecordInfo, load, write_bag
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
 
 __all__ = [
     'EFFECTS',

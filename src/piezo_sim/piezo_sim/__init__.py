@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from piezo_sim.presets import Preset, load_preset, preset_names
     from piezo_sim.simulation_errors import PlantError, PresetError, SimulationError, SweepError
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
 
 __all__ = [
     'FAULTS',
@@ -29,10 +29,12 @@ __all__ = [
 
 # Imported when they are asked for: numba takes longer than a process may take to answer a Ctrl-C.
 _MODULES = {
-    **dict.fromkeys(('PlantError', 'PresetError', 'SimulationError', 'SweepError'), 'errors'),
+    **dict.fromkeys(
+        ('PlantError', 'PresetError', 'SimulationError', 'SweepError'), 'simulation_errors'
+    ),
     **dict.fromkeys(('FAULTS', 'Plant'), 'plant'),
     **dict.fromkeys(('Preset', 'load_preset', 'preset_names'), 'presets'),
-    **dict.fromkeys(('PlantEffect', 'PlantParameter'), 'table'),
+    **dict.fromkeys(('PlantEffect', 'PlantParameter'), 'plant_parameters'),
 }
 
 
