@@ -1,4 +1,4 @@
-"""Every number by which a model is chosen that shall predict, besides those of discovery."""
+"""Additional thresholds for the selection of a model for prediction."""
 
 from __future__ import annotations
 
@@ -9,43 +9,43 @@ from piezo_hysteresis.discovery.selection.policy import POLICY, number
 
 @dataclass(frozen=True)
 class ChoicePolicy:
-    """What decides beside `FITS`; each field has ``metadata`` as those of `SelectionPolicy`."""
+    """Thresholds in addition to `FITS`; fields have ``metadata`` as those of `SelectionPolicy`."""
 
     trained: float = number(
         0.7,
         '1',
-        'Share of each record that is fitted; the rest decides.',
-        'chosen: what a user of other tools expects',
+        'Share of each record that is fitted; the rest is held out.',
+        'chosen: usual in other tools',
     )
     min_gain: float = number(
         0.02,
         '1',
-        'Share by which an effect must lower the error, on what is fitted or on the rest.',
-        'chosen: less is not seen in a loop',
+        'Share by which an effect must lower the fitted or the held-out error.',
+        'chosen: less has no effect on tracking',
     )
     min_standard_errors: float = number(
         3.0,
         'standard deviations',
-        'By which the parameters of an effect together must differ from none.',
-        'derived: one in 370 of a normal distribution; held-out data judge besides',
+        'Joint deviation of the parameters of an effect from their neutral values.',
+        'derived: one in 370 of a normal distribution; held-out data are also tested',
     )
     inner_loops: float = number(
         1.25,
         '1',
-        'Held-out error of plays, over that of Bouc-Wen, up to which plays are taken: their inner '
-        'loops close as those of actuators do, which records of few amplitudes do not show.',
-        'chosen: a quarter of the error against every loop that was not recorded',
+        'Held-out error of play operators, relative to Bouc-Wen, up to which they are selected: '
+        'their inner loops close as in actuators, which records of few amplitudes do not show.',
+        'chosen: accepts a quarter more error for loops that were not recorded',
     )
     one_level: float = number(
         0.8,
         '1',
-        'Share of the largest level to which the voltage turns back at least where it has one '
+        'Smallest reversal level, relative to the largest, of a voltage that counts as one '
         'amplitude.',
-        'chosen: loops within less of each other look alike',
+        'chosen: closer loops look alike',
     )
-    rough: float = number(1e-4, '1', 'Relative change at which a trial ends.', 'effort')
+    rough: float = number(1e-4, '1', 'Relative change at which a trial stops.', 'effort')
 
 
 CHOICE = ChoicePolicy()
-#: Evaluations of the fits, and by how much held-out errors may grow, in the words of discovery.
+#: Evaluations of the fits, and the accepted increase of the held-out error.
 FITS = POLICY.but(trial_evaluations=4, first_evaluations=10, final_evaluations=80, worse=0.01)

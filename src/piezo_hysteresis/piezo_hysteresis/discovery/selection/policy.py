@@ -1,8 +1,8 @@
-"""Every number by which discovery decides: name, value, unit, what it means and where it is from.
+"""Decision thresholds of discovery: name, value, unit, meaning and source.
 
-A number is one of four things, and says which: *derived* from statistics, *measured* on
-calibration draws that no published examination uses, *chosen* as what a user would call worth
-saying, or *effort*, where more costs time and should change nothing.
+Each value is *derived* from statistics, *measured* on calibration draws that no published test
+uses, *chosen* as relevant for a user, or *effort*, where more costs time and should not change
+the result.
 """
 
 from __future__ import annotations
@@ -16,128 +16,133 @@ from piezo_hysteresis.identification.clock import JITTER
 
 
 def number(value: float, unit: str, means: str, source: str) -> Any:
-    """Return the field of a number that decides, with what is to be known of it."""
+    """Return the field of a threshold with its unit, meaning and source."""
     return field(default=value, metadata={'unit': unit, 'means': means, 'source': source})
 
 
 @dataclass(frozen=True)
 class SelectionPolicy:
-    """What decides; `POLICY` for a model that is fitted besides, `HELD` for one that is held.
+    """Thresholds; `POLICY` for a model that is fitted jointly, `HELD` for a fixed one.
 
     Each field has ``metadata``: ``unit``, ``means`` and ``source``; `rows` returns them all, and
     ``docs/reference/policy.md`` lists them.
     """
 
-    # --- how far is looked ---------------------------------------------------------------
+    # --- search effort ------------------------------------------------------------------
     screening_samples: int = number(
-        30_000, 'samples', 'Samples to which every candidate is compared.', 'effort'
+        30_000, 'samples', 'Samples on which every candidate is screened.', 'effort'
     )
     first_fit_samples: int = number(
         40_000,
         'samples',
-        'Samples of trials and first fits; with fewer slow effects do not show.',
+        'Samples of trials and first fits; with fewer, slow effects do not show.',
         'effort',
     )
     trials: int = number(
-        10, '1', 'Candidates whose starts are tried, the most promising first.', 'effort'
+        10,
+        '1',
+        'Candidates whose starting values are tried, best screening scores first.',
+        'effort',
     )
     first_fits: int = number(
         10,
         '1',
-        'Candidates that get a first fit, those whose trials went best; as many as are tried, '
-        'because some begin worse than the model without them.',
+        'Candidates with a first fit, best trials first; as many as trials, because some start '
+        'worse than the model without them.',
         'effort',
     )
     final_fits: int = number(
         4,
         '1',
-        'Effects that get a fit to all samples; so does every variant of the best.',
+        'Effects that are fitted to all samples, with every variant of the best one.',
         'effort',
     )
     variants_first: int = number(
-        3, '1', 'Variants of one effect that come before other effects had a turn.', 'effort'
+        3, '1', 'Variants of one effect that are tried before other effects.', 'effort'
     )
-    starts: int = number(2, '1', 'Starts of a first fit.', 'effort')
+    starts: int = number(2, '1', 'Starting points of a first fit.', 'effort')
     trial_evaluations: int = number(
-        4, '1', 'Evaluations of each start, before the best one goes on.', 'effort'
+        4, '1', 'Evaluations of each starting point before the best one is continued.', 'effort'
     )
     first_evaluations: int = number(16, '1', 'Evaluations of a first fit.', 'effort')
     afresh_evaluations: int = number(
         24,
         '1',
-        'As many more of one that began where the baseline did, and has a longer way.',
-        'effort: from there alone the right effect was behind in 4 of 22 calibration draws after '
-        '16, in 2 after all 40',
+        'Additional evaluations of a first fit from the starting values of the baseline.',
+        'effort: from there the right effect was not best in 4 of 22 calibration draws after 16 '
+        'evaluations, in 2 after all 40',
     )
     first_tolerance: float = number(
         1e-4,
         '1',
-        'Relative decrease of the sum of squares that counts as none in trials and first fits; of '
-        'what is beyond the noise, also in fits to all samples.',
-        'effort: they only rank, and what a name asks for is hundreds of times as much',
+        'Relative decrease of the sum of squares at which trials and first fits stop; in fits '
+        'to all samples, of the part beyond the noise.',
+        'effort: these fits only rank, and a significant improvement is hundreds of times as '
+        'large',
     )
     final_tolerance: float = number(
         1e-6,
         '1',
-        'The same in fits to all samples, where only noise is left.',
-        'effort: a tenth of a standard error where 10 000 samples count',
+        'The same in fits to all samples near the noise.',
+        'effort: a tenth of a standard error with 10 000 samples',
     )
     final_within: float = number(
         4.0,
         '1',
-        'Sum of squares of a first fit, over that of the best, up to which it gets a final one; '
-        'one that does not promise half of the way there is given up.',
+        'Sum of squares of a first fit, relative to the best one, up to which it gets a final '
+        'fit; a fit that is not expected to come half as near is terminated.',
         'effort',
     )
     promising: float = number(
         0.5,
         '1',
-        'Share of what a name asks for that a first fit must have taken to get a final one, '
-        'wherever one of them has.',
-        'effort: final fits take up to a few hundredths more than first ones',
+        'Share of the required improvement that a first fit must reach for a final fit, if one '
+        'of them does.',
+        'effort: final fits improve first ones by up to a few per cent',
     )
     jitter: float = number(
         JITTER,
         'samples',
-        'By how much the clock of records may be other than that of a model file, beside two of '
-        'its standard deviations; never more than half a sample.',
-        'chosen: what a driver that reads and writes in every tick keeps; sample numbers count '
-        'whole ones, so that a whole one is a delay',
+        'Permitted deviation of the clock from that of a model file, in addition to two of its '
+        'standard deviations; at most half a sample.',
+        'chosen: a driver that reads and writes in every tick keeps this; a whole sample is a '
+        'delay',
     )
     still_clock: float = number(
         1e-4,
         '1',
-        'Share of a tick within which the clock of the records is where a model file says.',
-        'chosen: far below what samples show',
+        'Deviation of the clock, in ticks, that counts as none.',
+        'chosen: far below what samples can show',
     )
     final_evaluations: int = number(40, '1', 'Evaluations of a fit to all samples.', 'effort')
     thorough_evaluations: int = number(
         200,
         '1',
-        'Evaluations of the winner, 0 for none: a fit that stops short leaves a remainder for '
-        'which the next round finds a name.',
+        'Additional evaluations of the winner, 0 for none: an incomplete fit leaves a residual '
+        'that the next round would explain by another effect.',
         'effort',
     )
-    max_effects: int = number(5, '1', 'Effects that are looked for, one after another.', 'effort')
+    max_effects: int = number(
+        5, '1', 'Effects that are searched for, one after another.', 'effort'
+    )
     min_promise: float = number(
         1e-4,
         '1',
-        'Share of the squared residual that a candidate must promise to be fitted at all.',
+        'Share of the squared residual that a candidate must explain to first order to be fitted.',
         'effort',
     )
     promised: float = number(
         0.1,
         '1',
-        'Share of what a name asks for that a candidate must promise, too.',
-        'effort: what is promised near a start fell short of what a fit took by up to 4 times in '
-        'calibration draws',
+        'Share of the required improvement that a candidate must also explain to first order.',
+        'effort: first-order predictions were up to 4 times too low in calibration draws',
     )
 
-    # --- when something is missing at all -------------------------------------------------
+    # --- when a residual is significant -------------------------------------------------
     negligible: float = number(
         0.03,
         '1',
-        'Mean square above that of the noise, over all records, that nobody would miss.',
+        'Excess over the noise in mean square, over all records, that is negligible.',
         'chosen: 1.5 % of the rms of the noise',
     )
     negligible_in_record: float = number(
@@ -146,177 +151,178 @@ class SelectionPolicy:
     noise_doubts: float = number(
         3.0,
         'standard deviations',
-        'How far a mean square may lie off by chance.',
+        'Random deviation of a mean square that is accepted.',
         'derived: one in 740 of a normal distribution',
     )
 
-    # --- when an effect is one ------------------------------------------------------------
+    # --- when an effect is significant ---------------------------------------------------
     min_standard_errors: float = number(
         5.0,
         'standard errors',
-        'Improvement, over what could be chance in what is left, from which it is none.',
+        'Improvement, relative to its standard error, that an effect needs.',
         'derived: p of 3e-7, which 50 candidates in 5 rounds raise to 7e-5',
     )
     min_share: float = number(
         0.25,
         '1',
-        'Of the excess, in mean square, that an effect must take to be worth its name; what the '
-        'laws so far are known to miss is asked for besides.',
+        'Share of the excess in mean square that an effect must explain, in addition to the '
+        'known discrepancy of the effects so far.',
         'chosen: it lowers the gap by an eighth',
     )
     least_gap: float = number(
         0.1,
         '1',
-        'Share of the gap on held-out records, in rms beyond the noise, that names must take: '
-        'what takes less is no headline.',
-        'derived: the rms of 50 independent numbers, as two or three held-out records hold '
-        '(`octave`), is itself known to a tenth, 1/sqrt(2 * 50)',
+        'Share of the held-out gap, in rms beyond the noise, that the reported effects must '
+        'remove.',
+        'derived: the rms of 50 independent numbers, as two or three held-out records have '
+        '(`octave`), is itself uncertain by a tenth, 1/sqrt(2 * 50)',
     )
     records_information: float = number(
         200.0,
         '1',
-        'Independent numbers that a record is taken to hold, by which parameters are priced '
-        '(Schwarz 1978).',
-        'chosen: its independent features count, not its samples; some hundred is much',
+        'Independent numbers per record in the penalty of parameters (Schwarz 1978).',
+        'chosen: independent features count, not samples; a few hundred is an upper bound',
     )
     idle: float = number(
         1e-3,
         '1',
-        'Share of the sum of squares below which an addition is put to the test at once.',
-        'effort: it only opens the test',
+        'Share of the sum of squares below which an addition is tested for removal at once.',
+        'effort: it only starts the test',
     )
     needless_share: float = number(
         0.05,
         '1',
         'Share of the excess below which a simpler model is as good.',
-        'chosen: a fifth of `min_share`, so that what was accepted is not dropped by noise',
+        'chosen: a fifth of `min_share`, so that noise does not remove an accepted effect',
     )
     better: float = number(
         0.01,
         'nats',
-        'Logarithm of the sum of squares by which another effect must be better to take a place.',
+        'Decrease of the logarithm of the sum of squares that another effect needs to replace '
+        'one.',
         'chosen: 0.5 % of the rms',
     )
     elimination_rounds: int = number(
-        3, '1', 'Times that each effect is judged again knowing the others; 0 for none.', 'effort'
+        3,
+        '1',
+        'Times that each effect is tested again with the others present; 0 for none.',
+        'effort',
     )
-    restarts: int = number(
-        2, '1', 'Other first effects with which the search may begin again.', 'effort'
-    )
+    restarts: int = number(2, '1', 'Restarts of the search from another first effect.', 'effort')
     rival_within: float = number(
         2.0,
         '1',
-        'Sum of squares of another effect, over that of the winner, up to which it gets a second '
-        'chance once the others are known; final fits that promise no such thing are given up.',
+        'Sum of squares of another effect, relative to the winner, up to which it is tried '
+        'again with the others present; final fits that are not expected to reach it are '
+        'terminated.',
         'effort',
     )
     explained_gap: float = number(
         1.2,
         'noise rms',
-        'Gap at which nothing more is looked for by beginning again.',
-        'chosen: 44 % above the noise in mean square, the figure of the published examinations',
+        'Held-out gap at which the search is not restarted.',
+        'chosen: 44 % above the noise in mean square, the figure of the published tests',
     )
     worse: float = number(
         0.02,
         '1',
-        'Share by which the error on held-out records may grow by chance with an effect.',
-        'chosen: what is refused beyond it is refused whatever training says',
+        'Random increase of the held-out error that is accepted with an effect.',
+        'chosen: a larger increase rejects the effect, whatever the fitted records show',
     )
-    resamples: int = number(
-        2000, '1', 'Draws of blocks from which the share of wins is counted.', 'effort'
-    )
+    resamples: int = number(2000, '1', 'Block-bootstrap resamples.', 'effort')
     block_seconds: float = number(
         0.3,
         's',
-        'Shortest block of whole periods that counts as one number.',
-        'chosen: longer than modes and lags remember',
+        'Shortest block of whole periods that counts as independent.',
+        'chosen: longer than the memory of modes and lags',
     )
     min_blocks: int = number(
         40,
         '1',
-        'Blocks below which parts of periods count.',
-        'derived: a standard error is then known to 11 %',
+        'Number of blocks below which parts of periods are used.',
+        'derived: a standard error is then uncertain by 11 %',
     )
     trust: float = number(
         0.94,
         '1',
-        'Probability of a name that no other contests: laws are never quite those of an actuator, '
-        'and an effect that nobody thought of looks like one that is known.',
-        'measured: 46 of 49 names on simulated actuators (seed 105), held 176 of 208 on measured '
-        'and foreign ones (seeds 15 to 23 and 22 to 27)',
+        'Probability of an uncontested name: equations do not match an actuator exactly, and an '
+        'effect outside the library can resemble a known one.',
+        'measured: 46 of 49 names on simulated actuators (seed 105), fixed baseline 176 of 208 '
+        'on measured and independent ones (seeds 15 to 23 and 22 to 27)',
     )
     alternative: float = number(
         0.1,
         '1',
-        'Probability from which another effect is said in the same breath.',
-        'chosen: one in ten is worth a word',
+        'Probability from which another effect is reported as an alternative.',
+        'chosen: one in ten is relevant',
     )
 
-    # --- against what a model is known to miss (the held view) ----------------------------
+    # --- relative to the known discrepancy (fixed baseline) ----------------------------
     news: float = number(
         1.5,
         '1',
-        'Rms over what the model is known to miss under these conditions, from which it is news.',
+        'Rms relative to the known discrepancy under these conditions, from which a record is '
+        'flagged.',
         'measured: repeats of fitted sweeps 1.00 to 1.02, conditions in between up to 1.31',
     )
     part: float = number(
         0.1,
         '1',
-        'Excess of one line or octave, over all that is known, that is news by itself.',
-        'chosen: it adds a twentieth to the rms',
+        'Excess of one line or octave, relative to the total expectation, that flags a record.',
+        'chosen: it adds 5 % to the rms',
     )
     shape: float = number(
         0.01,
         '1',
-        'Share of the known mean square that any line or octave may hold without being reported.',
-        'chosen: model files tell parts from 1e-3 on, and shapes change with the drive',
+        'Share of the known mean square of one line or octave that is not reported.',
+        'chosen: model files store components from 1e-3 on, and shapes change with the drive',
     )
     octave: int = number(
         20,
         '1',
-        'Independent numbers that an octave counts for at most.',
-        'chosen: what a model misses is not independent from sample to sample',
+        'Largest number of independent values of an octave.',
+        'chosen: model errors are correlated between samples',
     )
-    line: int = number(2, '1', 'The same of a harmonic.', 'derived: a cosine and a sine')
+    line: int = number(2, '1', 'The same for a harmonic.', 'derived: a cosine and a sine')
     whole: float = number(
         3.0,
         '1',
-        'Weight of the whole residual beside its parts.',
-        'chosen: of two without news the nearer comes first',
+        'Weight of the total residual relative to its components.',
+        'chosen: of two models within the expectation the nearer one is ranked first',
     )
     price: float = number(
-        2.0, 'nats', 'What each fitted parameter costs.', 'chosen: twice what Akaike 1974 asks for'
+        2.0, 'nats', 'Penalty of each fitted parameter.', 'chosen: twice that of Akaike 1974'
     )
     periods: float = number(
         3.0,
         'periods',
-        'Length of a record from which harmonics of its drive are distinguished.',
+        'Length of a record from which harmonics of its drive are resolved.',
         'chosen: lines are then three bins apart',
     )
     steady: float = number(
         0.05,
         '1',
-        'Scatter of the amplitude within a record, over its mean, from which what a model misses '
+        'Relative variation of the amplitude within a record, from which the discrepancy '
         'follows the amplitude.',
-        'chosen: below it a parabola has nothing to hold on to',
+        'chosen: below it the amplitude dependence cannot be determined',
     )
     taper: float = number(
         0.2,
         '1',
-        'Share of a record over which it is faded in and out before its spectrum is taken: slow '
-        'effects are largest at the ends, which a full window would hide.',
+        'Share of a record that is tapered before its spectrum: slow effects are largest at the '
+        'ends, which a full window would suppress.',
         'chosen',
     )
     sure: float = number(
         4.0,
         'nats',
-        'By how much, beside the logarithm of the number of candidates, an effect must lower the '
-        'score.',
-        'derived: exp(-4) is 1 in 55, in records that show news already',
+        'Decrease of the score that an effect needs, in addition to the logarithm of the number '
+        'of candidates.',
+        'derived: exp(-4) is 1 in 55, in records that are flagged',
     )
 
     def __post_init__(self) -> None:
-        """Refuse numbers that cannot be meant."""
+        """Refuse invalid values."""
         for each in fields(self):
             value = getattr(self, each.name)
             if not isinstance(value, (int, float)) or not value >= 0:
@@ -331,7 +337,7 @@ class SelectionPolicy:
         Raises
         ------
         IdentificationError
-            If there is no such number, or it cannot be meant.
+            If there is no such value, or it is invalid.
         """
         known = {each.name: each for each in fields(self)}
         unknown = sorted(set(changed) - set(known))
@@ -349,7 +355,7 @@ class SelectionPolicy:
 
 #: For a baseline that is fitted together with every effect.
 POLICY = SelectionPolicy()
-#: For a baseline whose file says what it misses: fits are small, and each effect has its turn.
+#: For a fixed baseline with a known discrepancy: fits are small, and each effect is tried.
 HELD = POLICY.but(
     trust=0.85,
     trials=24,
