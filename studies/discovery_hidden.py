@@ -351,7 +351,7 @@ def page(
         '',
         *sizes,
         '',
-        '| actuator | baseline | hidden | size | reported | held-out um | over unchanged |',
+        '| actuator | baseline | hidden | size | reported | held-out µm | over unchanged |',
         '|---|---|---|---:|---|---:|---:|',
     ]
     for row in rows:

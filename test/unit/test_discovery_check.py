@@ -66,7 +66,7 @@ UNFIT = {
     'several actuators': [sine('a', actuator='x'), sine('b', actuator='y')],
     'a voltage and some a force': [sine('a'), sine('b', input_unit='N')],
     'constant in every record': [sine('a', drive=0.0)],
-    'record b: the voltage is constant but the displacement moves by 20 um': [
+    'record b: the voltage is constant but the displacement moves by 20 µm': [
         sine('a'), sine('b', drive=0.0)],
 }  # fmt: skip
 

@@ -122,7 +122,7 @@ def test_fang_by_its_own_method_is_below_the_paper_up_to_1_hz_by_every_seed_trie
 
 def test_the_page_states_where_fang_is_worse_by_its_own_method() -> None:
     text = (ROOT / 'docs' / 'papers' / 'fang2019.md').read_text()
-    part = text[text.index('## Figure 9: 4 um, 5 Hz') : text.index('## Figure 11: composite')]
+    part = text[text.index('## Figure 9: 4 µm, 5 Hz') : text.index('## Figure 11: composite')]
     assert part.count('Worse than the paper') == 2
     assert part.count('does not help') == 2
     summary = (ROOT / 'docs' / 'papers.md').read_text()

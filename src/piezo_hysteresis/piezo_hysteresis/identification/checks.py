@@ -107,7 +107,7 @@ def _require_motion(records: Sequence[Record]) -> None:
         if float(np.ptp(record.voltage)) == 0.0 and moved > _REST * stroke:
             raise IdentificationError(
                 f'record {record.name}: the {kind} is constant but the displacement moves by '
-                f'{1e6 * moved:.3g} um; check that the {kind} was recorded, or leave it out'
+                f'{1e6 * moved:.3g} µm; check that the {kind} was recorded, or leave it out'
             )
 
 

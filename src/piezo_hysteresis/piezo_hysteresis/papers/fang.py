@@ -45,7 +45,7 @@ def loop_figure(quick: bool = False) -> list[Exhibit]:
     return [
         Exhibit('Fang 2019', 'Figure 3', 'loops from 0.5 to 10 Hz',
               'hardly change up to 1 Hz; above wider and lower',
-              f'opening {text}; height [um] {heights}',
+              f'opening {text}; height [µm] {heights}',
               together({f'{f:g} Hz': each for f, each in seen.items()}),
               holds=wide[10.0] > 1.5 * wide[1.0] and high[10.0] < high[1.0])
     ]  # fmt: skip
@@ -115,10 +115,10 @@ def tracking(number: int, quick: bool = False) -> Exhibit:
     better = ', better than the PID here' if without > pid_printed else ''
     return Exhibit(
         'Fang 2019', f'Figure {number}', name,
-        f'largest error {pid_printed} um with PID{better}, {printed} um with inverse and fuzzy '
+        f'largest error {pid_printed} µm with PID{better}, {printed} µm with inverse and fuzzy '
         'PID',
-        f'{without:.3f} um with PID; with the modified model switched at 1 Hz to the classical '
-        f'one, both by particle swarm, and fuzzy PID {median:.3f} um (median of {len(largest)} '
+        f'{without:.3f} µm with PID; with the modified model switched at 1 Hz to the classical '
+        f'one, both by particle swarm, and fuzzy PID {median:.3f} µm (median of {len(largest)} '
         f'seeds; {min(largest):.3f} to {max(largest):.3f})',
         _drawn({'PID': alone, 'inverse and fuzzy PID': middle}),
         _reason(name, median, beside, calm, pid_printed / without, median > printed),
@@ -144,7 +144,7 @@ def _by_least_squares(spec: Mapping[str, object]) -> str:
     found = ', '.join(
         f'{kind} {stage.largest_error(stage.run(spec, kind, fast)):.3f}' for kind in _OURS
     )
-    return f'models with a delay by least squares, largest errors [um]: {found}'
+    return f'models with a delay by least squares, largest errors [µm]: {found}'
 
 
 def _reason(
@@ -159,14 +159,14 @@ def _reason(
         'its text. The encoder is assumed to have 5 nm steps and 3 nm noise. Compared with '
         'plain PID of '
         f'the same base gains and the same inverse, fuzzy PID {gain} ({fuzzy:.3f} against '
-        f'{plain:.3f} um)'
+        f'{plain:.3f} µm)'
     )
     if worse:
         text += (
             '. Worse than the paper, because the modified model has neither the delay nor the '
             'widening of the loops of this stage; models that have both are below'
         )
-    if name == '6 um, 10 Hz':
+    if name == '6 µm, 10 Hz':
         text += (
             '. The rules lower the integral gain where the error is large, and at this frequency '
             f'the integral part does the work: with that gain fixed, fuzzy PID leaves {fixed:.3f} '
@@ -174,7 +174,7 @@ def _reason(
         )
     if name == 'composite':
         text += (
-            '. The terms of the reference are not printed: 1, 5 and 10 Hz with 3, 1.8 and 1.2 um '
+            '. The terms of the reference are not printed: 1, 5 and 10 Hz with 3, 1.8 and 1.2 µm '
             f'are used, which the PID here follows {easier:.0f} times better than the PID of the '
             'paper follows its own, so the figures cannot be compared; the switch treats it as '
             'a reference of 1 Hz'

@@ -10,7 +10,7 @@ from piezo_hysteresis.papers.bimorph import DT, Length, length_of
 from piezo_hysteresis.papers.paper_page import Builders, Exhibit, finish, loop
 
 NO_MEAN = (
-    'The model has no offset, so its free run and its feedforward miss the mean by 16 to 230 um; '
+    'The model has no offset, so its free run and its feedforward miss the mean by 16 to 230 µm; '
     'the mean is removed here, as the size of the printed errors implies.'
 )
 
@@ -29,7 +29,7 @@ def loop_figures() -> list[Exhibit]:
     lag = -bimorph.phase_difference(each.displacement, each.voltage, 35.0)
     return [
         Exhibit('Fujii 2018', 'Figure 2', 'loop at a low frequency', 'off-centre, not symmetric',
-              f'centre of the loop at {centre:+.1f} um, {loops.width(slow):.0f} % open',
+              f'centre of the loop at {centre:+.1f} µm, {loops.width(slow):.0f} % open',
               loops.drawn({'1 Hz': slow}), numbers={'centre': centre}),
         Exhibit('Fujii 2018', 'Figure 3', 'loop at 35 Hz', 'smooth at the tips, the output lags',
               f'lag {lag:.1f} degrees, {loops.width(fast):.0f} % open',
@@ -146,7 +146,7 @@ def figure_8_11(length: Length) -> list[Exhibit]:
               'the paper\'s parameters are fictitious, ours are identified'),
         Exhibit('Fujii 2018', 'Figure 11', 'models and measurement at 23 Hz',
               'enhanced accurate, extended fails to capture the twisted loop',
-              f'rms {errors["enhanced"]:.1f} um enhanced, {errors["extended"]:.0f} um extended',
+              f'rms {errors["enhanced"]:.1f} µm enhanced, {errors["extended"]:.0f} µm extended',
               draw_11, NO_MEAN,
               {'enhanced': errors['enhanced'], 'extended': errors['extended']}),
     ]  # fmt: skip
@@ -171,13 +171,13 @@ def figure_10(length: Length) -> Exhibit:
     return Exhibit(
         'Fujii 2018', 'Figure 10', 'modelling error over frequency',
         'the extended model is bad where odd harmonics are observed, the enhanced one is not',
-        f'14 Hz {at("extended", 14.0):.1f} -> {at("enhanced", 14.0):.1f} um, 22 Hz '
+        f'14 Hz {at("extended", 14.0):.1f} -> {at("enhanced", 14.0):.1f} µm, 22 Hz '
         f'{at("extended", 22.0):.0f} -> {at("enhanced", 22.0):.1f}, 23 Hz '
         f'{at("extended", 23.0):.0f} -> {at("enhanced", 23.0):.1f}; 10 Hz '
         f'{at("extended", 10.0):.1f} with both', draw,
-        NO_MEAN + ' RLS in mm with P0 = I, as printed; in um it would not give this figure. It is '
+        NO_MEAN + ' RLS in mm with P0 = I, as printed; in µm it would not give this figure. It is '
         'the RLS, not the structure of the extended model, that fails at 23 Hz: fitted by output '
-        'error it leaves about 1 um.',
+        'error it leaves about 1 µm.',
         {f'{kind} {f:.0f}': at(kind, f) for kind in table for f in (14.0, 23.0)},
     )  # fmt: skip
 
@@ -218,8 +218,8 @@ def figure_13_17(length: Length) -> list[Exhibit]:
     return [
         Exhibit('Fujii 2018', 'Figure 13', 'spectrum of the tracking error at 23 Hz',
               'only the third harmonic',
-              f'third harmonic {abs(found[3]) * 1e6:.0f} um, the next largest line '
-              f'{rest * 1e6:.1f} um', draw_13,
+              f'third harmonic {abs(found[3]) * 1e6:.0f} µm, the next largest line '
+              f'{rest * 1e6:.1f} µm', draw_13,
               "Tatebatake 2017's figures 13 and 16 show the rest: near 23 Hz the RLS misses the "
               "phase of the "
               'fundamental by some degrees',
@@ -227,16 +227,16 @@ def figure_13_17(length: Length) -> list[Exhibit]:
               holds=abs(found[3]) > 10 * rest),
         Exhibit('Fujii 2018', 'Figure 17', 'tracking 23 Hz',
               'moderate error with (16), (17); high precision with (20)',
-              f'{errors[0]:.0f} um with (16), (17); with (20) and the printed rule of the sign '
-              f'(22), (23) {near[23.0][0]:.1f} um at 23 Hz, but {near[22.0][0]:.0f} um at 22 Hz, '
+              f'{errors[0]:.0f} µm with (16), (17); with (20) and the printed rule of the sign '
+              f'(22), (23) {near[23.0][0]:.1f} µm at 23 Hz, but {near[22.0][0]:.0f} µm at 22 Hz, '
               'where it is wrong and runs to the limit', draw_17,
-              NO_MEAN + ' The unit of the error in (18) is not printed; 1 V per 60 um is used.',
+              NO_MEAN + ' The unit of the error in (18) is not printed; 1 V per 60 µm is used.',
               {'extended': errors[0], 'proposed': errors[1], 'ours': errors[2],
                'printed 22': near[22.0][0]},
               f'(20) with a sign computed from a model of five frequencies by output error '
-              f'(bouc_wen_mode) {near[23.0][1]:.1f} um at 23 Hz and {near[22.0][1]:.1f} um at 22 '
+              f'(bouc_wen_mode) {near[23.0][1]:.1f} µm at 23 Hz and {near[22.0][1]:.1f} µm at 22 '
               f'Hz; physical inverse and cancellation of several orders '
-              f'{errors[2]:.3f} um, mean removed'),
+              f'{errors[2]:.3f} µm, mean removed'),
     ]  # fmt: skip
 
 
@@ -293,7 +293,7 @@ def figure_16(length: Length) -> Exhibit:
     return Exhibit(
         'Fujii 2018', 'Figure 16', 'tracking error over frequency',
         'the proposed control clearly outperforms the extended model at 14 and 18 to 28 Hz',
-        '; '.join(f'{f:.0f} Hz {at("extended", f):.1f} -> {at("proposed", f):.1f} um'
+        '; '.join(f'{f:.0f} Hz {at("extended", f):.1f} -> {at("proposed", f):.1f} µm'
                   for f in marked if f in (14.0, 18.0, 22.0, 23.0, 24.0, 27.0, 28.0))
         + '; printed rule of the sign (22), (23)', draw,
         NO_MEAN
@@ -304,9 +304,9 @@ def figure_16(length: Length) -> Exhibit:
          'ours median': median},
         'with a sign computed from the gain of a model of five frequencies by output error '
         '(bouc_wen_mode): '
-        + '; '.join(f'{f:.0f} Hz {at("computed sign", f):.1f} um' for f in marked
+        + '; '.join(f'{f:.0f} Hz {at("computed sign", f):.1f} µm' for f in marked
                     if f in (14.0, 18.0, 22.0, 23.0, 24.0, 27.0, 28.0))
-        + f'. Physical inverse and cancellation of several orders: median {median:.3f} um, mean '
+        + f'. Physical inverse and cancellation of several orders: median {median:.3f} µm, mean '
         'included',
         holds=all(at('proposed', f) < at('extended', f) for f in marked),
     )  # fmt: skip

@@ -32,7 +32,7 @@ from piezo_sim.plant import Plant
 NAME = 'xiao_pi_stack'
 DT = 1e-4
 LIMITS = Limits(-30.0, 130.0, 1e7)
-# Xiao 2014 asks for 30 um at 100 Hz from a stack that gives 26 um at 100 V: its amplifier has to
+# Xiao 2014 asks for 30 µm at 100 Hz from a stack that gives 26 µm at 100 V: its amplifier has to
 # go beyond the nominal range, as that maker's amplifiers do (-30 .. 130 V).
 AMPLIFIER = {'amplifier.range_low': -30.0, 'amplifier.range_high': 130.0}
 
@@ -68,7 +68,7 @@ def identified() -> tuple[Model, Mapping[str, float]]:
     return model, fit(model, [record(f) for f in (10.0, 40.0, 100.0)], start).values
 
 
-# Xiao 2014 table 1: frequency, rms and largest error without and with its compensator [um].
+# Xiao 2014 table 1: frequency, rms and largest error without and with its compensator [µm].
 TABLE_1 = (
     (10.0, 4.4810, 5.7825, 1.2084, 1.4428),
     (20.0, 4.8418, 7.0556, 1.5451, 2.6404),
@@ -96,7 +96,7 @@ def transfer() -> TransferFunction:
 
 
 def reference(frequency: float) -> Waveform:
-    """Return Xiao 2014's triangle of 30 um peak to peak, from rest at 0."""
+    """Return Xiao 2014's triangle of 30 µm peak to peak, from rest at 0."""
     return Triangle(15e-6, 2.0, offset=15e-6, frequency=frequency, phase=-0.5 * np.pi)
 
 

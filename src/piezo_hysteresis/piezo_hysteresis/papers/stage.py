@@ -29,12 +29,12 @@ SEEDS = tuple(range(1, 7))
 SLOW, ALL = (0.5, 1.0), (0.5, 1.0, 5.0, 10.0)
 """Frequencies [Hz] that each of the two models is identified from: up to 1 Hz, and all."""
 
-# Fang 2019 figures 7 to 11: largest error of PID and of the inverse with fuzzy PID [um].
+# Fang 2019 figures 7 to 11: largest error of PID and of the inverse with fuzzy PID [µm].
 FIGURES = (
-    ('6 um, 0.5 Hz', {'kind': 'sine', 'frequency': 0.5, 'amplitude': 6e-6}, 0.182, 0.057),
-    ('6 um, 1 Hz', {'kind': 'sine', 'frequency': 1.0, 'amplitude': 6e-6}, 0.318, 0.045),
-    ('4 um, 5 Hz', {'kind': 'sine', 'frequency': 5.0, 'amplitude': 4e-6}, 0.429, 0.078),
-    ('6 um, 10 Hz', {'kind': 'sine', 'frequency': 10.0, 'amplitude': 6e-6}, 2.27, 0.179),
+    ('6 µm, 0.5 Hz', {'kind': 'sine', 'frequency': 0.5, 'amplitude': 6e-6}, 0.182, 0.057),
+    ('6 µm, 1 Hz', {'kind': 'sine', 'frequency': 1.0, 'amplitude': 6e-6}, 0.318, 0.045),
+    ('4 µm, 5 Hz', {'kind': 'sine', 'frequency': 5.0, 'amplitude': 4e-6}, 0.429, 0.078),
+    ('6 µm, 10 Hz', {'kind': 'sine', 'frequency': 10.0, 'amplitude': 6e-6}, 2.27, 0.179),
     ('composite', {'kind': 'composite_fang2019', 'amplitude': 6e-6}, 6.10, 0.36),
 )
 GAIN = 1.4e-6
@@ -131,5 +131,5 @@ def run(
 
 
 def largest_error(result: LoopResult) -> float:
-    """Return the largest error in the second half of a run [um]."""
+    """Return the largest error in the second half of a run [µm]."""
     return 1e6 * tracking_metrics(result, 6.0).largest

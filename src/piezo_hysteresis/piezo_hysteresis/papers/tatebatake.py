@@ -27,12 +27,12 @@ def loop_figures() -> list[Exhibit]:
     return [
         Exhibit('Tatebatake 2017', 'Figure 1', 'response of the basic model',
               'symmetric, pointed loop',
-              f'mean {1e6 * np.mean(basic[1]):+.2f} um, {loops.width(basic):.0f} % open',
+              f'mean {1e6 * np.mean(basic[1]):+.2f} µm, {loops.width(basic):.0f} % open',
               loops.drawn({'basic, 1 Hz': basic}), fictitious),
         Exhibit('Tatebatake 2017', 'Figure 2', 'observed loop', 'off-centre, not symmetric',
-              f'centre of the loop at {centre:+.1f} um', loops.drawn({'1 Hz': seen[1.0]})),
+              f'centre of the loop at {centre:+.1f} µm', loops.drawn({'1 Hz': seen[1.0]})),
         Exhibit('Tatebatake 2017', 'Figure 3', 'response of the modified model', 'off-centre',
-              f'the mean moves by {shift:+.2f} um with A0 = A / 10',
+              f'the mean moves by {shift:+.2f} µm with A0 = A / 10',
               loops.drawn({'modified': moved}), fictitious, holds=abs(shift) > 0.1),
         Exhibit('Tatebatake 2017', 'Figure 5', 'response of the extended model',
               'off-centre and rounded', f'rounded, {wide[30.0]:.0f} % open at 30 Hz',
@@ -106,9 +106,9 @@ def figures_14_15_16(length: Length) -> list[Exhibit]:
 def solved(length: Length) -> str:
     """Return what Fujii 2018 (16), (17) do with the same models."""
     rms = {f: 1e6 * bimorph.tracking_error(f, 'extended', length) for f in sweep(length)}
-    chosen = ', '.join(f'{f:.0f} Hz {rms[f]:.1f} um' for f in (10.0, 23.0, 30.0) if f in rms)
+    chosen = ', '.join(f'{f:.0f} Hz {rms[f]:.1f} µm' for f in (10.0, 23.0, 30.0) if f in rms)
     median = np.median(list(rms.values()))
-    return f'Fujii 2018 (16), (17) on the same models: median {median:.1f} um, {chosen}'
+    return f'Fujii 2018 (16), (17) on the same models: median {median:.1f} µm, {chosen}'
 
 
 def compare(
@@ -135,11 +135,11 @@ def compare(
     found = [
         Exhibit('Tatebatake 2017', error[0], error[1], error[2],
               f'extended better at {better} of {len(frequencies)} frequencies; median '
-              f'{np.median(rms[first_kind]):.1f} against {np.median(rms[second_kind]):.1f} um',
+              f'{np.median(rms[first_kind]):.1f} against {np.median(rms[second_kind]):.1f} µm',
               draw,
               'means removed: neither model has an offset; both by RLS in mm from P0 = I, that '
               'of the extended model with the regressor corrected (V1). As printed (V2, `identify '
-              '--method tatebatake2017`) its free run misses 80 um at 10 Hz',
+              '--method tatebatake2017`) its free run misses 80 µm at 10 Hz',
               {'better': better / len(frequencies)}, deviating,
               holds=better > 0.5 * len(frequencies)),
     ]  # fmt: skip
@@ -178,7 +178,7 @@ def open_loop(number: int, f: float, seconds: float) -> Exhibit:
         number, f'open loop at {f:.0f} Hz',
         'the identification accuracy at 23 Hz is worse than at the other two frequencies',
         record.displacement, desired, f, runs.rms(measured - desired[-measured.size :]),
-        more=f'; free run of the extended model {missed:.1f} um from the measurement',
+        more=f'; free run of the extended model {missed:.1f} µm from the measurement',
     )  # fmt: skip
 
 
@@ -191,7 +191,7 @@ def controlled(number: int, f: float, length: Length) -> Exhibit:
         'the response has a unique shape, dominated by the third harmonic' if f == 23.0
         else 'the compensation accuracy is better than at 23 Hz',
         each.displacement, each.reference, f, bimorph.tracking_error(f, 'printed', length),
-        deviating=f'Fujii 2018 (16), (17) on the same model: rms error {solved:.1f} um',
+        deviating=f'Fujii 2018 (16), (17) on the same model: rms error {solved:.1f} µm',
     )  # fmt: skip
 
 
@@ -222,7 +222,7 @@ def shape(
     return Exhibit(
         'Tatebatake 2017', f'Figure {number}', shows, paper,
         f'third harmonic {share:.1f} % of the fundamental, phase {phase:+.1f} degrees, rms error '
-        f'{1e6 * error:.1f} um{more}', draw,
+        f'{1e6 * error:.1f} µm{more}', draw,
         numbers={'third': share, 'phase': phase, 'error': 1e6 * error}, deviating=deviating,
     )  # fmt: skip
 

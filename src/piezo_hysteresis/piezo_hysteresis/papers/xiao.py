@@ -95,7 +95,7 @@ def _model_figure(name: str, frequency: float) -> Exhibit:
     return Exhibit(
         'Xiao 2014', name, f'Bouc-Wen model by particle swarm, {frequency:.0f} Hz',
         'matches very well, worst at the tips',
-        f'rms error {1e6 * row.free_run_rms:.2f} um ({row.nrmse_percent:.1f} % of the '
+        f'rms error {1e6 * row.free_run_rms:.2f} µm ({row.nrmse_percent:.1f} % of the '
         'displacement)',
         draw, 'at the higher frequency the loop is mostly linear lag, which a Bouc-Wen model does '
         'not describe',
@@ -176,7 +176,7 @@ def stack_table(frequencies: Sequence[float]) -> list[Exhibit]:
         'error here is larger than in the paper, so the improvement is overstated. The amplifier '
         'is wider than in the paper, -30 to 130 V: from 0 to 100 V this stack does not reach the '
         'whole reference. Rows are fitted '
-        'from rest, where the law starts; fitted to steady loops it misses the mean by 6.9 um at '
+        'from rest, where the law starts; fitted to steady loops it misses the mean by 6.9 µm at '
         '100 Hz. The remaining error is the lag at 100 Hz, which is not a Bouc-Wen loop'
     )
     numbers = {
@@ -185,15 +185,15 @@ def stack_table(frequencies: Sequence[float]) -> list[Exhibit]:
         'worst inverse': max(row[4] / row[2] for row in rows.values()),
     }
     pairs = [pair for r in rows.values() for pair in ((r[2], r[3]), (r[5], r[6]))]
-    shows = 'triangles of 30 um, rms (largest) error without and with the selector [um]'
+    shows = 'triangles of 30 µm, rms (largest) error without and with the selector [µm]'
     chain = 'inverse of hysteresis, mode and creep: ' + '; '.join(other)
     return [
         Exhibit('Xiao 2014', 'Table 1', shows, '; '.join(text), '; '.join(lines), draw, why,
               numbers, chain, pairs),
         Exhibit('Xiao 2014', 'Figure 14', 'the same over the frequency',
-              'both grow with the frequency, with the selector below 2 um rms up to 40 Hz',
-              f'with the selector {max(r[3] for r in rows.values()):.2f} um rms at most, '
-              f'{max(r[6] for r in rows.values()):.2f} um largest', draw, 'as table 1',
+              'both grow with the frequency, with the selector below 2 µm rms up to 40 Hz',
+              f'with the selector {max(r[3] for r in rows.values()):.2f} µm rms at most, '
+              f'{max(r[6] for r in rows.values()):.2f} µm largest', draw, 'as table 1',
               compared=pairs),
     ]  # fmt: skip
 
@@ -219,7 +219,7 @@ def tracking_figures(frequencies: Sequence[float]) -> list[Exhibit]:
         found.append(
             Exhibit('Xiao 2014', name, f'tracking a triangle of {f:.0f} Hz by the selector',
                   'largest errors at the tips',
-                  f'rms {1e6 * met.rms:.2f} um, largest {1e6 * met.largest:.2f} um, at the tips',
+                  f'rms {1e6 * met.rms:.2f} µm, largest {1e6 * met.largest:.2f} µm, at the tips',
                   draw, 'as table 1')
         )  # fmt: skip
     return found
@@ -237,9 +237,9 @@ def signals(seconds: float) -> list[Exhibit]:
          'very intolerable error', 0.0),
         ('Figure 18', 'selector', fast, 'with the selector', 'matched well', 0.0),
         ('Figure 19', 'selector + H-infinity', fast, 'with selector and H-infinity',
-         'within 1 um', 1.0),
+         'within 1 µm', 1.0),
         ('Figure 20', 'selector + H-infinity', slow, '1 to 5 Hz, selector and H-infinity',
-         'within 0.05 um', 0.05),
+         'within 0.05 µm', 0.05),
     )  # fmt: skip
     found = []
     for name, kind, wave, shows, stated, bound in cases:
@@ -263,12 +263,12 @@ def signals(seconds: float) -> list[Exhibit]:
         )
         others = (
             '' if kind == 'none' else
-            f'inverse of the chain alone {1e6 * np.abs(best).max():.3f} um, with H-infinity '
-            f'{1e6 * np.abs(closed).max():.3f} um'
+            f'inverse of the chain alone {1e6 * np.abs(best).max():.3f} µm, with H-infinity '
+            f'{1e6 * np.abs(closed).max():.3f} µm'
         )  # fmt: skip
         found.append(
             Exhibit('Xiao 2014', name, shows, stated,
-                  f'largest error {worst:.3f} um, mean removed {moving:.3f} um', draw, reason,
+                  f'largest error {worst:.3f} µm, mean removed {moving:.3f} µm', draw, reason,
                   {'worst': worst}, others, [(bound, worst)] if bound else [])
         )  # fmt: skip
     return found

@@ -78,11 +78,11 @@ def model_figures() -> list[Exhibit]:
     same = 'model and simulated actuator have the same structure'
     return [
         Exhibit('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
-              f'rms error {data[1.0][3] * 1e6:.2f} um of +-{data[1.0][1].max() * 1e6:.0f} um, by '
+              f'rms error {data[1.0][3] * 1e6:.2f} µm of +-{data[1.0][1].max() * 1e6:.0f} µm, by '
               'the two steps of Zhou 2021', drawing((1.0,)), same, {'error': data[1.0][3] * 1e6}),
         Exhibit('Zhou 2021', 'Figure 7', 'model at 10 to 60 Hz',
               'captures the rate dependence in a wide range, no number',
-              f'rms error at most {worst:.2f} um; the damping alone widens the loops',
+              f'rms error at most {worst:.2f} µm; the damping alone widens the loops',
               drawing(FREQUENCIES), same, {'error': worst}),
     ]  # fmt: skip
 
@@ -147,17 +147,17 @@ def control(frequencies: Sequence[float], seconds: float) -> list[Exhibit]:
     better = 'exact inverse of a joint fit, and cancellation of orders 1, 2, 3, 5 with PID: '
     return [
         Exhibit('Zhou 2021', 'Figure 9', 'feedforward at 10 Hz',
-              '65 um without, about 14 um with it',
-              f'{ten[0]:.0f} um without, {ten[1]:.1f} um with (8)', draw_9, why,
+              '65 µm without, about 14 µm with it',
+              f'{ten[0]:.0f} µm without, {ten[1]:.1f} µm with (8)', draw_9, why,
               {'none': ten[0], 'inverse': ten[1]},
-              f'exact inverse {worst["ours inverse", 10.0]:.1f} um', [(14.0, ten[1])]),
+              f'exact inverse {worst["ours inverse", 10.0]:.1f} µm', [(14.0, ten[1])]),
         Exhibit('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
               'straight lines, largest error '
-              f'{max(worst["PID", f] for f in frequencies):.1f} um', draw_11, why),
+              f'{max(worst["PID", f] for f in frequencies):.1f} µm', draw_11, why),
         Exhibit('Zhou 2021', 'Figure 12',
               'errors without, with feedforward, with compound control',
-              'largest at 10 Hz 65, 14 and 9 um; other frequencies without numbers',
-              'largest errors without / (8) / (8) and PID [um]: '
+              'largest at 10 Hz 65, 14 and 9 µm; other frequencies without numbers',
+              'largest errors without / (8) / (8) and PID [µm]: '
               + listed('none', 'inverse', 'PID'), draw_12, why,
               {'compound': max(worst['PID', f] for f in frequencies)},
               better + listed('ours inverse', 'ours compound'), [(14.0, ten[1]), (9.0, ten[2])]),
@@ -187,12 +187,12 @@ def composites(seconds: float) -> Exhibit:
         'Zhou 2021', 'Figure 13', 'sums of three sinusoids',
         'errors reduced dramatically, no numbers',
         f'20/30/40 Hz {worst[low, "none"]:.0f} -> {worst[low, "inverse"]:.1f} -> '
-        f'{worst[low, "PID"]:.1f} um ((8), (8) and PID); 40/50/60 Hz '
+        f'{worst[low, "PID"]:.1f} µm ((8), (8) and PID); 40/50/60 Hz '
         f'{worst[high, "none"]:.0f} -> {worst[high, "inverse"]:.1f} -> {worst[high, "PID"]:.1f}',
         draw, 'amplitudes and phases of the components are not printed',
         {'low': worst[low, 'PID'] / worst[low, 'none'],
          'high': worst[high, 'PID'] / worst[high, 'none']},
-        f'exact inverse {worst[low, "ours inverse"]:.1f} and {worst[high, "ours inverse"]:.1f} um',
+        f'exact inverse {worst[low, "ours inverse"]:.1f} and {worst[high, "ours inverse"]:.1f} µm',
     )  # fmt: skip
 
 
@@ -213,7 +213,7 @@ def loop_figure(quick: bool = False) -> list[Exhibit]:
         Exhibit('Zhou 2021', 'Figure 3', 'loops from 1 to 60 Hz',
               'alike up to 10 Hz, much wider above; the stroke hardly changes',
               'opening ' + ', '.join(f'{f:.0f} Hz {width(each):.0f} %' for f, each in seen.items())
-              + f'; stroke +-{stroke[1.0]:.0f} um at 1 Hz, +-{stroke[60.0]:.0f} um at 60 Hz',
+              + f'; stroke +-{stroke[1.0]:.0f} µm at 1 Hz, +-{stroke[60.0]:.0f} µm at 60 Hz',
               together({f'{f:.0f} Hz': each for f, each in seen.items()}),
               'the printed damping alone widens the loop from 1 to 10 Hz already',
               {'1': width(seen[1.0]), '60': width(seen[60.0])},

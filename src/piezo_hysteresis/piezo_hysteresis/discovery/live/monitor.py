@@ -77,7 +77,7 @@ class GapReport:
         """How large it is, also against the motion and against what is known."""
         parts = [f'{100.0 * self.share:.2g} % of the motion'] if isfinite(self.share) else []
         parts += [f'{self.floors:.3g} noise floors'] if isfinite(self.floors) else []
-        text = f'model error {1e6 * self.rms:.3g} um ({", ".join(parts)})'
+        text = f'model error {1e6 * self.rms:.3g} µm ({", ".join(parts)})'
         if self.beyond_floor:
             return f'{text}, {self.rms / self.expected:.2g} times its known discrepancy'
         return f'{text}, within its known discrepancy'
