@@ -85,7 +85,8 @@ NEEDED: dict[str, Callable[[Path], str]] = {
     'dashboard': lambda folder: 'port:=0',
     'gcs_driver': lambda folder: 'controller:=gcs://127.0.0.1:1',
 }
-# The links one behind the other, and three more with the same names elsewhere.
+# The links one behind the other, three more with the same names elsewhere, and a driver there,
+# which has the action of the excitation.
 NAMES = {
     'attenuation': ['voltage/command:=voltage/attenuated'],
     'feedback': ['voltage/feedforward:=voltage/attenuated'],
@@ -129,7 +130,11 @@ def everything(
 
 @pytest.mark.parametrize('name', sorted(NODES))
 def test_a_node_starts_and_answers(everything: Everything, name: str) -> None:
-    inside = [f'together/{link}' for link in LINKS] if name == 'control_loop' else [name]
+    elsewhere = {
+        'control_loop': [f'together/{link}' for link in LINKS],
+        'gcs_driver': ['driven/gcs_driver'],
+    }
+    inside = elsewhere.get(name, [name])
     for each in inside:
         answer = everything.listener.call(
             ListParameters, f'{each}/list_parameters', ListParameters.Request()
