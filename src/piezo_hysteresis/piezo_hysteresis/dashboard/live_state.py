@@ -34,7 +34,7 @@ class Gap:
     beyond : bool
         Whether it is significantly above the floor and what the model is known to miss.
     family : str
-        Effects that such a gap comes of.
+        Possible causes of the gap.
     """
 
     at: float

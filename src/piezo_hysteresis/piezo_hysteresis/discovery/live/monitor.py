@@ -55,7 +55,7 @@ class GapReport:
     beyond_floor : bool
         Whether the gap has stayed above the floor and what the model is known to miss.
     family : str
-        Effects that such a gap comes from; empty where it is not beyond.
+        Possible causes of the gap; empty if it is not significant.
     expected : float
         What the model is known to miss there, noise included [m]; else the floor.
     share : float
@@ -88,7 +88,7 @@ class GapReport:
         first = ''
         if self.family == OF_THE_MEAN:  # the comparison may start in motion
             first = 'call ~/reset with the actuator at rest; where the gap comes back, '
-        return f'such a gap comes of {self.family}: {first}record a sweep and run discover'
+        return f'possible causes: {self.family}; {first}record a sweep and run discover'
 
 
 class GapMonitor:
