@@ -18,6 +18,8 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 
+from piezo_hysteresis import __version__
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ('piezo_hysteresis', 'piezo_sim')
 BUILD_SDIST = 'import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])'
