@@ -47,7 +47,7 @@ def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
     try:
         files['results.parquet'] = as_parquet(columns, rows)
     except ModuleNotFoundError:
-        notes.append('there is no results.parquet without pyarrow; results.csv is whole')
+        notes.append('results.parquet needs pyarrow; results.csv is complete')
     files['index.html'] = index_page(verb, rows, list(files))
     write_folder(out, files, f'batch {verb}')
     return notes
@@ -94,11 +94,11 @@ def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
     if bad:
         cells = [(row['name'], row['state'], row['error']) for row in bad[:_SHOWN]]
         why = table(('data', 'state', 'why'), cells)
-        sections.append(PageSection('What could not be used', '', (), (why,)))
+        sections.append(PageSection('Refused and failed data sets', '', (), (why,)))
     summary = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
     summary += f', {len(bad)} did not.' if bad else '.'
     text = f'All columns, in SI units: {", ".join(f"`{name}`" for name in tables)}.'
-    sections.append(PageSection('The whole table', text))
+    sections.append(PageSection('Complete table', text))
     return render(f'Batch: {verb} over {len(rows)} data sets', summary, sections)
 
 
@@ -146,7 +146,7 @@ def _discovered(rows: Sequence[Row]) -> PageSection:
     counts = sorted({(-names.count(name), name) for name in names})
     often = ', '.join(f'`{name}` {-count} times' for count, name in counts) or 'nothing'
     text = f'Gap on held-out records in multiples of the noise, the largest first. Named: {often}.'
-    return PageSection('What do the models miss?', text, (), (_table(headers, cells),))
+    return PageSection('Missing effects', text, (), (_table(headers, cells),))
 
 
 def _section(

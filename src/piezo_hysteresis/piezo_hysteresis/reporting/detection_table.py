@@ -11,8 +11,8 @@ from piezo_hysteresis.reporting.page import PageSection, table
 
 _TEXT = (
     'The smallest size of each known effect that these records would have shown with a '
-    'probability of 95 %, beyond what the model has already. Below it an effect can be there and '
-    'hide in the noise, in what the model is known to miss, or in fitted parameters. The last '
+    'probability of 95 %, in addition to the model. A smaller effect can be present and '
+    'hide in the noise, in the known discrepancy, or in fitted parameters. The last '
     'column is the experiment that shows a smaller one. Limits hold for the shapes in brackets; '
     'all variants are in verdict.json.'
 )
@@ -29,10 +29,10 @@ def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
         return None
     header = (
         'effect',
-        'shows from',
+        'detection limit',
         'rms change of the response',
-        'looks like',
-        'shown better by',
+        'similar effect',
+        'better experiment',
     )
     rows = [
         (
@@ -44,9 +44,7 @@ def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
         )
         for each in statements(limits)
     ]
-    return PageSection(
-        'What these records would have shown', f'{_TEXT}\n\n{_APART}', (), (table(header, rows),)
-    )
+    return PageSection('Detection limits', f'{_TEXT}\n\n{_APART}', (), (table(header, rows),))
 
 
 def limits_line(limits: Sequence[DetectionLimit]) -> str:
