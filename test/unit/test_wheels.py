@@ -185,7 +185,7 @@ def environment(
 @pytest.mark.slow
 def test_programs_run_where_only_the_declared_is_installed(environment: Environment) -> None:
     bin_folder = environment.python.parent
-    assert environment.run(str(bin_folder / 'piezo'), '--version') == '0.2.0\n'
+    assert environment.run(str(bin_folder / 'piezo'), '--version') == f'{__version__}\n'
     assert 'sweep' in environment.run('python', '-m', 'piezo_sim', '--help')
     assert 'fdk_pzba_00030' in environment.run('python', '-m', 'piezo_sim', 'presets')
     programs = {each.name for each in bin_folder.iterdir()}
