@@ -61,12 +61,10 @@ def test_a_page_does_what_it_states(
 
 def own_clone(folder: Path) -> dict[str, str]:
     """Make the folder a clone of the reader's own: only the kernel that is new is compiled."""
-    for name in ('src', 'docs', 'tools', 'test', 'config', 'bench', 'studies'):
-        shutil.copytree(
-            ROOT / name,
-            folder / name,
-            ignore=shutil.ignore_patterns('__pycache__', 'ros', 'property', 'blind'),
-        )
+    for name in ('src', 'docs', 'tools', 'test', 'config', 'bench', 'benchmark', 'studies'):
+        unused = ('ros', 'property', 'blind') if name == 'test' else ()
+        ignore = shutil.ignore_patterns('__pycache__', *unused)
+        shutil.copytree(ROOT / name, folder / name, ignore=ignore)
     for file in ('pyproject.toml', 'README.md', 'CITATION.cff', 'CHANGELOG.md'):
         shutil.copy(ROOT / file, folder / file)
     rest = os.environ.get('PYTHONPATH', '')
