@@ -122,7 +122,7 @@ _ALL = (
     ),
     NodeSheet(
         'gcs_driver',
-        'Runs sweeps in a piezo controller, at the rate of its servo, in the place of excitation, '
+        'Runs sweeps in a piezo controller, at the rate of its servo, instead of excitation, '
         'recorder and actuator: see [controllers.md](controllers.md). Each sweep becomes a bag '
         'below `folder`. `actuator/state` is for monitoring, at `monitor_rate`. Connecting moves '
         'nothing; a cancel, a shutdown and a loss stop the wave and ramp to 0 V.',
