@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from piezo_hysteresis.common.parameter_table import ParameterSpec
 from piezo_hysteresis.common.wording import OneLineParser, reason_of
 
 SOURCES = sorted(Path(__file__).parents[2].glob('src/*/piezo_*/**/*.py'))
@@ -49,3 +50,8 @@ def test_an_option_of_a_verb_is_suggested(capsys: pytest.CaptureFixture[str]) ->
     with pytest.raises(SystemExit):
         parser.parse_args(['sweep', '--wavefrm', 'sine'])
     assert '--wavefrm is not understood (did you mean --waveform?)' in capsys.readouterr().err
+
+
+def test_a_choice_of_a_parameter_is_suggested() -> None:
+    spec = ParameterSpec('waveform', 'sine', 'Shape.', choices=('sine', 'chirp'))
+    assert spec.judge('chrp').endswith("got 'chrp' (did you mean chirp?)")
