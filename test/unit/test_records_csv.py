@@ -134,7 +134,7 @@ def test_other_spellings_get_help(tmp_path: Path, head: str, message: str) -> No
         (rows().replace('\n0.005,', '\n0.005,nan'), 'not numbers'),
         (rows().replace('0.005,', '0.005,oops'), "line 7 has 'oops50.0' in column voltage_V"),
         (rows() + '0.040,1', "line 42 has '' in column displacement_um"),
-        ('\x00\x01\x02', 'this is no text'),
+        ('\x00\x01\x02', 'is not a text file'),
     ],
 )
 def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, text: Any, message: str) -> None:
@@ -148,7 +148,7 @@ def test_missing_files_binary_files_and_unknown_kinds(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match='does not exist'):
         load([tmp_path / 'none.csv'])
     (tmp_path / 'bin.csv').write_bytes(b'\xff\xfe\x00\x01')
-    with pytest.raises(RecordError, match='no text'):
+    with pytest.raises(RecordError, match='is not a text file'):
         load([tmp_path / 'bin.csv'])
     (tmp_path / 'a.xls').write_bytes(b'PK')
     with pytest.raises(RecordError, match='not known'):

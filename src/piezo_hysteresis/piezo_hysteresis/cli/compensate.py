@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         '--plant',
         metavar='YAML|preset:NAME',
-        help='model in the place of the actuator, or a simulated one (piezo_sim presets)',
+        help='model instead of the actuator, or a simulated one (piezo_sim presets)',
     )
     what.add_argument(
         '--on',

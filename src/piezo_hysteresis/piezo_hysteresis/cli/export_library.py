@@ -26,7 +26,7 @@ _WORD = re.compile(r'[A-Za-z_]\w*')
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a library."""
     add = parser.add_argument_group(
-        'C library of a model (MODEL.yaml in the place of DATA)'
+        'C library of a model (MODEL.yaml instead of DATA)'
     ).add_argument
     add('--rate', type=float, help='steps per second [Hz]; that of the model data, or 1000')
     add(

@@ -1,8 +1,8 @@
 """Identify a model from records.
 
-Leaves report.html (for people), model.yaml (the model), params.yaml (for ros2 param load),
-summary.json and figures in the output folder. Warnings say what the records cannot tell and what
-to record instead.
+Writes report.html, model.yaml (the model), params.yaml (for ros2 param load), summary.json and
+figures to the output folder. Warnings state what the records do not determine and what to record
+instead.
 """
 
 from __future__ import annotations

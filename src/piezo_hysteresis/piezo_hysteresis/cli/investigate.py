@@ -1,10 +1,10 @@
 """Find the effects that a model lacks by experiments on the running actuator.
 
-The discovery node chooses each experiment by what it is expected to tell per second, within the
-limits given here, has the excitation run it, and stops when a name is sure, nothing is missing,
-or the budget is spent. With --on each experiment is a wave in a controller, without nodes. The
-same words go on with an investigation that was broken off; Ctrl-C brings the actuator to rest.
---replay repeats one from its bags, without an actuator.
+The discovery node selects each experiment by expected information gain per second, within the
+limits given here. The excitation runs it. The investigation stops when an effect is confirmed,
+nothing is missing, or the budget is spent. With --on each experiment is a wave in a controller,
+without nodes. The same command continues an interrupted investigation; Ctrl-C brings the actuator
+to rest. --replay repeats an investigation from its bags, without an actuator.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
     add('--no-apply', action='store_true', help='leave feedforward and gap monitor as they are')
     add('--namespace', default='', help='of the nodes')
-    add('--on', metavar='ADDRESS', help=f'a controller, in the place of nodes: {FORMS}')
+    add('--on', metavar='ADDRESS', help=f'a controller instead of nodes: {FORMS}')
     add('--axis', default='1', help='of the controller (1)')
     add('--rate', type=float, metavar='HZ', help='with --on: of the experiments, 1000')
     add('--replay', metavar='FOLDER', help='repeat an investigation from its bags')

@@ -1,7 +1,7 @@
 """Run one node: node feedforward -p model_file:=out/model/model.yaml.
 
 The same as ros2 run, with or without an installation of ROS 2. Behind the name stand
--p NAME:=VALUE, -r OLD:=NEW, --params-file FILE; `node NAME --help` tells its parameters.
+-p NAME:=VALUE, -r OLD:=NEW, --params-file FILE; `node NAME --help` lists its parameters.
 """
 
 from __future__ import annotations

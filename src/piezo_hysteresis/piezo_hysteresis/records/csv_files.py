@@ -123,7 +123,7 @@ def _lines(path: Path, log: DamageLog, most: int = -1) -> list[str]:
     head = (text or '')[:_HEAD]
     letters = sum('\t' <= letter < '\x7f' for letter in head)
     if text is None or any(letter < '\t' for letter in head) or 2 * letters < len(head):
-        raise RecordError(f'{path}: this is no text; save it as CSV in UTF-8')
+        raise RecordError(f'{path} is not a text file; save it as CSV in UTF-8')
     if encoding == 'cp1252':
         log.guess(path, 'read as Windows-1252, since it is no UTF-8')
     return text.splitlines()
