@@ -23,6 +23,7 @@ NEEDED: dict[str, Callable[[Path], dict[str, object]]] = {
     'recorder': lambda folder: {'out': str(folder / 'recorded')},
     'player': lambda folder: {'bag': str(folder / 'bag')},
     'dashboard': lambda folder: {'port': 0},
+    'gcs_driver': lambda folder: {'controller': 'gcs://127.0.0.1:1'},
 }
 INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
 
@@ -48,10 +49,14 @@ def test_a_node_starts_answers_and_ends(
     assert 'Traceback' not in node.log.read_text()
 
 
-@pytest.mark.parametrize('name', ['recorder', 'player'])
-def test_a_node_without_what_it_needs_says_so(processes: NodeProcesses, name: str) -> None:
+@pytest.mark.parametrize(
+    ('name', 'needed'), [('recorder', 'out'), ('player', 'bag'), ('gcs_driver', 'controller')]
+)
+def test_a_node_without_what_it_needs_says_so(
+    processes: NodeProcesses, name: str, needed: str
+) -> None:
     node = processes.start(package_of(name), name)
     assert node.wait(60) == 2
     text = node.log.read_text()
     assert 'Traceback' not in text
-    assert ('out' if name == 'recorder' else 'bag') in text
+    assert needed in text
