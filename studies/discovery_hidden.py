@@ -70,7 +70,8 @@ CASES = (
         20.0,
     ),
     Case(
-        '150 V piezo_150v_1hz/piezo_150V_1Hz.csv',
+        '150 V',
+        'piezo_150v_1hz/piezo_150V_1Hz.csv',
         7.0,
         ('piezo_150v_1hz/piezo_150V_1Hz.csv',),
         ('prandtl_ishlinskii+creep', 'classical'),
