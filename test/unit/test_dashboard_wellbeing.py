@@ -75,7 +75,7 @@ def test_a_gap_that_the_correction_makes_up_for_alarms_nobody() -> None:
 
 @pytest.mark.parametrize('name', ['gap_monitor', 'identification', 'discovery', 'recorder'])
 def test_a_node_that_watches_the_loop_does_not_change_its_light(name: str) -> None:
-    live = running([100.0], **{name: ('error', 'no model')})
+    live = running([100.0], 'reference', **{name: ('error', 'no model')})
     found = overall(live, (1e-7, 1e-4))
     assert found.level == 'ok'
     assert found.text == f'{name}: no model'
