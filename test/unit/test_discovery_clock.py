@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.dataset import part_of, split
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.deadline import Deadline
@@ -20,6 +20,7 @@ from piezo_hysteresis.identification.comparison import compared
 from piezo_hysteresis.identification.discrepancy import residuals_of
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import (
     Condition,
@@ -190,3 +191,18 @@ def test_discover_and_validate_agree_that_a_tick_is_a_delay(ticks: int) -> None:
     assert judge.shows_news(base) == any(c.news for c in compared(left, file.discrepancy))
     assert judge.shows_news(base) == (ticks > 0)
     assert judge.unseen_delay == pytest.approx(JITTER * DT)
+
+
+@pytest.mark.component
+def test_a_recording_a_tick_late_is_read_to_its_last_sample() -> None:
+    model = named('bouc_wen_mode')
+    values = {**model.defaults(), 'natural_frequency': 19.0, 'damping_ratio': 0.09}
+    packed, dt = model.pack(values), 2e-3
+    u = np.sin(2 * np.pi * 8.0 * dt * np.arange(1500))
+    # the displacement at the end of a tick, at which its voltage has acted
+    y = model.respond(np.append(u, u[-1]), packed, dt)[1:]
+    target = whole(Record('late', dt, u, y))
+    for share in (0.6, 1.0):
+        part = part_of(target, 0, round(share * target.measured.size))
+        error = Prediction(model, packed, part, dt).residual
+        assert np.max(np.abs(error)) < 1e-9 * np.ptp(y)

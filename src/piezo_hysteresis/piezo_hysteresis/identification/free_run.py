@@ -42,6 +42,11 @@ def shifted(rows: FloatArray, samples: float) -> FloatArray:
     return _interpolated(flat, whole - 1, weights).reshape(rows.shape)
 
 
+def read(rows: FloatArray, target: Target, samples: float) -> FloatArray:
+    """Return responses to the drive of a target read `samples` later, shape (..., n)."""
+    return shifted(rows, samples)[..., : target.voltage.size]
+
+
 @jit
 def _interpolated(rows: FloatArray, first: int, weights: FloatArray) -> FloatArray:
     """Return the weighted sum of four neighbours, the first `first` samples later."""
@@ -103,7 +108,7 @@ class StageCache:
         self._signals: dict[int, list[FloatArray]] = {}
         self._targets = tuple(targets)  # or one that is gone could leave its id to another
         for target in targets:
-            states, signal = model.initial_state(target.dt, target.start), target.voltage
+            states, signal = model.initial_state(target.dt, target.start), target.drive
             known = self._signals[id(target)] = [signal]
             for stage, state in zip(model.stages, states, strict=True):
                 if not isinstance(stage, TickStage):
@@ -116,7 +121,7 @@ class StageCache:
 
     def of(self, model: Model, packed: FloatArray, target: Target) -> tuple[int, FloatArray]:
         """Return the first stage of a model that is not known, and what goes into it."""
-        known, first = self._signals.get(id(target), [target.voltage]), 0
+        known, first = self._signals.get(id(target), [target.drive]), 0
         for mine, other in zip(self._stages[: len(known) - 1], model.stages, strict=False):
             if not (isinstance(mine, TickStage) and isinstance(other, TickStage)):
                 break
@@ -136,7 +141,7 @@ def simulated(
     cache: StageCache | None = None,
 ) -> FloatArray:
     """Return what the model says at every tick of the drive of `target` [m], shape (n,)."""
-    first, drive = (0, target.voltage) if cache is None else cache.of(model, packed, target)
+    first, drive = (0, target.drive) if cache is None else cache.of(model, packed, target)
     y = model.respond(
         drive,
         packed,
@@ -145,7 +150,7 @@ def simulated(
         frequency=target.frequency,
         first=first,
     )
-    return shifted(y, samples_late(model, target.dt, sampling_offset))
+    return read(y, target, samples_late(model, target.dt, sampling_offset))
 
 
 def differentiated(
@@ -177,7 +182,7 @@ def differentiated(
         Derivative by the sampling offset [m/s].
     """
     y, rows = sensitivities(
-        model, packed, free, target.voltage, target.dt, target.frequency, target.start
+        model, packed, free, target.drive, target.dt, target.frequency, target.start
     )
     if motion is not None:
         y = motion.signals[-1]
@@ -185,4 +190,4 @@ def differentiated(
             rows[place] += more
     late = samples_late(model, target.dt, sampling_offset)
     slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)
-    return shifted(y, late), shifted(rows, late), slope
+    return read(y, target, late), read(rows, target, late), slope[: target.voltage.size]

@@ -10,8 +10,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.free_run import (
     StageCache,
     differentiated,
+    read,
     samples_late,
-    shifted,
     simulated,
 )
 from piezo_hysteresis.identification.initial_conditions.initial_state import BestFit
@@ -66,7 +66,7 @@ class Prediction:
         if run is None:
             return simulated(self._model, self._packed, self.target, self._offset, self._cache)
         late = samples_late(self._model, self.target.dt, self._offset)
-        return shifted(run.signals[-1], late)
+        return read(run.signals[-1], self.target, late)
 
     @property
     def displacement(self) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil, hypot, nan, sqrt
 
 import numpy as np
@@ -29,6 +30,8 @@ from piezo_hysteresis.identification.outliers import mended, outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.records import Record
 
+#: Ticks for which the last voltage is held: a recording may read the displacement that much later.
+LEAD_OUT = 2
 #: Behind the name of a record: its way into the steady state.
 WAY_IN = ' (start)'
 
@@ -126,9 +129,19 @@ class Target:
         """Return those of the compared samples, shape (m,), that count."""
         return samples if self.valid is None else samples[self.valid > 0.0]
 
+    @cached_property
+    def drive(self) -> FloatArray:
+        """Voltage with its last value held for two ticks, shape (n + 2,) [V]."""
+        return np.concatenate([self.voltage, np.repeat(self.voltage[-1:], LEAD_OUT)])
+
+    @property
+    def compared(self) -> slice:
+        """The driven samples that are compared."""
+        return slice(self.first, self.voltage.size, self.stride)
+
     def pick(self, simulated: FloatArray) -> FloatArray:
-        """Return the samples of `simulated`, shape (n,), that are compared; shape (m,)."""
-        return simulated[self.first :: self.stride]
+        """Return the compared samples of a response, shape (n,) or (n + 2,); shape (m,)."""
+        return simulated[self.compared]
 
 
 def fold(record: Record, settling: float = SETTLING) -> list[Target]:

@@ -80,7 +80,7 @@ class FreeResponse:
             # what enters the tail of a path is not kept: what leaves it is as large
             inside = isinstance(self._stages[k], PathStage)
             size = float(np.max(np.abs(self._led[k + 1 if inside else k])))
-            count = self._target.voltage.size - self._target.origin
+            count = self._target.drive.size - self._target.origin
             state = stage.initial_state(dt, 0.0)
             most, step = np.zeros(state.size), np.full(count, size)
             ends = np.unique(np.minimum(2 ** np.arange(count.bit_length() + 1), count))
@@ -97,7 +97,7 @@ class FreeResponse:
         answers: list[FloatArray] = []
         for each in moved:
             known = self._released(packed, each.stage)
-            change = np.zeros(self._target.voltage.size)
+            change = np.zeros(self._target.drive.size)
             change[self._target.origin :] = each.amount * known[each.place]
             answers.append(change)
         return answers
@@ -110,7 +110,7 @@ class FreeResponse:
         tail = self._tail[k]
         assert tail is not None
         stage, first = tail
-        dt, count = self._target.dt, self._target.voltage.size - self._target.origin
+        dt, count = self._target.dt, self._target.drive.size - self._target.origin
         size = stage.initial_state(dt, 0.0).size
         if isinstance(stage, LinearStage):
             free = stage.released(packed[stage.columns], dt, np.ones(size), count)
@@ -132,7 +132,7 @@ class FreeResponse:
         moved : sequence of StateOffset
             Those elsewhere do not count.
         """
-        change = np.zeros(self._target.voltage.size)
+        change = np.zeros(self._target.drive.size)
         origin, dt = self._target.origin, self._target.dt
         nothing = np.zeros(change.size - origin)
         for k, tail in enumerate(self._tail):

@@ -72,7 +72,7 @@ class InitialStateRun:
         )
         self._states: list[FloatArray] = []  # where the record begins, as it was led in
         self._sizes: list[FloatArray] = []
-        self._led = [target.voltage]
+        self._led = [target.drive]
         for k, stage in enumerate(model.stages):
             state = stage.initial_state(target.dt, target.start)
             before = self._through(k, self._led[k][: target.origin], packed, state)
@@ -133,7 +133,7 @@ class InitialStateRun:
         if self._free_response.holds(nudge):
             return self._free_response.rows(self._packed, (nudge,))[0]
         away, end = self._away((nudge,))
-        change = np.zeros(self.target.voltage.size)
+        change = np.zeros(self.target.drive.size)
         head = slice(self.target.origin, end)
         change[head] = away[len(self.model.stages)] - self._led[-1][head]
         return change
@@ -157,7 +157,7 @@ class InitialStateRun:
         for each in moved:
             states[each.stage][each.place] += each.amount
         parts: dict[int, list[FloatArray]] = {k: [] for k in range(first + 1, count + 1)}
-        samples, peak, length = self.target.voltage.size, 0.0, _PIECE
+        samples, peak, length = self.target.drive.size, 0.0, _PIECE
         begin = self.target.origin
         while begin < samples:
             end = min(begin + length, samples)
@@ -215,7 +215,7 @@ class InitialStateRun:
                 step = parameter_step(stage, q, float(self._packed[j]), self.target.dt)
                 packed = self._packed.copy()
                 packed[j] += step
-                row = np.zeros(self.target.voltage.size)
+                row = np.zeros(self.target.drive.size)
                 size, place = packed[j] - self._packed[j], free.index(q.name)
                 if k >= first:
                     row[head] = (self._parted(k, packed, head) - usual[head]) / size - led[
