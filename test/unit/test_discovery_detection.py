@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
 from piezo_hysteresis.discovery.detection.statements import in_prefixes, sentence, statements
-from piezo_hysteresis.discovery.detection.whitening import Nuisances, Whitening
+from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections, Whitening
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, candidates, named
@@ -156,7 +156,7 @@ def test_whitened_noise_has_unit_variance_and_comes_back(seed: int, size: int) -
 def test_nuisances_take_what_is_theirs_and_the_clock_within_its_bounds() -> None:
     t = np.linspace(0.0, 1.0, 500)
     free, clock = np.sin(40 * t), np.cos(40 * t)
-    nuisances = Nuisances([free], clock, 2.0)
+    nuisances = NuisanceDirections([free], clock, 2.0)
     assert np.max(np.abs(nuisances.remove(3.0 * free + 1.5 * clock))) < 1e-9
     left = nuisances.remove(5.0 * clock)
     assert np.linalg.norm(left) == pytest.approx(3.0 * np.linalg.norm(clock), rel=0.01)

@@ -22,7 +22,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import thinned
-from piezo_hysteresis.discovery.detection.whitening import Nuisances, Whitening
+from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections, Whitening
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
@@ -187,7 +187,7 @@ class Records:
 
     # --- nuisances -------------------------------------------------------------------------
 
-    def _directions(self) -> Nuisances:
+    def _directions(self) -> NuisanceDirections:
         """Return what a fit would adjust: free parameters, and the clock within its bounds."""
         final, free = self._final, []
         for name in self._evaluator.free_of(final):
@@ -201,7 +201,7 @@ class Records:
         later = replace_values(final, {}, final.sampling_offset + _TICK * dt)
         clock = self._change(later)
         clock = np.zeros(sum(self._whitening.sizes)) if clock is None else clock / (_TICK * dt)
-        return Nuisances(free, clock, self._evaluator.unseen_delay)
+        return NuisanceDirections(free, clock, self._evaluator.unseen_delay)
 
     def _change(self, spec: ModelSpec) -> FloatArray | None:
         """Return by what a model differs from the final one, whitened; None where it diverges."""

@@ -55,7 +55,7 @@ def _smooth(power: FloatArray) -> FloatArray:
     return np.asarray(np.convolve(power, np.ones(width), 'same') / counts)
 
 
-class Nuisances:
+class NuisanceDirections:
     """Directions that a fit would adjust, whitened.
 
     Parameters

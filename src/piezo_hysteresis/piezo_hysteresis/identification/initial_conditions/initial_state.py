@@ -285,7 +285,7 @@ def level_rows(motion: InitialStateRun) -> list[FloatArray]:
         other = (*known[:k], level + _LEVEL * largest, *known[k + 1 :])
         start = replace(target.begins, levels=other)
         before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)
-        drive = np.concatenate([before, target.voltage[target.origin :]])
+        drive = np.concatenate([before, target.drive[target.origin :]])
         rows.append((motion.driven(drive) - motion.signals[-1]) / _LEVEL)
     return rows
 
