@@ -156,7 +156,7 @@ def test_whitened_noise_has_unit_variance_and_comes_back(seed: int, size: int) -
 def test_nuisances_take_what_is_theirs_and_the_clock_within_its_bounds() -> None:
     t = np.linspace(0.0, 1.0, 500)
     free, clock = np.sin(40 * t), np.cos(40 * t)
-    nuisances = NuisanceDirections([free], clock, 2.0)
+    nuisances = NuisanceDirections([free], clock, (-2.0, 2.0))
     assert np.max(np.abs(nuisances.remove(3.0 * free + 1.5 * clock))) < 1e-9
     left = nuisances.remove(5.0 * clock)
     assert np.linalg.norm(left) == pytest.approx(3.0 * np.linalg.norm(clock), rel=0.01)

@@ -32,6 +32,7 @@ def shows_errno(handler: ast.ExceptHandler) -> bool:
     return bare and 'strerror' not in text
 
 
+@pytest.mark.component
 def test_no_handler_shows_an_error_of_the_system_as_it_is() -> None:
     of_system = {'OSError', 'FileNotFoundError', 'PermissionError', 'ConnectionError'}
     found = [

@@ -95,7 +95,7 @@ def test_only_what_is_larger_than_known_is_news() -> None:
     assert usual.ratio == pytest.approx(1.2)
     assert larger.news
     assert larger.ratio == pytest.approx(2.0)
-    assert 'no more than' in comparison_words([usual], known)
+    assert 'at most' in comparison_words([usual], known)
     assert 'on 1 of 2 records; most on r: 2 times the 0.1 µm' in comparison_words(
         [usual, larger], known
     )

@@ -18,7 +18,8 @@ import piezo_hysteresis as ph
 mpl.use('Agg')
 
 DT = 1e-3
-VOLTAGE = np.sin(2 * np.pi * 5.0 * DT * np.arange(1000))
+_ANGLE = 2 * np.pi * DT * np.arange(1000)
+VOLTAGE = 0.8 * np.sin(5.0 * _ANGLE) + 0.2 * np.sin(60.0 * _ANGLE)
 TRUE = {'A1': 1e-4, 'A': 2e-5, 'beta': 1.0, 'gamma': 0.2}
 
 

@@ -114,10 +114,10 @@ def band_figure(
     count = min(_BANDS, max(int(periods), 1)) if periods else _BANDS
     plot = new_axes(title, 'time [s]', f'{y_label} [µm]')
     draw_bands(plot, curves, MICRO, count)
-    words = 'Band: smallest to largest value of each ' + ('period.' if periods else 'interval.')
+    note = 'Band: smallest to largest value of each ' + ('period.' if periods else 'interval.')
     if periods > _BANDS:
-        words = f'Band: smallest to largest value of every {periods / _BANDS:.0f} periods.'
-    return Plot(plot, f'{caption} {words}'.strip())
+        note = f'Band: smallest to largest value of every {periods / _BANDS:.0f} periods.'
+    return Plot(plot, f'{caption} {note}'.strip())
 
 
 def xy_figure(

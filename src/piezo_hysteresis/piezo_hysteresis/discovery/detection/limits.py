@@ -201,7 +201,9 @@ class Records:
         later = replace_values(final, {}, final.sampling_offset + _TICK * dt)
         clock = self._change(later)
         clock = np.zeros(sum(self._whitening.sizes)) if clock is None else clock / (_TICK * dt)
-        return NuisanceDirections(free, clock, self._evaluator.unseen_delay)
+        low, high = self._evaluator.clock or (0.0, dt)
+        late = final.sampling_offset
+        return NuisanceDirections(free, clock, (min(low - late, 0.0), max(high - late, 0.0)))
 
     def _change(self, spec: ModelSpec) -> FloatArray | None:
         """Return by what a model differs from the final one, whitened; None where it diverges."""

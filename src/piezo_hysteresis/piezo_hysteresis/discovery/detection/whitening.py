@@ -64,22 +64,24 @@ class NuisanceDirections:
         Directions whose coefficients are free: parameters of the baseline that are fitted.
     bounded : ndarray, shape (n,)
         One that lies within bounds: the response a second later, for the clock.
-    bound : float
-        The largest absolute coefficient of `bounded` [s].
+    bounds : (float, float)
+        Smallest and largest coefficient of `bounded` [s].
     """
 
-    def __init__(self, free: Sequence[FloatArray], bounded: FloatArray, bound: float) -> None:
+    def __init__(
+        self, free: Sequence[FloatArray], bounded: FloatArray, bounds: tuple[float, float]
+    ) -> None:
         rows = np.array([*free]) if free else np.zeros((0, bounded.size))
         basis = orthonormal(rows, _DEPENDENT)
         self._basis = basis[np.any(basis != 0.0, axis=1)]
         self._bounded = projected_out(bounded, self._basis)[1]
         self._square = inner(self._bounded, self._bounded)
-        self._bound = bound
+        self._bounds = bounds
 
     def remove(self, change: FloatArray) -> FloatArray:
         """Return what of a change no nuisance explains, shape (n,)."""
         left = projected_out(change, self._basis)[1]
         if self._square > 0.0:
             share = inner(self._bounded, left) / self._square
-            left = left - float(np.clip(share, -self._bound, self._bound)) * self._bounded
+            left = left - float(np.clip(share, *self._bounds)) * self._bounded
         return left

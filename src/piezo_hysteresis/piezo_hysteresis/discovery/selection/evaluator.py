@@ -243,6 +243,16 @@ class Evaluator(ABC):
         self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
     ) -> CandidateFit | None:
         """Return a model fitted to the short views, near enough to be ranked."""
+        return self._fitted_briefly(spec, evaluations, self.clock, enough, workers)
+
+    def _fitted_briefly(
+        self,
+        spec: ModelSpec,
+        evaluations: int,
+        clock: tuple[float, float] | None,
+        enough: float,
+        workers: int,
+    ) -> CandidateFit | None:
         return fitted_to(
             spec,
             self.short,
@@ -251,7 +261,7 @@ class Evaluator(ABC):
             enough=enough,
             derivatives=False,
             free=self.free_of(spec),
-            clock=self.clock,
+            clock=clock,
             stopped=lambda: self.deadline.passed,
             workers=workers,
         )
