@@ -53,6 +53,7 @@ def test_the_page_tells_what_a_node_offers(
     settings: dict[str, dict[str, object]] = {
         'recorder': {'out': str(tmp_path / 'bag')},
         'dashboard': {'port': 0},
+        'gcs_driver': {'controller': 'gcs://127.0.0.1:1', 'timeout': 0.2},  # not there yet
     }
     processes.start(package_of(name), name, settings.get(name))
     graph = listener.node
