@@ -68,7 +68,7 @@ install() {
     constraints-ros.txt tools/repair_wheels.py)"
   [ "$(cat .venv/.ready 2>/dev/null)" = "$wanted" ] && return
   check_tools
-  stage '1/2: packages into .venv (once; 200 MB to load, 620 MB there)'
+  stage '1/2: packages into .venv (once; 200 MB to load, 640 MB there)'
   rm -rf .venv build install log
   if [ "${ROS_DISTRO:-}" = jazzy ]; then install_with_ros; else install_with_wheels; fi
   echo "$wanted" >.venv/.ready
