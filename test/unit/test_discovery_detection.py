@@ -50,7 +50,7 @@ def test_nothing_missing_is_a_statement_about_every_effect(nothing: Discovery) -
     assert verdict.verdict == 'none'
     names = {each.effect for each in verdict.detection_limits}
     assert {'creep', 'transport_delay', 'resonance', 'drift'} <= names
-    assert 'known effects from' in verdict.unexplained.description
+    assert 'known effects: from' in verdict.unexplained.description
     assert verdict.to_dict()['detection_limits'][0]['units']
     creep = limit_of(nothing, 'creep')
     assert 0.0 < creep.size['creep_share'] < 0.05
@@ -115,7 +115,7 @@ def test_a_statement_gives_the_range_of_sizes_once_for_both_signs() -> None:
 def test_what_shows_at_no_size_is_stated() -> None:
     (found,) = statements([limit(shown=False)])
     assert (found.brief, found.hidden) == ('no size', 'creep_time 3 s')
-    assert 'do not show creep at any size' in sentence(
+    assert 'would not show creep at any size' in sentence(
         [found, *statements([limit(effect='drift', variant='drift')])]
     )
 

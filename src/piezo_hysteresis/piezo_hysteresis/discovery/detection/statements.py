@@ -139,8 +139,8 @@ def in_prefixes(value: float, unit: str) -> str:
     return f'{value / 10.0**power:.3g} {prefix}{unit}'
 
 
-def sentence(found: Sequence[Statement], most: int = 4) -> str:
-    """Return the effects whose limits are lowest in the response, in one sentence."""
+def sentence(found: Sequence[Statement]) -> str:
+    """Return the range of all limits in the response in one sentence, empty without any."""
     seen = sorted(
         (each for each in found if isfinite(each.displacement_m[1])),
         key=lambda each: each.displacement_m[1],
@@ -149,8 +149,9 @@ def sentence(found: Sequence[Statement], most: int = 4) -> str:
         return ''
     low, high = seen[0].displacement_m[1], seen[-1].displacement_m[1]
     hidden = [each.effect for each in found if not isfinite(each.displacement_m[1])]
-    more = f' They do not show {", ".join(hidden)} at any size.' if hidden else ''
+    more = f' They would not show {", ".join(hidden)} at any size.' if hidden else ''
     return (
-        f'These records show {len(seen)} known effects from {in_prefixes(low, "m")} rms '
-        f'({seen[0].effect}) to {in_prefixes(high, "m")} rms ({seen[-1].effect}) on.{more}'
+        f'These records would have shown {len(seen)} known effects: from {in_prefixes(low, "m")} '
+        f'rms of the response ({seen[0].effect}) to {in_prefixes(high, "m")} '
+        f'({seen[-1].effect}).{more}'
     )
