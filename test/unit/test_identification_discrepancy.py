@@ -101,7 +101,7 @@ def test_only_what_is_larger_than_known_is_news() -> None:
     )
     (diverged,) = compared([residual(np.full(9, np.nan))], known)
     assert diverged.news
-    assert 'does not say' in comparison_words([], None)
+    assert 'has no discrepancy' in comparison_words([], None)
 
 
 # --- in the verbs -------------------------------------------------------------------------------
