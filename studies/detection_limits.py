@@ -25,7 +25,7 @@ import numpy as np
 from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.discovery.detection.limits import DetectionLimit
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
 from piezo_hysteresis.identification.errors import free_run_of, views_of
 from piezo_hysteresis.models import Model, candidates
 from piezo_hysteresis.records import Record
@@ -54,13 +54,8 @@ def added(
         for each in candidates(final.model, amplitude, span)
         if (each.effect.name, each.effect.variant) == (limit.effect, limit.variant)
     )
-    values = candidate.values(final.values) | limit.shape
-    bounds = {q.name: (q.low, q.high) for q in candidate.model.parameters}
-    for name, size in limit.size.items():
-        neutral = limit.neutral[name]
-        threshold = abs(neutral) > 1e3
-        moved = size / multiple if threshold else neutral + multiple * (size - neutral)
-        values[name] = min(max(moved, bounds[name][0]), bounds[name][1])
+    values = candidate.values(final.values, limit.size | limit.shape)
+    values = scaled(candidate, values, multiple)
     before = responses(final.model, final.values, final.sampling_offset, records)
     after = responses(candidate.model, values, final.sampling_offset, records)
     return [

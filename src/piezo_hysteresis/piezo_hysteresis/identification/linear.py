@@ -98,9 +98,7 @@ def solve_linear(
             y, rows = sensitivities(
                 model, packed, names, target.voltage, target.dt, target.frequency, target.start
             )
-            part = np.vstack(
-                [rows[:, target.first :: target.stride], target.measured - target.pick(y)]
-            )
+            part = np.vstack([rows[:, target.compared], target.measured - target.pick(y)])
             if not np.all(np.isfinite(part)):
                 return dict(values)
             if target.own_zero:

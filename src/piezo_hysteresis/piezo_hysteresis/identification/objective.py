@@ -166,7 +166,7 @@ class Objective:
     ) -> FloatArray:
         """Return simulated samples, shape (m,), and fill in derivatives, shape (p, m)."""
         y, own, slope = found
-        rows[self._own_places] = own[:, target.first :: target.stride]
+        rows[self._own_places] = own[:, target.compared]
         if SAMPLING_OFFSET in self.free:
             rows[self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
         return target.pick(y)

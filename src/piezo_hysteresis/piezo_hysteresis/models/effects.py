@@ -21,6 +21,15 @@ from piezo_hysteresis.models.scaling import (
 EFFECT_NAMES: tuple[str, ...] = tuple(sorted({effect.name for effect in EFFECTS}))
 
 
+# From this on a neutral value is that of a threshold that is never reached.
+_NEVER = 1e3
+
+
+def is_never_reached(neutral: float) -> bool:
+    """Return whether a neutral value is that of a threshold: larger ones change nothing."""
+    return abs(neutral) >= _NEVER
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A model with one effect added.

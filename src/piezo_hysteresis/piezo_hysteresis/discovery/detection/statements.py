@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from math import isfinite
 
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
+from piezo_hysteresis.models.effects import is_never_reached
 
 # Prefixes of SI units, and the power of ten of each.
 _PREFIXES = (('n', -9), ('µ', -6), ('m', -3), ('', 0), ('k', 3), ('M', 6))
 # Units that take no prefix as they stand.
 _BARE = ('1', '1/s', '1/V')
-# Above this a threshold is never reached, and from this on a neutral value means one.
-_INFINITE, _THRESHOLD = 1e5, 1e3
-
-
+# A threshold from this on is none.
+_INFINITE = 1e5
 # Sizes that differ by less are the same.
 _ALIKE = 0.15
 
@@ -95,7 +94,7 @@ def _numbers(limit: DetectionLimit) -> list[tuple[str, float]]:
     found = []
     for name, value in limit.size.items():
         neutral = limit.neutral[name]
-        size = abs(value) if abs(neutral) > _THRESHOLD else abs(value - neutral)
+        size = abs(value) if is_never_reached(neutral) else abs(value - neutral)
         if 0.0 < size < _INFINITE:
             found.append((name, size))
     return found

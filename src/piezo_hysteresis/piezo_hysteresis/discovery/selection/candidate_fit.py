@@ -147,6 +147,18 @@ class CandidateFit(ModelSpec):
         return float(np.sqrt(sum(float(e @ e) for e in self.errors) / max(self.samples, 1)))
 
 
+# Step towards a parameter, as a share of its value or of a hundredth of its scale.
+_STEP = 1e-4
+
+
+def nudged(spec: ModelSpec, name: str) -> dict[str, float]:
+    """Return the values of a model with one of them a small step away, within its bounds."""
+    value = spec.values[name]
+    row = next(q for q in spec.model.parameters if q.name == name)
+    step = _STEP * max(abs(value), 1e-2 * row.scale)
+    return {**spec.values, name: value + (step if value + step <= row.high else -step)}
+
+
 def errors_of(
     spec: ModelSpec, views: Sequence[Target], cache: StageCache | None = None
 ) -> tuple[FloatArray, ...]:

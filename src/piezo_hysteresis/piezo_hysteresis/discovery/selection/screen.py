@@ -14,13 +14,19 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Residual
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, errors_of
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    errors_of,
+    nudged,
+)
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.free_run import StageCache, differentiated, simulated
 from piezo_hysteresis.identification.qr import inner, orthonormal, projected_out
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Candidate, Model
+from piezo_hysteresis.models.effects import is_never_reached
 
 # Share of a sensitivity that others leave of it, below which it is theirs.
 _DEPENDENT = 1e-7
@@ -102,12 +108,8 @@ class Screen:
         return basis[np.any(basis != 0.0, axis=1)]
 
     def _difference(self, name: str) -> FloatArray | None:
-        values = dict(self._fit.values)
-        row = next(q for q in self._fit.model.parameters if q.name == name)
-        step = 1e-4 * max(abs(values[name]), 1e-2 * row.scale)
-        values[name] += step if values[name] + step <= row.high else -step
         try:
-            moved = self._flat(values)
+            moved = self._flat(nudged(self._fit, name))
         except PiezoError:
             return None
         size = float(np.linalg.norm(moved))
@@ -173,7 +175,7 @@ class Screen:
         for step in steps:
             tried = {
                 name: neutral[name] + step * (value - neutral[name])
-                if name in neutral and abs(neutral[name]) < 1e3
+                if name in neutral and not is_never_reached(neutral[name])
                 else value
                 for name, value in values.items()
             }
@@ -205,7 +207,7 @@ class Screen:
         for view in self._views:
             late = self._fit.sampling_offset
             _, change, _ = differentiated(candidate.model, packed, candidate.added, view, late)
-            rows.append(change[:, view.first :: view.stride])
+            rows.append(change[:, view.compared])
         columns = np.hstack(rows)
         if not np.all(np.isfinite(columns)):
             return 0.0
