@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from types import TracebackType
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -63,8 +63,26 @@ class Measurement(NamedTuple):
     displacement: FloatArray
 
 
+class Connection(Protocol):
+    """What every controller is asked through."""
+
+    address: str
+
+    def close(self) -> None:
+        """Close it."""
+
+
 class Controller(ABC):
     """One axis in open loop.
+
+    Parameters
+    ----------
+    connection : Connection
+        To the controller; closed where it cannot be used.
+    limits : Limits
+        What is never exceeded, besides the limits of the controller.
+    axis : str
+        Name of the axis.
 
     Attributes
     ----------
@@ -86,6 +104,19 @@ class Controller(ABC):
     identity: Identity
     limits: Limits
     filters: str
+    _line: Connection
+
+    def __init__(self, connection: Connection, limits: Limits, axis: str) -> None:
+        self._line, self.axis, self.address = connection, axis, connection.address
+        try:
+            self._look(limits)
+        except BaseException:
+            connection.close()
+            raise
+
+    @abstractmethod
+    def _look(self, given: Limits) -> None:
+        """Read identity, filters and limits; nothing moves."""
 
     def __enter__(self) -> Self:
         return self
@@ -105,9 +136,9 @@ class Controller(ABC):
         finally:
             self.disconnect()
 
-    @abstractmethod
     def disconnect(self) -> None:
         """Leave the controller as it is."""
+        self._line.close()
 
     @property
     @abstractmethod

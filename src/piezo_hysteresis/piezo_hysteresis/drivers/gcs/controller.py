@@ -37,15 +37,12 @@ class GcsController(Controller):
     most_points = 60_000  # that every controller of this kind holds
     filters = 'those of the controller, at the rate of its servo; see its manual'
 
+    _line: GcsConnection
+
     def __init__(
         self, connection: GcsConnection, limits: Limits = UNLIMITED, axis: str = '1'
     ) -> None:
-        self._line, self.axis, self.address = connection, axis, connection.address
-        try:
-            self._look(limits)
-        except BaseException:
-            connection.close()
-            raise
+        super().__init__(connection, limits, axis)
 
     def _look(self, given: Limits) -> None:
         connection, axis = self._line, self.axis
@@ -62,10 +59,6 @@ class GcsController(Controller):
         self.identity = Identity(name.strip(), firmware.strip(), 1.0 / period)
         low, high = (connection.number(f'{word} {self._channel}') for word in ('VMI?', 'VMA?'))
         self.limits = Limits(max(low, given.low), min(high, given.high), given.slew)
-
-    def disconnect(self) -> None:
-        """Leave the controller as it is."""
-        self._line.close()
 
     @property
     def voltage(self) -> float:

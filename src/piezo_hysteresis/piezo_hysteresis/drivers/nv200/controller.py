@@ -44,15 +44,12 @@ class Nv200Controller(Controller):
 
     most_points = 1024
 
+    _line: Nv200Connection
+
     def __init__(
         self, connection: Nv200Connection, limits: Limits = UNLIMITED, axis: str = '1'
     ) -> None:
-        self._line, self.axis, self.address = connection, axis, connection.address
-        try:
-            self._look(limits)
-        except BaseException:
-            connection.close()
-            raise
+        super().__init__(connection, limits, axis)
 
     def _look(self, given: Limits) -> None:
         ask, number = self._line.ask, self._line.number
@@ -84,10 +81,6 @@ class Nv200Controller(Controller):
             if number(switch):
                 found.append(f'{what} at {number(frequency):g} Hz')
         return ', '.join(found) or 'none is on'
-
-    def disconnect(self) -> None:
-        """Leave the controller as it is."""
-        self._line.close()
 
     @property
     def voltage(self) -> float:
