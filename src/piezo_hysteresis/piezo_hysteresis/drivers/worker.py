@@ -26,7 +26,7 @@ _REST = 30.0  # longest time to come to rest [s]
 
 
 class _Stopped(Exception):
-    """Somebody wants the sweep to end."""
+    """The sweep was cancelled, or the thread closes."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class SweepOutcome(NamedTuple):
     reason : str
         Why it failed, empty where not.
     is_cancelled : bool
-        Whether somebody ended it; the output is at rest.
+        Whether it was cancelled; the output is at rest.
     """
 
     records: list[Record]
@@ -172,7 +172,7 @@ class ControllerThread:
         progress : callable
             Called in the thread.
         stopped : callable
-            Asked in the thread whether somebody wants it to end.
+            Asked in the thread whether the sweep is cancelled.
         """
         job = _Job(order, progress, stopped)
         self._jobs.put(job)

@@ -9,8 +9,8 @@ with the residual r of the final model in two ways:
 
 The detection limit is the smallest size that opens the search with d >= 4.9: the probability that
 chance hides such an effect is 5 %, that chance alone looks like it 1 in 2000. Two effects k and l
-are told apart from the size on at which d_kl, the distance between x_k and the nearest multiple of
-x_l, is 7 or more. Below that the names are one class.
+can be distinguished from the size at which d_kl, the distance between x_k and the nearest
+multiple of x_l, reaches 7. Below that the names are one class.
 """
 
 from __future__ import annotations
