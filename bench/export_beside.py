@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.cli.compensate_links import Builder
 from piezo_hysteresis.cli.main import main as verb
+from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
 )
-from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated
 from piezo_hysteresis.models import ModelFile
@@ -83,7 +83,8 @@ def live(model: ModelFile, path: Path, ticks: int) -> list[Row]:
     """Run four processes, then excitation, control_loop and simulator."""
     from bench import loop
 
-    gain = builder(model).mode_gain()
+    gain = controllers(model).mode()
+    assert gain is not None
     attenuation: dict[str, Any] = {
         'method': 'afc', 'orders': list(ORDERS), 'plant.gain': gain.gain,
         'plant.natural_frequency': gain.natural_frequency,
@@ -100,22 +101,20 @@ def live(model: ModelFile, path: Path, ticks: int) -> list[Row]:
     return rows
 
 
-def builder(model: ModelFile) -> Builder:
-    """Return what builds the links."""
-    return Builder(model, None, 'auto', 1.0, 1.0 / RATE, LIMITS)
+def controllers(model: ModelFile) -> Controllers:
+    """Return the settings of the chain."""
+    return Controllers(1.0 / RATE, LIMITS, model, attenuation=AttenuationSettings(orders=ORDERS))
 
 
 def offline(model: ModelFile, ticks: int) -> Row:
     """Run what `compensate` does."""
-    build, samples, actuator = builder(model), wanted(ticks), plant()
-    law = build.attenuation(AttenuationSettings(orders=ORDERS), build.mode_gain())
-    links: list[Link] = [build.inverse(), law]
+    samples, actuator, links = wanted(ticks), plant(), controllers(model).links(by_mode=True)
 
     def run() -> FloatArray:
         for link in links:
             link.reset()
         actuator.reset()
-        return closed_loop(samples, links, actuator, LIMITS, build.dt).error
+        return closed_loop(samples, links, actuator, LIMITS, 1.0 / RATE).error
 
     try:
         return _timed('`compensate`', run, ticks)

@@ -36,7 +36,7 @@ ALLOWED = {
     | {'investigation', 'reporting', 'dashboard', 'parameters', 'runtime', 'drivers', 'ros'},
     'drivers': NEUTRAL | {'models', 'compensation', 'runtime'},
     'export': NEUTRAL | {'models', 'compensation', 'parameters'},
-    'interface': NEUTRAL | CORE_ROOMS | {'reporting', 'cli'},
+    'interface': NEUTRAL | CORE_ROOMS | {'reporting'},
     'papers': NEUTRAL | CORE_ROOMS | {'runtime', 'reporting', 'cli'},
     'cli': NEUTRAL
     | CORE_ROOMS

@@ -14,6 +14,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
 from piezo_hysteresis.common.health import Level
 from piezo_hysteresis.common.settings import specs_of
+from piezo_hysteresis.compensation.controllers import UNKNOWN_PLANT
 from piezo_hysteresis.compensation.harmonics import harmonic_rls
 from piezo_hysteresis.compensation.harmonics.afc import gains
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
@@ -42,7 +43,6 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.parameters.links import ATTENUATION
-from piezo_hysteresis.runtime.harmonic_laws import UNKNOWN_PLANT
 from piezo_hysteresis.runtime.link_health import LinkHealth
 from piezo_hysteresis.runtime.watchdog import Watchdog
 from piezo_hysteresis.waveforms import Sine

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import CrossFade
@@ -38,7 +39,7 @@ def model(name: str, **values: float) -> ModelFile:
 
 
 def test_a_new_chain_takes_over_as_if_it_had_always_been_there() -> None:
-    inversion = Inversion(DT, LIMITS, start=0.0, transition=0.1)
+    inversion = Inversion(Controllers(DT, LIMITS, start=0.0, transition=0.1))
     assert inversion.voltage(points(1)[0]) is None
     inversion.forget()
     assert inversion.take(model('classical'))
@@ -54,7 +55,7 @@ def test_a_new_chain_takes_over_as_if_it_had_always_been_there() -> None:
 
 
 def test_the_same_chain_goes_over_by_itself() -> None:
-    inversion = Inversion(DT, LIMITS, start=0.0, transition=0.1)
+    inversion = Inversion(Controllers(DT, LIMITS, start=0.0, transition=0.1))
     inversion.take(model('classical'))
     before = [inversion.voltage(point) for point in points(300)]
     assert not inversion.take(model('classical', A1=1.3e-4))
@@ -65,7 +66,7 @@ def test_the_same_chain_goes_over_by_itself() -> None:
 
 
 def test_a_model_without_an_inverse_leaves_the_one_before() -> None:
-    inversion = Inversion(DT, LIMITS, start=0.0, transition=0.1)
+    inversion = Inversion(Controllers(DT, LIMITS, start=0.0, transition=0.1))
     good = model('classical')
     inversion.take(good)
     with pytest.raises(PiezoError):

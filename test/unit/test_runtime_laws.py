@@ -12,8 +12,7 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import Harmoni
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK
-from piezo_hysteresis.runtime.feedback_laws import FeedbackLaws
-from piezo_hysteresis.runtime.harmonic_laws import HarmonicLaws
+from piezo_hysteresis.runtime.laws import FeedbackLaws, HarmonicLaws
 
 DT = 1e-3
 

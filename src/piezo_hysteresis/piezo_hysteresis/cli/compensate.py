@@ -11,22 +11,12 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from piezo_hysteresis.cli import compensate_links as links
 from piezo_hysteresis.cli.compensate_on import run_on
-from piezo_hysteresis.cli.compensate_study import (
-    Run,
-    Study,
-    open_plant,
-    parse_reference,
-    run_study,
-)
-from piezo_hysteresis.cli.compensate_study import write_results as write
 from piezo_hysteresis.cli.shared_options import add_out
-from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.study import PRESET, Run, Study, rate_of, track
 from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -34,7 +24,6 @@ from piezo_hysteresis.reporting.folder import check_folder
 
 HELP = 'compensation by a model: offline on a plant, or on a controller'
 
-PRESET = 'preset:'
 # Words that both ways take, and those that only a controller takes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
 _OF_CONTROLLER = {'axis', 'rounds'}
@@ -78,27 +67,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
+    from piezo_hysteresis.reporting.compensation_folder import write_compensation
+
     started = time.perf_counter()
     _require_used(arguments)
     check_folder(arguments.out, 'compensate')
     if arguments.on is not None:
         return run_on(arguments)
     model = ModelFile.load(arguments.model)
-    rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
-    _require_numbers(arguments, rate)
-    parse_reference(arguments.reference)  # refused before a plant is started
-    plant = _plant(arguments)
-    with open_plant(
-        plant, 1.0 / rate, arguments.seed, noise=arguments.noise, settings=arguments.plant_set
-    ) as (driven, about):
-        study = _study(arguments, model, plant, rate, about)
-        runs = run_study(study, driven)
+    controllers = links.controllers_of(arguments, model, 1.0 / rate_of(model, arguments.rate))
+    study, runs = track(
+        controllers, _plant(arguments), arguments.reference, low=arguments.low,
+        high=arguments.high, slew=arguments.slew, together=arguments.together,
+        noise=arguments.noise, seed=arguments.seed, from_seconds=arguments.from_seconds,
+        plant_settings=arguments.plant_set,
+    )  # fmt: skip
     out = Path(arguments.out)
-    write(out, study, runs, arguments.reference, time.perf_counter() - started)
+    write_compensation(out, study, runs, arguments.reference, time.perf_counter() - started)
     for line in _table(runs):
         print(line)
-    if about:
-        print(_usual(study, about))
+    if study.about:
+        print(_usual(study))
     for remark in dict.fromkeys(remark for each in runs for remark in each.words):
         print(remark)
     print(f'written to {out}; open {out}/report.html')
@@ -122,55 +111,9 @@ def _require_used(arguments: argparse.Namespace) -> None:
         raise CompensationError(f'{names}: of {ways[0]}, not used with {ways[1]}; leave it out')
 
 
-def _study(
-    arguments: argparse.Namespace,
-    model: ModelFile,
-    plant: ModelFile | str,
-    rate: float,
-    about: Mapping[str, Any],
-) -> Study:
-    """Return what is to be run; a simulated actuator has a range and a drive of its own."""
-    usual = {'offset': about.get('offset_m', 0.0), 'phase': about.get('phase', 0.0)}
-    waveform = parse_reference(arguments.reference, {k: v for k, v in usual.items() if v})
-    frequency = float(getattr(waveform, 'frequency', 0.0))
-    if frequency >= 0.5 * rate:
-        raise CompensationError(
-            f'a reference of {frequency:g} Hz cannot be sampled at {rate:g} Hz; lower the '
-            'frequency or raise --rate'
-        )
-    if not math.isfinite(waveform.duration) or waveform.duration * rate > 5e7:
-        raise CompensationError('the reference is too long; give it a duration')
-    from_seconds = arguments.from_seconds
-    low, high, slew = (
-        about.get(key, default) if given is None else given
-        for given, key, default in (
-            (arguments.low, 'low_v', -1.2),
-            (arguments.high, 'high_v', 1.2),
-            (arguments.slew, 'slew_v_per_s', 1000.0),
-        )
-    )
-    return Study(
-        model=model,
-        slow=None if arguments.slow_model is None else ModelFile.load(arguments.slow_model),
-        law=arguments.law,
-        switch=arguments.switch,
-        plant=plant,
-        waveform=waveform,
-        dt=1.0 / rate,
-        limits=Limits(low, high, slew),
-        attenuation=links.attenuation_of(arguments),
-        gain_model=None if arguments.gain_model is None else ModelFile.load(arguments.gain_model),
-        feedback=links.feedback_of(arguments),
-        together=arguments.together,
-        noise=arguments.noise,
-        seed=arguments.seed,
-        from_seconds=0.5 * waveform.duration if from_seconds is None else from_seconds,
-    )
-
-
-def _usual(study: Study, about: Mapping[str, Any]) -> str:
+def _usual(study: Study) -> str:
     """Return one line about the range and the reference that the preset stands behind."""
-    limits, wave = study.limits, study.waveform
+    about, limits, wave = study.about, study.limits, study.waveform
     line = f'{about["preset"]}: {limits.low:g} to {limits.high:g} V, at most {limits.slew:g} V/s'
     if about['offset_m']:
         offset = 1e6 * float(getattr(wave, 'offset', 0.0))
@@ -190,20 +133,6 @@ def _plant(arguments: argparse.Namespace) -> ModelFile | str:
     if arguments.plant_set:
         raise CompensationError('--plant-set is for a simulated plant, preset:NAME')
     return ModelFile.load(arguments.plant)
-
-
-def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
-    """Refuse numbers that mean nothing."""
-    if not (math.isfinite(rate) and rate > 0):
-        raise CompensationError(f'the rate must be positive, got {rate:g} Hz')
-    for name, value, unit in (
-        ('noise', arguments.noise, 'm'),
-        ('resonance', arguments.resonance, 'Hz'),
-        ('from-seconds', arguments.from_seconds or 0.0, 's'),
-        ('seed', arguments.seed, ''),
-    ):
-        if not (math.isfinite(value) and value >= 0):
-            raise CompensationError(f'--{name} must be 0 or more, got {value:g} {unit}'.rstrip())
 
 
 def _table(runs: list[Run]) -> list[str]:

@@ -6,7 +6,8 @@ import argparse
 import time
 from pathlib import Path
 
-from piezo_hysteresis.cli.compensate_study import Run, Study, parse_reference, write_results
+from piezo_hysteresis.compensation.controllers import Controllers
+from piezo_hysteresis.compensation.study import Run, Study, waveform_of
 from piezo_hysteresis.drivers import open_controller
 from piezo_hysteresis.drivers.tracking import Learning, LearntRun
 from piezo_hysteresis.errors import CompensationError
@@ -20,8 +21,10 @@ WAVE = 'wave.csv'
 
 def run_on(arguments: argparse.Namespace) -> int:
     """Learn on the controller, and write the results as of a study."""
+    from piezo_hysteresis.reporting.compensation_folder import write_compensation
+
     started = time.perf_counter()
-    reference = parse_reference(arguments.reference)
+    reference = waveform_of(arguments.reference)
     if not isinstance(reference, Sine):
         raise CompensationError(
             'a controller learns a sine: --reference sine:frequency=23,amplitude=40e-6,duration=2'
@@ -34,14 +37,11 @@ def run_on(arguments: argparse.Namespace) -> int:
         learning = Learning(controller, model, reference)
         runs = [_reported(each) for each in learning.runs(arguments.rounds)]
         study = Study(
-            model=model, slow=None, law='auto', switch=0.0, plant='', waveform=reference,
-            controller=controller.identity.name, dt=learning.dt,
-            limits=controller.limits, attenuation=None,
-            gain_model=None, feedback=None, together=False, noise=0.0, seed=0,
-            from_seconds=learning.from_seconds,
+            Controllers(learning.dt, controller.limits, model), '', reference,
+            learning.from_seconds, controller=controller.identity.name,
         )  # fmt: skip
     out = Path(arguments.out)
-    write_results(out, study, runs, arguments.reference, time.perf_counter() - started)
+    write_compensation(out, study, runs, arguments.reference, time.perf_counter() - started)
     _write_wave(out / WAVE, min(runs, key=lambda each: each.metrics.rms))
     print(f'written to {out}; open {out}/report.html')
     return 0

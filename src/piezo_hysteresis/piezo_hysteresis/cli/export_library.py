@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import math
 import re
-from collections.abc import Sequence
 
 from piezo_hysteresis.cli import compensate_links as chain
-from piezo_hysteresis.cli.compensate_links import Builder
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.inverses.reach import reach_of
 from piezo_hysteresis.compensation.limiter import packed_limits
-from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.study import rate_of
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder, write_folder
@@ -60,22 +58,22 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(arguments.out, 'export')
     known_target(arguments.target)
     model = ModelFile.load(arguments.data[0])
-    rate = arguments.rate if arguments.rate is not None else model.provenance.rate or 1000.0
+    rate = rate_of(model, arguments.rate)
     _require_numbers(arguments, rate)
     limits = Limits(*arguments.limits)
     dt = 1.0 / rate
     energy = _energy(arguments, limits, dt)
     packed_limits(limits, dt, energy)
     reach = reach_of(model.model, model.values, dt, limits)
-    slow = None if arguments.slow_model is None else ModelFile.load(arguments.slow_model)
-    steering = None if arguments.gain_model is None else ModelFile.load(arguments.gain_model)
-    build = Builder(model, slow, arguments.law, arguments.switch, dt, limits, steering)
-    gain = abs(build.gain()(0.0))
+    controllers = chain.controllers_of(arguments, model, dt, limits)
+    mode = controllers.mode()
+    assert mode is not None
     centre = 0.5 * (limits.low + limits.high)
-    drive = Drive(arguments.frequency, _SHARE * reach.half, reach.middle, gain, centre)
+    drive = Drive(arguments.frequency, _SHARE * reach.half, reach.middle, mode.gain, centre)
     asked = Request(
-        arguments.name, model, lambda: _links(arguments, build), limits, energy, dt,
-        arguments.target, drive, slow,
+        arguments.name, model,
+        lambda: [] if arguments.only else controllers.links(by_mode=True), limits, energy, dt,
+        arguments.target, drive, controllers.slow,
     )  # fmt: skip
     files = files_of(asked)
     write_folder(arguments.out, files, 'export')
@@ -92,24 +90,10 @@ def _energy(arguments: argparse.Namespace, limits: Limits, dt: float) -> EnergyL
     return EnergyLimits(power, capacitance, window, limits.high - limits.low)
 
 
-def _links(arguments: argparse.Namespace, build: Builder) -> Sequence[Link]:
-    """Return the chain of the arguments, at rest."""
-    if arguments.only:
-        return []
-    links: list[Link] = [build.inverse()]
-    settings = chain.attenuation_of(arguments)
-    if settings is not None:
-        links.append(build.attenuation(settings, build.mode_gain()))
-    feedback = chain.feedback_of(arguments)
-    if feedback is not None:
-        links.append(build.feedback(feedback))
-    return links
-
-
 def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
     if len(arguments.data) != 1:
         raise CompensationError('a library is of one model; give one MODEL.yaml')
-    if not (math.isfinite(rate) and 0.0 < rate <= 1e6):
+    if not rate <= 1e6:
         raise CompensationError(f'the rate must be above 0 and up to 1 MHz, got {rate:g} Hz')
     if not 0.0 < arguments.frequency < 0.25 * rate:
         raise CompensationError(

@@ -5,33 +5,29 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isfinite
-from numbers import Real
 from typing import Any, cast
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.cli.compensate_links import ATTENUATIONS, REPETITIVE, Feedback, Repetition
-from piezo_hysteresis.cli.compensate_study import (
-    Run,
-    Study,
-    open_plant,
-    parse_reference,
-    run_study,
-)
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.compensation.controllers import (
+    ATTENUATIONS,
+    REPETITIVE,
+    Controllers,
+    Feedback,
+    Repetition,
+)
 from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     AttenuationSettings,
     Method,
 )
-from piezo_hysteresis.compensation.link import INVERSES, Limits
+from piezo_hysteresis.compensation.link import INVERSES
+from piezo_hysteresis.compensation.study import PRESET, Run, Study, rate_of, track
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.waveforms import Waveform
-
-_PRESET = 'preset:'
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,77 +143,25 @@ def compensate(
     """
     started = time.perf_counter()
     inverted = with_values(model)
-    given = rate if rate is not None else inverted.provenance.rate or 1000.0
-    if not (isinstance(given, (int, float)) and isfinite(given) and given > 0):
-        raise CompensationError(f'the rate must be a positive number [Hz], got {given!r}')
-    for name, value in {'noise': noise, 'seed': seed, 'from_seconds': from_seconds or 0.0}.items():
-        if not (isinstance(value, Real) and isfinite(value) and value >= 0):
-            raise CompensationError(f'{name} must be a number of 0 or more, got {value!r}')
     _require_one_of('law', law, INVERSES)
-    settings = _attenuation(attenuation)
-    driven = _plant(plant, inverted)
-    dt = 1.0 / given
-    with open_plant(driven, dt, seed, noise=noise, settings=()) as (actuator, about):
-        usual = {'offset': about.get('offset_m', 0.0), 'phase': about.get('phase', 0.0)}
-        waveform = _waveform(reference, {k: v for k, v in usual.items() if v}, given)
-        bounds = (
-            about.get(key, default) if value is None else value
-            for value, key, default in (
-                (low, 'low_v', Limits.low),
-                (high, 'high_v', Limits.high),
-                (slew, 'slew_v_per_s', Limits.slew),
-            )
-        )
-        study = Study(
-            model=inverted,
-            slow=None,
-            law=law,
-            switch=1.0,
-            plant=driven,
-            waveform=waveform,
-            dt=dt,
-            limits=Limits(*bounds),
-            attenuation=settings,
-            gain_model=None,
-            feedback=_feedback(pid),
-            together=pid is not None and settings is not None,
-            noise=noise,
-            seed=seed,
-            from_seconds=0.5 * waveform.duration if from_seconds is None else from_seconds,
-        )
-        runs = run_study(study, actuator)
+    controllers = Controllers(
+        1.0 / rate_of(inverted, rate), model=inverted, law=law,
+        attenuation=_attenuation(attenuation), feedback=_feedback(pid),
+    )  # fmt: skip
+    study, runs = track(
+        controllers, _plant(plant, inverted), reference, low=low, high=high, slew=slew,
+        together=True, noise=noise, seed=seed, from_seconds=from_seconds,
+    )  # fmt: skip
     shown = reference if isinstance(reference, str) else type(reference).__name__.lower()
     return Compensation(tuple(runs), shown, study, time.perf_counter() - started)
-
-
-def _waveform(reference: str | Waveform, usual: dict[str, float], rate: float) -> Waveform:
-    """Return the reference, whose duration is finite and which the rate can sample."""
-    if isinstance(reference, str):
-        waveform = parse_reference(reference, usual)
-    elif hasattr(reference, 'sample') and hasattr(reference, 'duration'):
-        waveform = reference
-    else:
-        raise CompensationError(
-            "a reference is text such as 'sine:frequency=23,amplitude=80e-6,duration=4' or a "
-            f'Waveform, not of type {type(reference).__name__}'
-        )
-    frequency = float(getattr(waveform, 'frequency', 0.0))
-    if frequency >= 0.5 * rate:
-        raise CompensationError(
-            f'a reference of {frequency:g} Hz cannot be sampled at {rate:g} Hz; lower the '
-            'frequency or raise the rate'
-        )
-    if not isfinite(waveform.duration) or waveform.duration * rate > 5e7:
-        raise CompensationError('the reference is too long; give it a duration')
-    return waveform
 
 
 def _plant(given: ModelLike | None, inverted: ModelFile) -> ModelFile | str:
     """Return the model in the place of the actuator, or the name of a preset."""
     if given is None:
         return inverted
-    if isinstance(given, str) and given.startswith(_PRESET):
-        return given.removeprefix(_PRESET)
+    if isinstance(given, str) and given.startswith(PRESET):
+        return given.removeprefix(PRESET)
     return with_values(given)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import singledispatch
-from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -12,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
-from piezo_hysteresis.cli.compensate_study import write_results
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.data.annotate import annotated
@@ -21,6 +19,7 @@ from piezo_hysteresis.identification import Identification, Validation
 from piezo_hysteresis.interface.compensate_runs import Compensation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting import folder
+from piezo_hysteresis.reporting.compensation_folder import write_compensation
 from piezo_hysteresis.reporting.compensation_report import colour_of
 from piezo_hysteresis.reporting.discovery_folder import write_discovery
 from piezo_hysteresis.reporting.display_units import MICRO
@@ -126,7 +125,7 @@ def _(result: Discovery, path: str) -> None:
 
 @_write.register
 def _(result: Compensation, path: str) -> None:
-    write_results(Path(path), result.study, list(result.runs), result.reference, result.seconds)
+    write_compensation(path, result.study, result.runs, result.reference, result.seconds)
 
 
 def _require_data(records: Sequence[Record]) -> None:

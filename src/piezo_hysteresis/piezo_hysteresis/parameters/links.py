@@ -8,6 +8,7 @@ from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTabl
 from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.common.settings import rule_of, specs_of
 from piezo_hysteresis.compensation.feedback.feedback_settings import (
+    FEEDBACKS,
     FuzzyScales,
     HInfinityWeights,
     PidGains,
@@ -192,7 +193,7 @@ FEEDBACK = ParameterTable(
             'method',
             'none',
             'Control law on the tracking error; none forwards the voltage.',
-            choices=('none', 'pid', 'fuzzy_pid', 'h_infinity'),
+            choices=FEEDBACKS,
         ),
         *specs_of(PidGains, 'pid.'),
         ParameterSpec(

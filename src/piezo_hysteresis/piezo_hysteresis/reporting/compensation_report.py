@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
-from piezo_hysteresis.compensation.offline_loop import LoopResult, TrackingMetrics
+from piezo_hysteresis.compensation.study import Run
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plot_parts import ROLES
@@ -25,34 +24,14 @@ _ROLES = {
 _OTHER = 'fed_back'  # a law on the error, whatever its name
 
 
-class StudiedRun(Protocol):
-    """A run as the report needs it."""
-
-    @property
-    def name(self) -> str:
-        """What acted."""
-
-    @property
-    def result(self) -> LoopResult:
-        """Every sample."""
-
-    @property
-    def metrics(self) -> TrackingMetrics:
-        """Of the judged part."""
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is to be known of its links."""
-
-
 def compensation_page(
-    runs: Sequence[StudiedRun], model: str, plant: str, reference: str, from_seconds: float
+    runs: Sequence[Run], model: str, plant: str, reference: str, from_seconds: float
 ) -> str:
     """Return the whole report as HTML.
 
     Parameters
     ----------
-    runs : sequence of StudiedRun
+    runs : sequence of Run
         The first one without compensation.
     model, plant, reference : str
         What was inverted, what was driven, and what it was asked for.
@@ -69,7 +48,7 @@ def compensation_page(
     return render(f'{model} compensates {plant}', _verdict(runs, reference), sections)
 
 
-def _verdict(runs: Sequence[StudiedRun], reference: str) -> str:
+def _verdict(runs: Sequence[Run], reference: str) -> str:
     first, *others = runs
     best = min(others, key=lambda run: run.metrics.rms)
     ratio = first.metrics.rms / max(best.metrics.rms, 1e-300)
@@ -80,7 +59,7 @@ def _verdict(runs: Sequence[StudiedRun], reference: str) -> str:
     )
 
 
-def _errors(runs: Sequence[StudiedRun], from_seconds: float) -> PageSection:
+def _errors(runs: Sequence[Run], from_seconds: float) -> PageSection:
     orders = [n for n in runs[0].metrics.harmonics if all(n in r.metrics.harmonics for r in runs)]
     rows = [
         (
@@ -98,7 +77,7 @@ def _errors(runs: Sequence[StudiedRun], from_seconds: float) -> PageSection:
     return PageSection('Tracking error', text, (), (table(all_headers, rows, caption),))
 
 
-def _left(runs: Sequence[StudiedRun]) -> PageSection:
+def _left(runs: Sequence[Run]) -> PageSection:
     # the largest first, so that none hides another
     compensated = sorted(runs[1:], key=lambda run: -run.metrics.rms)
     figures: list[Plot] = [
@@ -116,7 +95,7 @@ def _left(runs: Sequence[StudiedRun]) -> PageSection:
     return PageSection('Tracking error over time', '', tuple(figures))
 
 
-def _dominant(run: StudiedRun) -> float:
+def _dominant(run: Run) -> float:
     """Return the frequency of the largest line of the reference [Hz], 0 without one."""
     time, reference = run.result.time, run.result.reference
     lines = np.abs(np.fft.rfft(reference - reference.mean()))
@@ -124,7 +103,7 @@ def _dominant(run: StudiedRun) -> float:
     return peak / float(time[-1] - time[0]) if time.size > 1 else 0.0
 
 
-def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
+def _voltages(runs: Sequence[Run]) -> PageSection:
     counted = [
         (run.name, name.partition('_')[2] or name, what.replace('_', ' '), count)
         for run in runs
@@ -147,19 +126,19 @@ def _voltages(runs: Sequence[StudiedRun]) -> PageSection:
     return PageSection('Displacement', '', (figure,), tables)
 
 
-def _end(run: StudiedRun) -> slice:
+def _end(run: Run) -> slice:
     size = run.result.time.size
     return slice(-min(size, max(_DRAWN, size // 50)), None)
 
 
-def _curve(run: StudiedRun, part: slice, values: FloatArray) -> Curve:
+def _curve(run: Run, part: slice, values: FloatArray) -> Curve:
     return Curve(run.name, run.result.time[part], values[part], _role(run))
 
 
-def _role(run: StudiedRun) -> str:
+def _role(run: Run) -> str:
     return _ROLES.get(run.name, _OTHER)
 
 
-def colour_of(run: StudiedRun) -> str:
+def colour_of(run: Run) -> str:
     """Return the colour that a run has in every plot."""
     return ROLES[_role(run)]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
-from piezo_hysteresis.compensation.link import Limits, ReferencePoint
+from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 
@@ -24,24 +24,18 @@ class Inversion:
 
     Attributes
     ----------
-    dt : float
-        Sampling interval [s].
-    limits : Limits
-        Of the voltage.
-    start, transition : float
-        Times over which the reference is eased in and changes go over [s].
-    law : str
-        By which models are inverted, see `inverse_for`.
+    settings : Controllers
+        Of the feedforward; its model is the one in force.
     """
 
-    dt: float
-    limits: Limits
-    start: float
-    transition: float
-    law: str = 'auto'
-    loaded: ModelFile | None = None
+    settings: Controllers
     _inverse: InverseLink | None = None
     _past: deque[ReferencePoint] = field(default_factory=lambda: deque(maxlen=HISTORY))
+
+    @property
+    def loaded(self) -> ModelFile | None:
+        """The model in force."""
+        return self.settings.model
 
     def take(self, loaded: ModelFile) -> bool:
         """Invert `loaded` from now on; return whether the output may jump by that.
@@ -53,17 +47,18 @@ class Inversion:
         PiezoError
             If it cannot be inverted; the model before then stays in force.
         """
-        if self._inverse is not None and _chain(loaded) == _chain(self.loaded):
+        jumps = self._inverse is None or _chain(loaded) != _chain(self.loaded)
+        if self._inverse is None or jumps:
+            self._inverse = self._inverted(loaded)
+        else:
             self._inverse.set_parameters(loaded.values)
-            self.loaded = loaded
-            return False
-        self._inverse, self.loaded = self._inverted(loaded), loaded
-        return True
+        self.settings = replace(self.settings, model=loaded)
+        return jumps
 
-    def rebuild(self, limits: Limits, transition: float, law: str = 'auto') -> None:
-        """Take other settings over; the output may jump by that."""
-        self.limits, self.transition, self.law = limits, transition, law
-        if self.loaded is not None:
+    def change(self, settings: Controllers, *, rebuild: bool) -> None:
+        """Take other settings over with the model in force; where rebuilt the output may jump."""
+        self.settings = replace(settings, model=self.loaded)
+        if rebuild and self.loaded is not None:
             self._inverse = self._inverted(self.loaded)
 
     def refusal(self, law: str, loaded: ModelFile | None = None) -> str:
@@ -71,7 +66,7 @@ class Inversion:
         loaded = loaded or self.loaded
         if loaded is not None:
             try:
-                inverse_for(loaded.model, loaded.values, self.dt, law=law)
+                replace(self.settings, law=law).inverse_of(loaded)
             except PiezoError as error:
                 return str(error)
         return ''
@@ -92,15 +87,8 @@ class Inversion:
         return {} if self._inverse is None else self._inverse.counters()
 
     def _inverted(self, loaded: ModelFile) -> InverseLink:
-        inverse = inverse_for(
-            loaded.model,
-            loaded.values,
-            self.dt,
-            limits=self.limits,
-            start=0.0 if self._past else self.start,
-            transition=self.transition,
-            law=self.law,
-        )
+        start = 0.0 if self._past else self.settings.start
+        inverse = replace(self.settings, start=start).inverse_of(loaded)
         inverse.respond(np.zeros(3))  # compiles the kernel before the first tick
         for point in self._past:
             inverse.step(point, 0.0, None)

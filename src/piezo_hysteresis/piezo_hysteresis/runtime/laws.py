@@ -1,25 +1,99 @@
-"""What a link that compares the measurement with the reference asks, and who makes it."""
+"""The laws that the parameters of a link describe: attenuation of harmonics, and feedback."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import fields
 from typing import Any, Protocol
 
-from piezo_hysteresis.compensation.link import Measured, ReferencePoint
+from piezo_hysteresis.compensation.controllers import GUESS, Controllers, Feedback, Polynomials
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights, PidGains
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyRules
+from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
+from piezo_hysteresis.compensation.feedback.pid import Pid
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.linear_gain import ModeGain
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 
+# The settings of the attenuation are parameters under the same names.
+_SETTINGS = tuple(field.name for field in fields(AttenuationSettings))
+# Groups of parameters that shape the law of each method.
+_GROUPS: dict[str, tuple[str, ...]] = {
+    'none': (),
+    'pid': ('pid.', 'limits.'),
+    'fuzzy_pid': ('pid.', 'fuzzy.', 'limits.'),
+    'h_infinity': ('h_infinity.', 'plant.', 'limits.'),
+}
 
-class Law(Protocol):
-    """What such a link asks at every tick."""
 
-    def step(self, point: ReferencePoint, received: float, measured: Measured | None) -> float:
-        """Return the voltage to pass on [V]."""
+def forward_settings(
+    values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+) -> Controllers:
+    """Return the chain that the parameters of the feedforward describe."""
+    return Controllers(
+        dt, _limits(values), model, law=values['law'], start=values['start'],
+        transition=values['transition'],
+    )  # fmt: skip
 
-    def reset(self) -> None:
-        """Forget everything but the settings."""
 
-    def counters(self) -> dict[str, int]:
-        """Return what happened so far, by name."""
+def harmonic_settings(
+    values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+) -> Controllers:
+    """Return the chain that the parameters of the attenuation describe, enabled or not.
+
+    The plant is that of ``plant.*`` or, where ``plant.gain`` is 0, of the loaded `model`.
+    """
+    given = {name: values[name] for name in _SETTINGS}
+    settings = AttenuationSettings(**{**given, 'orders': tuple(given['orders'])})
+    plant = _plant(values, dt)
+    return Controllers(dt, _limits(values), model, attenuation=settings, plant=plant)
+
+
+def feedback_settings(
+    values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+) -> Controllers:
+    """Return the chain that the parameters of the feedback describe, see `harmonic_settings`."""
+    method, limits = values['method'], _limits(values)
+    if method == 'none':
+        return Controllers(dt, limits, model)
+    scales = _group(values, 'fuzzy.')
+    path = scales.pop('tables')
+    rules = None
+    if method == 'fuzzy_pid':
+        rules = FuzzyRules(**scales, **read_tables(path)) if path else FuzzyRules(**scales)
+    asked = Feedback(
+        method,
+        PidGains(**_group(values, 'pid.')),
+        rules,
+        HInfinityWeights(**_group(values, 'h_infinity.')),
+        _polynomials(values) if method == 'h_infinity' else None,
+    )
+    return Controllers(dt, limits, model, feedback=asked, plant=_plant(values, dt))
+
+
+def _limits(values: Mapping[str, Any]) -> Limits:
+    return Limits(**_group(values, 'limits.'))
+
+
+def _plant(values: Mapping[str, Any], dt: float) -> ModeGain | None:
+    gain, frequency = values['plant.gain'], values['plant.natural_frequency']
+    return ModeGain(gain, frequency, values['plant.damping_ratio'], dt) if gain != 0.0 else None
+
+
+def _polynomials(values: Mapping[str, Any]) -> Polynomials | None:
+    numerator, denominator = values['plant.numerator'], values['plant.denominator']
+    if any(numerator) != any(denominator):
+        raise CompensationError(
+            'plant.numerator and plant.denominator belong together; set both in one atomic call'
+        )
+    return (tuple(numerator), tuple(denominator)) if any(numerator) else None
+
+
+def _group(values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
 
 
 class LawMaker(Protocol):
@@ -27,7 +101,7 @@ class LawMaker(Protocol):
 
     def build(
         self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
-    ) -> Law | None:
+    ) -> Link | None:
         """Return the law of the parameters `values` at ticks of `dt` [s]; None for none.
 
         The plant is that of `plant.*` or, where ``plant.gain`` is 0, of the loaded `model`.
@@ -43,9 +117,67 @@ class LawMaker(Protocol):
 
     def adjust(
         self,
-        law: Law | None,
+        law: Link | None,
         values: Mapping[str, Any],
         changed: Collection[str],
         model: ModelFile | None = None,
     ) -> bool:
         """Change `law` to the `changed` of `values`; return False where it takes a new one."""
+
+
+class HarmonicLaws:
+    """Makes attenuations of harmonics, see `LawMaker`."""
+
+    def build(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> Link | None:
+        """Return the law with the settings of `values`; None where it is not enabled."""
+        law = harmonic_settings(values, dt, model).attenuate()
+        return law if values['enabled'] else None
+
+    def shapes(self, values: Mapping[str, Any], name: str) -> bool:
+        """Return whether `name` is a setting of the law."""
+        return name in _SETTINGS or name == 'enabled' or name.startswith('plant.')
+
+    def adjust(
+        self,
+        law: Link | None,
+        values: Mapping[str, Any],
+        changed: Collection[str],
+        model: ModelFile | None = None,
+    ) -> bool:
+        """Take a new model of the plant gain without forgetting the correction."""
+        if not all(name.startswith('plant.') for name in changed):
+            return False
+        if isinstance(law, HarmonicAttenuation):
+            gain = harmonic_settings(values, law.dt, model).gain()
+            law.set_gain(gain or ModeGain(GUESS, dt=law.dt))
+        return True
+
+
+class FeedbackLaws:
+    """Makes laws on the tracking error, see `LawMaker`."""
+
+    def build(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> Link | None:
+        """Return the law of `values`; None for ``none``."""
+        settings = feedback_settings(values, dt, model)
+        return None if settings.feedback is None else settings.feed_back()
+
+    def shapes(self, values: Mapping[str, Any], name: str) -> bool:
+        """Return whether `name` matters for the method in force."""
+        return name == 'method' or name.startswith(_GROUPS[values['method']])
+
+    def adjust(
+        self,
+        law: Link | None,
+        values: Mapping[str, Any],
+        changed: Collection[str],
+        model: ModelFile | None = None,
+    ) -> bool:
+        """Change the gains of a PID in place: its integral carries on."""
+        if not isinstance(law, Pid) or not all(name.startswith('pid.') for name in changed):
+            return False
+        law.set_gains(PidGains(**_group(values, 'pid.')))
+        return True

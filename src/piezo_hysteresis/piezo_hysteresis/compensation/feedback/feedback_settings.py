@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from piezo_hysteresis.common.settings import documented, judge, setting
 from piezo_hysteresis.errors import CompensationError
 
+#: Laws on the tracking error.
+FEEDBACKS = ('none', 'pid', 'fuzzy_pid', 'h_infinity')
+
 
 @documented
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from piezo_hysteresis.parameters.links import ATTENUATION
 from piezo_hysteresis.ros.flat import stamp_of
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.runtime.harmonic_laws import HarmonicLaws
+from piezo_hysteresis.runtime.laws import HarmonicLaws
 from piezo_hysteresis.runtime.synchronizer import Tick
 from piezo_interfaces.msg import HarmonicState
 

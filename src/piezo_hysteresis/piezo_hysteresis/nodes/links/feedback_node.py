@@ -7,7 +7,7 @@ import sys
 from piezo_hysteresis.nodes.links.tracking_node import TrackingNode
 from piezo_hysteresis.parameters.links import FEEDBACK
 from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.runtime.feedback_laws import FeedbackLaws
+from piezo_hysteresis.runtime.laws import FeedbackLaws
 
 
 def feedback(*, wired: bool = True) -> TrackingNode:

@@ -24,6 +24,7 @@ from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.inversion import Inversion
+from piezo_hysteresis.runtime.laws import forward_settings
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
 
@@ -49,12 +50,8 @@ class Feedforward(LinkNode):
         self._states: Subscription | None = None
         self._ticks = SequenceFilter()
         self._estimate: ModelEstimate | None = None
-        value = self.parameters.number
-        self._gain = value('gain')
-        law = self.parameters.text('law')
-        self._inversion = Inversion(
-            self.dt, self.limits(), value('start'), value('transition'), law
-        )
+        self._gain = self.parameters.number('gain')
+        self._inversion = Inversion(forward_settings(self.parameters.values, self.dt))
         self._model_parameters = ModelParameters(self, self.parameters, self._take, self._refusal)
         self._load_at_start(self.parameters.text('model_file'))
         if wired:
@@ -75,10 +72,10 @@ class Feedforward(LinkNode):
         """Take accepted parameter changes over."""
         super().apply(changes)
         self._gain = self.parameters.number('gain')
-        self._inversion.start = self.parameters.number('start')
-        if any(name in ('transition', 'law') or name.startswith('limits.') for name in changes):
-            law = self.parameters.text('law')
-            self._inversion.rebuild(self.limits(), self.parameters.number('transition'), law)
+        self._inversion.change(
+            forward_settings(self.parameters.values, self.dt),
+            rebuild=any(k in ('transition', 'law') or k.startswith('limits.') for k in changes),
+        )
         if 'follow_estimate' not in changes:
             self.go_over()
 

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import ParameterTable, Value
-from piezo_hysteresis.compensation.link import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Link, Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import CrossFade
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
@@ -19,7 +19,7 @@ from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
-from piezo_hysteresis.runtime.laws import Law, LawMaker
+from piezo_hysteresis.runtime.laws import LawMaker
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel
@@ -87,7 +87,7 @@ class TrackingNode(LinkNode):
         """Return what carries the share over a change: a new law begins without weight."""
         return CrossFade(self.dt, self.parameters.number('transition'))
 
-    def _built(self, changes: dict[str, Value]) -> Law | None:
+    def _built(self, changes: dict[str, Value]) -> Link | None:
         return self._laws.build({**self.parameters.values, **changes}, self.dt, self._model)
 
     def counters(self) -> dict[str, int]:
@@ -121,7 +121,7 @@ class TrackingNode(LinkNode):
             self._install(self._built({}))
             self.go_over()
 
-    def _install(self, law: Law | None) -> None:
+    def _install(self, law: Link | None) -> None:
         """Put a law into force, and say what is to be known of it."""
         self.law = self._ready(law)
         remark = getattr(law, 'words', '')
@@ -129,7 +129,7 @@ class TrackingNode(LinkNode):
             self.get_logger().info(remark)
 
     @staticmethod
-    def _ready(law: Law | None) -> Law | None:
+    def _ready(law: Link | None) -> Link | None:
         """Compile the kernels of `law` before it gets its first tick."""
         if law is not None:
             for k in range(3):

@@ -1,0 +1,249 @@
+"""Builds the controllers of a chain from one settings object: for nodes, studies and C code."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights, PidGains
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.feedback.pid import Pid
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    METHODS,
+    AttenuationSettings,
+)
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
+from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.compensation.feedback.hinf import HInfinityDesign
+
+REPETITIVE = 'repetitive'
+ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
+_NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
+#: Quasi-static gain that is assumed where nothing is known of the plant [m/V].
+GUESS = 1e-4
+# Largest first step where nothing is known of the plant: beside a mode its gain may be 30 times
+# the guess, and the error then grows by no more than it is.
+UNKNOWN_PLANT = 0.05
+#: Numerator and denominator of a transfer function in s, the highest power first.
+Polynomials = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """A law on the error: its kind, and what belongs to it.
+
+    Attributes
+    ----------
+    kind : str
+        One of `FEEDBACKS` but ``none``.
+    gains : PidGains
+        Of PID and fuzzy PID.
+    rules : FuzzyRules or None
+        Of fuzzy PID.
+    weights : HInfinityWeights
+        Of H-infinity.
+    plant : tuple of tuple of float, optional
+        Numerator and denominator of the plant that H-infinity is designed for; by default the
+        gain and the mode of `Controllers`.
+    """
+
+    kind: str
+    gains: PidGains = field(default_factory=PidGains)
+    rules: FuzzyRules | None = None
+    weights: HInfinityWeights = field(default_factory=HInfinityWeights)
+    plant: Polynomials | None = None
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        return _NAMES[self.kind]
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """What a user chooses of repetitive control, see `RepetitiveSettings`."""
+
+    learning: float = RepetitiveSettings.learning
+    lead_ticks: float = RepetitiveSettings.lead_ticks
+    lowest_frequency: float = RepetitiveSettings.lowest_frequency
+
+
+@dataclass(frozen=True)
+class Controllers:
+    """Settings of a whole chain, which build its links.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling interval [s].
+    limits : Limits
+        Of the voltage.
+    model, slow : ModelFile, optional
+        What is inverted; for slow drives another one, where given.
+    law : str
+        By which, see `inverse_for`.
+    switch : float
+        Up to which frequency drives are slow [Hz].
+    start, transition : float
+        Times over which the reference is eased in and changes go over [s].
+    attenuation : AttenuationSettings or Repetition, optional
+        Attenuation of harmonics.
+    feedback : Feedback, optional
+        Law on the error.
+    gain_model : ModelFile, optional
+        Whose gain steers the attenuation; `model` where not given.
+    plant : ModeGain, optional
+        Gain and mode of the plant, in the place of those of a model.
+    """
+
+    dt: float
+    limits: Limits = field(default_factory=Limits)
+    model: ModelFile | None = None
+    slow: ModelFile | None = None
+    law: str = 'auto'
+    switch: float = 1.0
+    start: float = 0.5
+    transition: float = 0.2
+    attenuation: AttenuationSettings | Repetition | None = None
+    feedback: Feedback | None = None
+    gain_model: ModelFile | None = None
+    plant: ModeGain | None = None
+
+    @property
+    def amplitude(self) -> float:
+        """Half the range of the voltage [V]."""
+        return 0.5 * (self.limits.high - self.limits.low)
+
+    def gain(self) -> LinearGain | None:
+        """Return the gain for small tones, None where nothing is known of the plant."""
+        return self.plant or self._gain_of(self.gain_model or self.model)
+
+    def mode(self, *, of_inverted: bool = False) -> ModeGain | None:
+        """Return it as a gain, a mode and a delay, of the inverted model where asked for."""
+        given = self.model if of_inverted else self.gain_model or self.model
+        if self.plant is not None or given is None:
+            return self.plant
+        gain = self._gain_of(given)
+        assert gain is not None
+        return mode_of(given.model.unpack(given.packed), abs(gain(0.0)), self.dt)
+
+    def _gain_of(self, given: ModelFile | None) -> LinearGain | None:
+        if given is None:
+            return None
+        return model_gain(given.model, given.values, self.dt, self.amplitude)
+
+    def straight(self) -> Link:
+        """Return no compensation: the reference divided by the gain."""
+        return replace(self, law='gain').inverse_of(self.model)
+
+    def inverse(self) -> Link:
+        """Return the feedforward."""
+        fast = self.inverse_of(self.model)
+        if self.slow is None:
+            return fast
+        slow = self.inverse_of(self.slow)
+        return FrequencySwitch(slow, fast, self.switch, self.dt, limits=self.limits)
+
+    def inverse_of(self, loaded: ModelFile | None) -> InverseLink:
+        """Return the inverse of one model.
+
+        Raises
+        ------
+        CompensationError
+            If there is none by the law.
+        """
+        assert loaded is not None
+        return inverse_for(
+            loaded.model, loaded.values, self.dt, limits=self.limits, start=self.start,
+            transition=self.transition, scale=self.amplitude, law=self.law,
+        )  # fmt: skip
+
+    def attenuate(self, gain: LinearGain | None = None) -> Link:
+        """Return the attenuation of harmonics, steered by `gain` or by that of the plant."""
+        settings = self.attenuation
+        assert settings is not None
+        if isinstance(settings, Repetition):
+            mode = self.mode()
+            if mode is None:
+                raise CompensationError('repetitive control needs a model of the plant')
+            plant = (mode.gain, mode.natural_frequency, mode.damping_ratio)
+            return OddRepetitive(RepetitiveSettings(*plant, **vars(settings)), self.dt)
+        gain = gain or self.gain()
+        if gain is None:
+            gain = ModeGain(GUESS, dt=self.dt)
+            settings = replace(settings, first_step=min(settings.first_step, UNKNOWN_PLANT))
+        return HarmonicAttenuation(settings, gain, self.dt)
+
+    def feed_back(self) -> Link:
+        """Return the law on the error.
+
+        Raises
+        ------
+        CompensationError
+            If an H-infinity controller does less than was asked for.
+        """
+        asked = self.feedback
+        assert asked is not None
+        if asked.kind == 'h_infinity':
+            # SciPy takes long to import, and only this law needs it.
+            from piezo_hysteresis.compensation.feedback.hinf import HInfinity
+
+            found = _designed(asked.weights, asked.plant or self._polynomials(), self.dt)
+            return HInfinity(found.controller, self.dt, limits=self.limits, words=found.words())
+        if asked.rules is not None:
+            return FuzzyPid(asked.gains, asked.rules, self.dt, limits=self.limits)
+        return Pid(asked.gains, self.dt, limits=self.limits)
+
+    def _polynomials(self) -> Polynomials:
+        """Return gain and mode of the plant as a transfer function."""
+        mode = self.mode(of_inverted=True)
+        if mode is None or mode.natural_frequency == 0.0:
+            given = (
+                '' if self.model is None else f', and model {self.model.model.name} has no mode'
+            )
+            raise CompensationError(
+                f'h_infinity needs a plant that falls off{given}; identify a model with +mode, or '
+                'give a transfer function (nodes: plant.gain and plant.natural_frequency, or '
+                'plant.numerator and plant.denominator)'
+            )
+        omega = 2.0 * math.pi * mode.natural_frequency
+        return (mode.gain * omega**2,), (1.0, 2.0 * mode.damping_ratio * omega, omega**2)
+
+    def links(self, *, by_mode: bool = False) -> list[Link]:
+        """Return the whole chain at rest, first to last.
+
+        Parameters
+        ----------
+        by_mode : bool
+            Whether a gain, a mode and a delay steer the attenuation, whatever the model is.
+        """
+        links = [self.inverse()]
+        if self.attenuation is not None:
+            links.append(self.attenuate(self.mode() if by_mode else None))
+        if self.feedback is not None:
+            links.append(self.feed_back())
+        return links
+
+
+@functools.lru_cache(maxsize=8)
+def _designed(weights: HInfinityWeights, plant: Polynomials, dt: float) -> HInfinityDesign:
+    from piezo_hysteresis.compensation.feedback import hinf
+
+    try:
+        system = hinf.transfer_function(*plant)
+    except (ValueError, IndexError):
+        raise CompensationError(
+            'plant.numerator / plant.denominator is no proper transfer function'
+        ) from None
+    return hinf.design(system, weights, dt).require_usable()

@@ -1,0 +1,293 @@
+"""Runs a reference on a plant: from no compensation to everything that was asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from numbers import Real
+from typing import Any, Protocol
+
+import numpy as np
+
+from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.compensation.controllers import Controllers
+from piezo_hysteresis.compensation.inverses.reach import require_reachable
+from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.link import Limits, Link
+from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.offline_loop import (
+    LoopResult,
+    TrackingMetrics,
+    closed_loop,
+    tracking_metrics,
+)
+from piezo_hysteresis.compensation.process_plant import simulated
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
+from piezo_hysteresis.waveforms.waveform import Samples
+
+PRESET = 'preset:'
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a study."""
+
+    name: str
+    result: LoopResult
+    metrics: TrackingMetrics
+    words: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that a study is made of; times in s, displacements in m.
+
+    The plant is a model, or the name of a preset of the simulator, of which `about` holds what it
+    is known to be; of an actuator on a controller the latter has a name.
+    """
+
+    controllers: Controllers
+    plant: ModelFile | str
+    waveform: Waveform
+    from_seconds: float
+    together: bool = False
+    noise: float = 0.0
+    seed: int = 0
+    controller: str = ''
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def model(self) -> ModelFile:
+        """What is inverted."""
+        assert self.controllers.model is not None
+        return self.controllers.model
+
+    @property
+    def limits(self) -> Limits:
+        """Of the voltage."""
+        return self.controllers.limits
+
+
+def rate_of(model: ModelFile, rate: float | None = None) -> float:
+    """Return the rate that was asked for, that of the data of a model, or 1000 Hz.
+
+    Raises
+    ------
+    CompensationError
+        If it is no rate.
+    """
+    given = rate if rate is not None else model.provenance.rate or 1000.0
+    if not (isinstance(given, Real) and math.isfinite(given) and given > 0):
+        raise CompensationError(f'the rate must be positive [Hz], got {given!r}')
+    return float(given)
+
+
+def track(
+    controllers: Controllers,
+    plant: ModelFile | str,
+    reference: str | Waveform,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    slew: float | None = None,
+    together: bool = False,
+    noise: float = 0.0,
+    seed: int = 0,
+    from_seconds: float | None = None,
+    plant_settings: Sequence[str] = (),
+) -> tuple[Study, list[Run]]:
+    """Run the reference without compensation, with the inverse, and with each further link.
+
+    Parameters
+    ----------
+    controllers : Controllers
+        What compensates; its limits are those that follow.
+    plant : ModelFile or str
+        A model in the place of the actuator, or the name of a preset of the simulator.
+    reference : str or Waveform
+        Desired displacement [m].
+    low, high, slew : float, optional
+        Limits of the voltage [V], [V/s]; those of the preset, or of `Limits`.
+    together : bool
+        Whether there is one more run, with attenuation and feedback.
+    noise, seed : float, int
+        Rms of the measurement noise of a model as plant [m], and the seed of it.
+    from_seconds : float, optional
+        Start of the part that is judged [s]; half of the reference by default.
+    plant_settings : sequence of str
+        ``NAME=VALUE`` for a simulated actuator.
+
+    Raises
+    ------
+    CompensationError
+        If the reference is out of reach or unknown, a number is none, or a link cannot be built.
+    """
+    for name, value in {'noise': noise, 'seed': seed, 'from_seconds': from_seconds or 0.0}.items():
+        if not (isinstance(value, Real) and math.isfinite(value) and value >= 0):
+            raise CompensationError(f'{name} must be a number of 0 or more, got {value!r}')
+    waveform_of(reference)  # refused before a plant is started
+    dt = controllers.dt
+    with open_plant(plant, dt, seed, noise=noise, settings=plant_settings) as (driven, about):
+        usual = {'offset': about.get('offset_m', 0.0), 'phase': about.get('phase', 0.0)}
+        waveform = waveform_of(reference, {k: v for k, v in usual.items() if v})
+        _require_sampled(waveform, 1.0 / dt)
+        given = {'low': low, 'high': high, 'slew': slew}
+        known = {'low': 'low_v', 'high': 'high_v', 'slew': 'slew_v_per_s'}
+        limits = Limits(
+            **{
+                name: about.get(known[name], getattr(Limits, name)) if value is None else value
+                for name, value in given.items()
+            }
+        )
+        study = Study(
+            replace(controllers, limits=limits), plant, waveform,
+            0.5 * waveform.duration if from_seconds is None else from_seconds,
+            together, noise, seed, about=about,
+        )  # fmt: skip
+        return study, _runs(study, driven)
+
+
+def waveform_of(reference: str | Waveform, usual: Mapping[str, float] | None = None) -> Waveform:
+    """Return the waveform that ``KIND:setting=value,...`` describes, a waveform as it is.
+
+    Parameters
+    ----------
+    reference : str or Waveform
+        What the user gave.
+    usual : mapping, optional
+        Settings for a described waveform that has them, where the user gave none.
+
+    Raises
+    ------
+    PiezoError
+        If it is malformed, or the kind or a setting is unknown.
+    """
+    if not isinstance(reference, str):
+        if hasattr(reference, 'sample') and hasattr(reference, 'duration'):
+            return reference
+        raise CompensationError(
+            "a reference is text such as 'sine:frequency=23,amplitude=80e-6,duration=4' or a "
+            f'Waveform, not of type {type(reference).__name__}'
+        )
+    kind, _, rest = reference.partition(':')
+    spec: dict[str, Any] = {'kind': kind}
+    for part in filter(None, rest.split(',')):
+        key, equals, value = part.partition('=')
+        if not equals:
+            raise CompensationError(
+                f'the reference says {part!r}; write KIND:setting=value,..., e.g. '
+                'sine:frequency=23,amplitude=120e-6'
+            )
+        spec[key.strip()] = _value(value)
+    for name, default in (usual or {}).items():
+        if has_setting(kind, name):
+            spec.setdefault(name, default)
+    return from_spec(spec)
+
+
+def _value(text: str) -> Any:
+    try:
+        return float(text) if any(c in text for c in '.eE') else int(text)
+    except ValueError:
+        return plain_yaml.load(text.replace(' ', ', ')) if text.startswith('[') else text
+
+
+def _require_sampled(waveform: Waveform, rate: float) -> None:
+    """Refuse a reference that the rate cannot sample, and one without an end."""
+    frequency = float(getattr(waveform, 'frequency', 0.0))
+    if frequency >= 0.5 * rate:
+        raise CompensationError(
+            f'a reference of {frequency:g} Hz cannot be sampled at {rate:g} Hz; lower the '
+            'frequency or raise the rate'
+        )
+    if not math.isfinite(waveform.duration) or waveform.duration * rate > 5e7:
+        raise CompensationError('the reference is too long; give it a duration')
+
+
+class ResettablePlant(Protocol):
+    """A plant that can be put back to rest."""
+
+    def exchange(self, voltage: float) -> float:
+        """Apply `voltage` [V] for one tick; answer the displacement before it acts [m]."""
+
+    def reset(self) -> None:
+        """Go back to rest, with the same noise."""
+
+
+@contextmanager
+def open_plant(
+    plant: ModelFile | str, dt: float, seed: int, *, noise: float, settings: Sequence[str]
+) -> Iterator[tuple[ResettablePlant, Mapping[str, Any]]]:
+    """Open a plant; yield it and what it is known to be, which of a model is nothing.
+
+    Parameters
+    ----------
+    plant : ModelFile or str
+        A model in the place of the actuator, or the name of a preset of the simulator.
+    dt : float
+        Sampling interval [s].
+    seed : int
+        Of the noise.
+    noise : float
+        Its rms for a model [m].
+    settings : sequence of str
+        ``NAME=VALUE`` for a simulated actuator.
+    """
+    if isinstance(plant, ModelFile):
+        yield ModelPlant(plant.model, plant.values, dt, noise=noise, seed=seed), {}
+        return
+    actuator = simulated(plant, 1.0 / dt, seed, settings)
+    try:
+        yield actuator, actuator.about
+    finally:
+        actuator.close()
+
+
+def _runs(study: Study, plant: ResettablePlant) -> list[Run]:
+    dt, model, limits = study.controllers.dt, study.model, study.limits
+    ticks = max(2, round(study.waveform.duration / dt))
+    samples = study.waveform.sample(np.arange(ticks, dtype=np.float64) * dt)
+    Limiter(limits, dt)  # refuses what are none
+    require_reachable(samples.value, model.model, model.values, dt, limits)
+    return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
+
+
+def _run(
+    study: Study, name: str, links: list[Link], samples: Samples, plant: ResettablePlant
+) -> Run:
+    plant.reset()
+    result = closed_loop(samples, links, plant, study.limits, study.controllers.dt)
+    remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
+    remarks += _limited(name, result, study.limits)
+    return Run(name, result, tracking_metrics(result, study.from_seconds), remarks)
+
+
+def _limited(name: str, result: LoopResult, limits: Limits) -> tuple[str, ...]:
+    """Return how much of a run the limiter changed, as a sentence, where it did."""
+    counts = result.counters['limiter']
+    causes = {
+        'slew_limited': f'--slew {limits.slew:g} V/s',
+        'out_of_range': f'the range {limits.low:g} to {limits.high:g} V',
+        'not_finite': 'voltages that were no numbers',
+    }
+    found = [f'{counts[key]} by {cause}' for key, cause in causes.items() if counts[key]]
+    if not found:
+        return ()
+    return (f'{name}: of {result.time.size} samples limited {", ".join(found)}',)
+
+
+def _chains(study: Study) -> list[tuple[str, list[Link]]]:
+    whole = study.controllers
+    inverse = replace(whole, attenuation=None, feedback=None)
+    chains = [('no compensation', [whole.straight()]), ('feedforward', inverse.links())]
+    if whole.attenuation is not None:
+        chains.append(('with attenuation', replace(whole, feedback=None).links()))
+    if whole.feedback is not None:
+        chains.append((f'with {whole.feedback.name}', replace(whole, attenuation=None).links()))
+    if study.together and whole.attenuation is not None and whole.feedback is not None:
+        chains.append(('with both', whole.links()))
+    return chains
