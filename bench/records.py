@@ -1,8 +1,8 @@
 """Bags as whole topics against plain rosbags, message by message.
 
 Both read the same file in this run and must give equal arrays; the ratio of processor times is
-what counts. Then both write the same serialised messages as MCAP, both are asked what a writer
-that is killed leaves, and both read a sqlite3 file with one broken page.
+what counts. Then both write the same serialised messages as MCAP, and both are asked what a writer
+that is killed leaves.
 
     python bench/records.py [--samples 1000000] [--large 5000000]
 """
@@ -14,7 +14,6 @@ import shutil
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -83,11 +82,6 @@ def readable(path: Path) -> int:
     return count
 
 
-def salvaged(path: Path) -> int:
-    """Return how many samples we read of a bag, damaged or not."""
-    return sum(len(record) for record in records.survey([path], salvage=True).records)
-
-
 def states(samples: int) -> list[bytes]:
     """Return that many serialised states."""
     record, ticks = sweep(samples), np.arange(samples)
@@ -119,24 +113,6 @@ def writing(folder: Path, samples: int) -> None:
           f'of its own {readable(folder / "theirs_killed")}')  # fmt: skip
 
 
-def broken_page(folder: Path, samples: int) -> None:
-    """Compare what is read of a sqlite3 file one page of which is broken."""
-    path = folder / 'page'
-    records.write_bag(path, [sweep(samples)], storage='sqlite3')
-    (file,) = path.glob('*.db3')
-    whole, _ = timed(partial(readable, path))
-    own, _ = timed(partial(salvaged, path))
-    data = bytearray(file.read_bytes())
-    data[len(data) // 4096 // 3 * 4096] = 0x77  # no kind of page
-    file.write_bytes(data)
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')
-        left = salvaged(path)
-    print(f'sqlite3, {samples} states, whole: ours {own:.2f} s with a check of every page, '
-          f'rosbags {whole:.2f} s without')  # fmt: skip
-    print(f'one page of it broken: ours reads {left}, rosbags {readable(path)}')
-
-
 def timed(task: Callable[[], Any]) -> tuple[float, Any]:
     """Return the processor time a task took [s], and its result: others may load the machine."""
     start = time.process_time()
@@ -154,24 +130,21 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         records.write_bag(Path(folder) / 'warm', [sweep(100)])
         records.read_bag(Path(folder) / 'warm')  # compiles the walk
-        print('storage   samples   write s   read s   rosbags s   ratio   equal')
-        for storage in ('mcap', 'sqlite3'):
-            for samples in filter(None, (options.samples, options.large)):
-                path = Path(folder) / f'{storage}_{samples}'
-                record = sweep(samples)
-                written, _ = timed(partial(records.write_bag, path, [record], storage=storage))
-                read, (ours,) = timed(partial(records.read_bag, path))
-                line = f'{storage:8} {samples:8d} {written:9.2f} {read:8.2f}'
-                if samples == options.samples:
-                    slow, theirs = timed(partial(plain, path))
-                    same = np.array_equal(ours.voltage, theirs[0]) and np.array_equal(
-                        ours.displacement, theirs[1]
-                    )
-                    equal &= same
-                    line += f' {slow:11.2f} {slow / read:7.1f}   {same}'
-                print(line, flush=True)
+        print(' samples   write s   read s   rosbags s   ratio   equal')
+        for samples in filter(None, (options.samples, options.large)):
+            path = Path(folder) / str(samples)
+            written, _ = timed(partial(records.write_bag, path, [sweep(samples)]))
+            read, (ours,) = timed(partial(records.read_bag, path))
+            line = f'{samples:8d} {written:9.2f} {read:8.2f}'
+            if samples == options.samples:
+                slow, theirs = timed(partial(plain, path))
+                same = np.array_equal(ours.voltage, theirs[0]) and np.array_equal(
+                    ours.displacement, theirs[1]
+                )
+                equal &= same
+                line += f' {slow:11.2f} {slow / read:7.1f}   {same}'
+            print(line, flush=True)
         writing(Path(folder), options.samples)
-        broken_page(Path(folder), min(options.samples, 100_000))
     return 0 if equal else 1
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 import warnings
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 from zlib import crc32
 
 import numpy as np
 import pytest
+from rosbags.convert.converter import convert
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import (
@@ -32,6 +36,17 @@ NAME = '/piezo/actuator/state'
 def make(n: int = 1000, name: str = 'a', **info: Any) -> Record:
     ticks = np.arange(n, dtype=np.float64)
     return Record(name, 1e-3, ticks / 256, 1e-9 * ticks, info=RecordInfo(**info))
+
+
+def write_stored(path: Path, records: Sequence[Record], storage: str) -> None:
+    """Write records as a bag of a storage; sqlite3 as another program makes it of mcap."""
+    if storage == 'mcap':
+        write_bag(path, records)
+        return
+    plain = path.with_name(f'{path.name}_mcap')
+    write_bag(plain, records)
+    convert([plain], path, storage, 9, None, 'none', None, None, (), (), (), ())
+    shutil.rmtree(plain)
 
 
 def raw_bag(path: Any, parts: Any, topic: Any = NAME, *, in_order: bool = False) -> Any:

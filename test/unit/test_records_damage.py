@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from damaged_bags import NAME, STROKE, TICKS, chunk_starts, make, mcap_of, raw_bag, refused
+from damaged_bags import (
+    NAME,
+    STROKE,
+    TICKS,
+    chunk_starts,
+    make,
+    mcap_of,
+    raw_bag,
+    refused,
+    write_stored,
+)
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import (
@@ -204,11 +214,11 @@ def test_no_states_and_no_messages(tmp_path: Path) -> None:
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @pytest.mark.parametrize('part', [0.0, 0.3, 0.9, 0.999])
 def test_truncated_file(tmp_path: Path, storage: str, part: float) -> None:
-    write_bag(tmp_path / 'bag', [make(100_000)], storage=storage)
+    write_stored(tmp_path / 'bag', [make(100_000)], storage)
     (file,) = (path for path in (tmp_path / 'bag').iterdir() if path.suffix != '.yaml')
     data = file.read_bytes()
     file.write_bytes(data[: int(part * len(data))])
-    message = 'is empty' if part == 0 else 'ends early|cut off'
+    message = 'is empty' if part == 0 else 'ends early|cut off|is damaged'
     if storage == 'sqlite3' or part == 0:
         # A cut b-tree may be unreadable as a whole; the refusal must stay clear.
         with pytest.raises(RecordError, match=message):
@@ -227,7 +237,7 @@ def test_truncated_file(tmp_path: Path, storage: str, part: float) -> None:
 def test_missing_metadata(tmp_path: Path) -> None:
     for storage in ('mcap', 'sqlite3'):
         bag = tmp_path / storage
-        write_bag(bag, [make()], storage=storage)
+        write_stored(bag, [make()], storage)
         (bag / 'metadata.yaml').unlink()
         found = refused(bag, 'metadata.yaml is missing; run `ros2 bag reindex`')
         assert [len(record) for record in found.records] == [1000]
@@ -281,32 +291,16 @@ def test_a_flipped_bit_in_a_value(tmp_path: Path) -> None:
     assert sum(damage.lost for damage in found.damage) >= rows
 
 
-def test_a_flipped_bit_in_sqlite(tmp_path: Path) -> None:
-    write_bag(tmp_path / 'bag', [make()], storage='sqlite3')
-    file = tmp_path / 'bag' / 'bag_0.db3'
-    data = bytearray(file.read_bytes())
-    needle = np.float64(500 / 256).tobytes() + np.float64(1e-9 * 500).tobytes()
-    at = bytes(data).index(needle)
-    data[at + 7] ^= 1
-    file.write_bytes(data)
-    refused(tmp_path / 'bag', 'the checksum of its messages is wrong')
-
-
-def test_a_broken_page_of_sqlite_costs_only_what_is_on_it(tmp_path: Path) -> None:
-    write_bag(tmp_path / 'bag', [make(20_000)], storage='sqlite3')
-    file = tmp_path / 'bag' / 'bag_0.db3'
+def test_a_broken_page_of_sqlite_is_refused_with_what_repairs_it(tmp_path: Path) -> None:
+    write_stored(tmp_path / 'bag', [make(20_000)], 'sqlite3')
+    (file,) = (tmp_path / 'bag').glob('*.db3')
     data = bytearray(file.read_bytes())
     needle = np.float64(5000 / 256).tobytes() + np.float64(1e-9 * 5000).tobytes()
     page = bytes(data).index(needle) // 4096 * 4096
     data[page] = 0x77  # no kind of page
     file.write_bytes(data)
-    found = refused(tmp_path / 'bag', 'the database is damaged')
-    assert len(found.records) == 2
-    lost = 20_000 - sum(map(len, found.records))
-    assert 0 < lost < 80
-    for record in found.records:
-        np.testing.assert_array_equal(np.diff(record.voltage), 1 / 256)
-    assert found.records[1].voltage[-1] == 19_999 / 256
+    with pytest.raises(RecordError, match=r'the database is damaged .*sqlite3 FILE \.recover'):
+        read_bag(tmp_path / 'bag')
 
 
 def test_a_broken_index(tmp_path: Path) -> None:
@@ -378,13 +372,13 @@ def test_other_fields_of_fixed_size_are_welcome(tmp_path: Path) -> None:
 
 def test_a_database_that_is_none(tmp_path: Path) -> None:
     (tmp_path / 'a.db3').write_bytes(b'not a database' * 100)
-    with pytest.raises(RecordError, match='not a sqlite3 file'):
+    with pytest.raises(RecordError, match='the database is damaged'):
         read_bag(tmp_path / 'a.db3')
     base = sqlite3.connect(tmp_path / 'b.db3')
     base.execute('CREATE TABLE other(x)')
     base.commit()
     base.close()
-    with pytest.raises(RecordError, match=r'no such (table|column)'):
+    with pytest.raises(RecordError, match='missing tables'):
         read_bag(tmp_path / 'b.db3')
     with pytest.raises(RecordError):
         read_bag(tmp_path / 'b.db3', salvage=True)

@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'displacement_um (or _m, _mm, _nm; force_N); bags are taken too',
     )
     parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
+    parser.add_argument('--storage', default='mcap', help='mcap; sqlite3 is read only')
     parser.add_argument(
         '--actuator', help='its name: given to CSV records, chosen among those of a bag'
     )

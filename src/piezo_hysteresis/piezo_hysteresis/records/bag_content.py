@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 
@@ -21,11 +20,10 @@ from piezo_hysteresis.records.definitions import MARKER, MESSAGES, REFERENCE, ST
 from piezo_hysteresis.records.markers import Marker, decode_markers
 from piezo_hysteresis.records.mcap_reader import McapFile
 from piezo_hysteresis.records.metadata import Metadata, read_metadata
-from piezo_hysteresis.records.sqlite_storage import SqliteFile
+from piezo_hysteresis.records.sqlite_reader import SqliteFile
 from piezo_hysteresis.records.storage import MessageBlock, Storage, Topic
 
 READERS: dict[str, Callable[[Path, DamageLog], Storage]] = {'.mcap': McapFile, '.db3': SqliteFile}
-CHECKSUM_KEY = 'piezo_hysteresis.checksum'
 DROPPED_KEY = 'piezo_hysteresis.dropped'
 STATE_KEY = 'piezo_hysteresis.state'
 RECORDING = 'recording'
@@ -139,17 +137,11 @@ def read_content(path: Path, log: DamageLog) -> BagContent:
     """
     metadata = read_metadata(path, log) if path.is_dir() else None
     content = BagContent(path, metadata=metadata)
-    checksum = 0
     for topics, block in blocks_of(path, log, metadata):
-        if metadata is not None and CHECKSUM_KEY in metadata.custom:
-            checksum = crc32(block.buffer.data, checksum)
         for topic in topics.values():
             content.topics.setdefault(topic.name, TopicContent(topic))
         _collect(content, topics, block, log)
     if metadata is not None:
-        expected = metadata.custom.get(CHECKSUM_KEY, f'{checksum:08x}')
-        if expected != f'{checksum:08x}':
-            log.add(path, 'the checksum of its messages is wrong, some value has changed')
         _compare(content, metadata, log)
     return content
 

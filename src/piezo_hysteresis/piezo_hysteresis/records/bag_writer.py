@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 
@@ -15,7 +13,6 @@ from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
-from piezo_hysteresis.records.bag_content import CHECKSUM_KEY
 from piezo_hysteresis.records.bags import MARKER_NAME, REFERENCE_NAME, STATE_NAME
 from piezo_hysteresis.records.definitions import (
     MARKER,
@@ -26,9 +23,8 @@ from piezo_hysteresis.records.definitions import (
 )
 from piezo_hysteresis.records.mcap_format import MESSAGE, MESSAGE_HEAD
 from piezo_hysteresis.records.mcap_writer import McapWriter
-from piezo_hysteresis.records.metadata import SUFFIXES, FileSummary, Metadata
+from piezo_hysteresis.records.metadata import FileSummary, Metadata
 from piezo_hysteresis.records.record import Record, listed
-from piezo_hysteresis.records.sqlite_storage import SqliteWriter
 from piezo_hysteresis.records.storage import Topic
 
 SECOND = 1_000_000_000
@@ -63,7 +59,7 @@ def write_bag(
     records : Record or sequence of Record
         At least one, with unique names.
     storage : str
-        ``mcap`` or ``sqlite3``.
+        ``mcap``; sqlite3 is read, not written.
     namespace : str
         In front of the topics ``actuator/state``, ``reference`` and ``record/marker``.
 
@@ -78,16 +74,17 @@ def write_bag(
     try:
         with write_atomically(folder) as temporary:
             temporary.mkdir()
-            file = temporary / f'{folder.name}_0{SUFFIXES[storage]}'
-            _fill(temporary, file, records, storage, namespace)
-    except (OSError, sqlite3.Error) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise RecordError(f'{folder}: it cannot be written ({reason})') from None
+            _fill(temporary, temporary / f'{folder.name}_0.mcap', records, namespace)
+    except OSError as error:
+        raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
 
 
 def _check_request(folder: Path, records: Sequence[Record], storage: str) -> None:
-    if storage not in SUFFIXES:
-        raise RecordError(f'storage {storage!r} is not known; use mcap or sqlite3')
+    if storage != 'mcap':
+        raise RecordError(
+            f'{folder}: bags are written as mcap, not {storage!r}; `ros2 bag convert` makes a '
+            'sqlite3 bag of it'
+        )
     if folder.exists():
         raise RecordError(f'{folder} exists already; remove it or choose another name')
     if not records:
@@ -100,10 +97,8 @@ def _check_request(folder: Path, records: Sequence[Record], storage: str) -> Non
         )
 
 
-def _fill(
-    folder: Path, file: Path, records: Sequence[Record], storage: str, namespace: str
-) -> None:
-    writer = McapWriter(file) if storage == 'mcap' else SqliteWriter(file)
+def _fill(folder: Path, file: Path, records: Sequence[Record], namespace: str) -> None:
+    writer = McapWriter(file)
     prefix = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'
     kinds = [(STATE_NAME, STATE), (MARKER_NAME, MARKER)]
     if any(record.reference is not None for record in records):
@@ -111,17 +106,14 @@ def _fill(
     try:
         for name, msgtype in kinds:
             writer.add_topic(Topic(prefix + name, msgtype, *definition_of(msgtype)))
-        checksum = 0
         for batches in _batches(records):
-            payload = _write(writer, batches)
-            checksum = crc32(payload, checksum)
+            _write(writer, batches)
         summary = FileSummary(file.name, writer.first, writer.last, sum(writer.counts))
         topics = {
             topic.name: (topic, count)
             for topic, count in zip(writer.topics, writer.counts, strict=True)
         }
-        custom = {CHECKSUM_KEY: f'{checksum:08x}'} if storage == 'sqlite3' else {}
-        metadata = Metadata(storage, [summary], topics, custom)
+        metadata = Metadata('mcap', [summary], topics)
         writer.close(metadata.text())
     except BaseException:
         writer.abandon()
@@ -129,15 +121,8 @@ def _fill(
     metadata.write(folder)
 
 
-def _write(writer: McapWriter | SqliteWriter, batches: list[MessageBatch]) -> bytes:
-    """Write the batches of one stretch of time; return their payloads one after another."""
-    payload = b''.join(batch.rows.tobytes() for batch in batches)
-    if isinstance(writer, SqliteWriter):
-        for batch in batches:
-            raw, size = batch.rows.tobytes(), batch.rows.itemsize
-            pieces = (raw[k : k + size] for k in range(0, len(raw), size))
-            writer.write(batch.topic, batch.log_time, pieces)
-        return payload
+def _write(writer: McapWriter, batches: list[MessageBatch]) -> None:
+    """Write the batches of one stretch of time as a chunk."""
     # Topics stay together within a chunk: the index keeps the order in time.
     raw, offsets = b'', []
     for batch in batches:
@@ -148,7 +133,6 @@ def _write(writer: McapWriter | SqliteWriter, batches: list[MessageBatch]) -> by
     topic = np.concatenate([np.full(batch.log_time.size, batch.topic) for batch in batches])
     log_time = np.concatenate([batch.log_time for batch in batches])
     writer.write_chunk(raw, topic, log_time, np.concatenate(offsets))
-    return payload
 
 
 def _message_records(batch: MessageBatch) -> bytes:

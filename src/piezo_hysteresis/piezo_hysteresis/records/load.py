@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -183,7 +182,7 @@ def sentences(path: Path) -> Iterator[None]:
             raise RecordError(f'{path}: it is a pipe or a device; save the data as a file')
         yield
     except (OSError, ValueError, KeyError, IndexError, OverflowError, RecursionError, struct.error,
-            sqlite3.Error, MemoryError) as error:  # fmt: skip
+            MemoryError) as error:  # fmt: skip
         # without the path once more
         reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
         raise RecordError(
