@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,13 +23,17 @@ def parts_of(block: Block) -> tuple[Block, ...]:
     """Return the blocks that stand side by side in `block`, itself where it is a single one."""
     if not block.parts:
         return (block,)
+    known: tuple[Block, ...] | None = block.__dict__.get('_single')
+    if known is not None:
+        return known
     single = []
     first = 0
     for part in block.parts:
         last = first + len(part.parameters)
         single.append(replace(part, parameters=block.parameters[first:last]))
         first = last
-    return tuple(single)
+    block.__dict__['_single'] = known = tuple(single)  # as long as the block
+    return known
 
 
 def _together(parts: tuple[Block, ...]) -> Between:
@@ -60,6 +65,7 @@ def side_by_side(*blocks: Block) -> Block:
         )
     counts = np.cumsum([0, *(len(part.parameters) for part in parts)])
 
+    @lru_cache(maxsize=8)
     def sizes(dt: float) -> list[int]:
         return [part.initial_state(dt).size for part in parts]
 

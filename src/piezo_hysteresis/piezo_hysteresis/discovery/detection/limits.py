@@ -46,6 +46,8 @@ APART = 7.0
 _SIMULATIONS = 12
 # How near its size must be to the limit, and two sizes between which a threshold lies.
 _NEAR, _CLOSE = 1.15, 1.05
+# A size this near to the end of its interval hardly narrows it.
+_APART_FROM_ENDS = 1.02
 # Sizes, in starts of the effect, between which a limit is looked for.
 _SMALLEST, _LARGEST = 1e-7, 1e4
 # Step towards the clock, as a share of a tick.
@@ -146,13 +148,14 @@ class Records:
         )
         if self._longer > 1.0:
             evaluator = evaluator.with_data(replace(data, training=views))
-        self._evaluator, self._views, self._start = evaluator, views, start
+        self._evaluator, self._views = evaluator, views
         # a fixed baseline comes judged on views that still hold what it is known to miss
         self._final = judged_on(final, views)
         chance = self._final if residual is None else judged_on(residual, views)
         self._whitening = Whitening(chance.errors, chance.noises)
         self._cache = StageCache(final.model, final.model.pack(final.values), views)
         self._nuisances = self._directions()
+        self._opening = evaluator.opening(self._final, start)
 
     def limits(self) -> tuple[DetectionLimit, ...]:
         """Return the limit of every effect, see `detection_limits`."""
@@ -221,8 +224,12 @@ class Records:
     def _at_limit(self, candidate: Candidate, start: Mapping[str, float]) -> _Signature | None:
         """Return an effect at the size at which it shows, or as large as it can be."""
         scale, hidden, best = 1.0, 0.0, None
+        last: Mapping[str, float] = {}
         for _ in range(_SIMULATIONS):
             found = self._signature(candidate, start, scale)
+            if found is not None and found.values == last:  # as large as its parameters can be
+                break
+            last = {} if found is None else found.values
             factor = np.inf if found is None else self._factor(found)
             if found is not None and factor <= 1.0:
                 best = found
@@ -253,7 +260,8 @@ class Records:
         aim = scale * factor * _NEAR**0.5 if factor < np.inf else 10.0 * scale
         if best is None:
             return aim if aim > hidden else 3.0 * hidden
-        if not hidden < aim < best.scale:
+        low, high = hidden * _APART_FROM_ENDS, best.scale / _APART_FROM_ENDS
+        if not low < aim < high:
             aim = float(np.sqrt(hidden * best.scale)) if hidden > 0.0 else 0.1 * best.scale
         return aim
 
@@ -282,13 +290,7 @@ class Records:
         low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST
         if low > high:
             return np.inf
-        parts = self._whitening.inverse(found.whitened)
-
-        def shows(factor: float) -> bool:
-            return self._evaluator.would_show(
-                self._final, self._start, [factor * part for part in parts]
-            )
-
+        shows = self._opening(self._whitening.inverse(found.whitened))
         low = max(low, _SMALLEST)
         if shows(low):
             return float(low)

@@ -11,7 +11,7 @@ another, and then it costs what a parameter costs; the cheaper counts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 
@@ -28,7 +28,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     takes_no_time,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Opening, Remainder
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
@@ -217,12 +217,19 @@ class HeldEvaluator(Evaluator):
         """Return whether there is news anywhere."""
         return self.shows_news(fit) or self.shows_news_held_out(fit)
 
-    def would_show(
-        self, fit: CandidateFit, start: CandidateFit, changes: Sequence[FloatArray]
-    ) -> bool:
-        """Return whether changes of what a model leaves of its views would be news."""
-        found = zip(_beside(fit, self.expected), fit.errors, changes, strict=True)
-        return any(each.news(each.powers(e) + each.powers(c)) for each, e, c in found)
+    def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
+        """Return which changes of the response of a model would be news."""
+        expected = _beside(fit, self.expected)
+        own = [each.powers(error) for each, error in zip(expected, fit.errors, strict=True)]
+
+        def of(changes: Sequence[FloatArray]) -> Callable[[float], bool]:
+            more = [each.powers(change) for each, change in zip(expected, changes, strict=True)]
+            return lambda factor: any(
+                each.news(power + factor**2 * added)
+                for each, power, added in zip(expected, own, more, strict=True)
+            )
+
+        return of
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is better by more than chance, candidates counted."""

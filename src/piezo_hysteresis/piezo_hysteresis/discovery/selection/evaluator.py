@@ -28,6 +28,9 @@ from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, candidates
 
+Opening = Callable[[Sequence[FloatArray]], Callable[[float], bool]]
+"""``opening(changes)(factor)``: whether changes of every view [m], multiplied, open a search."""
+
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 
@@ -110,13 +113,11 @@ class Evaluator(ABC):
         """Return whether there is something left to look for, `start` being the baseline."""
 
     @abstractmethod
-    def would_show(
-        self, fit: CandidateFit, start: CandidateFit, changes: Sequence[FloatArray]
-    ) -> bool:
-        """Return whether changes of what a model leaves of its views would open a search [m].
+    def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
+        """Return which changes of the response of a model would open a search.
 
-        Changes and errors have nothing to do with each other: their powers add up. The answer is
-        yes where it holds with a probability of 95 % over the noise.
+        Changes and errors are uncorrelated: their powers add up. The answer is yes where it holds
+        with a probability of 95 % over the noise.
         """
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import hypot, sqrt
 
@@ -20,7 +20,7 @@ from piezo_hysteresis.discovery.selection.baseline import (
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Opening, Remainder
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import (
     Improvement,
@@ -123,14 +123,11 @@ class FreeEvaluator(Evaluator):
 
     def shows_a_gap(self, fit: CandidateFit) -> bool:
         """Return whether a model judged on any views leaves more than noise."""
-        pairs = list(zip(fit.errors, fit.noises, strict=True))
-        return rules.shows_a_gap(
-            self.excess(fit),
-            [float(e @ e) / e.size / noise**2 - 1.0 for e, noise in pairs],
-            fit.doubts,
-            self.data.noise.doubt,
-            self.policy,
-        )
+        return self._shows_a_gap(fit, _excesses(fit))
+
+    def _shows_a_gap(self, fit: CandidateFit, excesses: Sequence[float]) -> bool:
+        excess, doubt = _over_all(fit, excesses), self.data.noise.doubt
+        return rules.shows_a_gap(excess, excesses, fit.doubts, doubt, self.policy)
 
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the laws of a model are known to leave."""
@@ -139,20 +136,30 @@ class FreeEvaluator(Evaluator):
 
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether more is left than noise; a trace in one record may be the laws' own."""
-        trace = self.excess(fit) < min(self.negligible, self.discrepancy(fit, start))
-        return self.shows_a_gap(fit) and not trace
+        return self._lacks(fit, _excesses(fit), self._trace(fit, start))
 
-    def would_show(
-        self, fit: CandidateFit, start: CandidateFit, changes: Sequence[FloatArray]
-    ) -> bool:
-        """Return whether changes would be more than noise, also where chance makes noise small."""
-        total = sum(e.size for e in fit.errors)
-        low = 1.0 - _ONE_IN_TWENTY * hypot(self.data.noise.doubt, sqrt(2.0 / total))
-        larger = tuple(
-            np.full(c.size, sqrt(max(low, 0.0) * noise**2 + float(c @ c) / c.size))
-            for c, noise in zip(changes, fit.noises, strict=True)
-        )
-        return self.lacks_something(replace(fit, errors=larger), start)
+    def _lacks(self, fit: CandidateFit, excesses: Sequence[float], trace: float) -> bool:
+        return self._shows_a_gap(fit, excesses) and _over_all(fit, excesses) >= trace
+
+    def _trace(self, fit: CandidateFit, start: CandidateFit) -> float:
+        """Return the excess below which the laws of a model may leave it."""
+        return min(self.negligible, self.discrepancy(fit, start))
+
+    def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
+        """Return which changes would be more than noise, also where chance makes noise small."""
+        low = 1.0 - _ONE_IN_TWENTY * hypot(self.data.noise.doubt, sqrt(2.0 / fit.samples))
+        trace = self._trace(fit, start)
+
+        def of(changes: Sequence[FloatArray]) -> Callable[[float], bool]:
+            squares = [
+                float(c @ c) / c.size / noise**2
+                for c, noise in zip(changes, fit.noises, strict=True)
+            ]
+            return lambda factor: self._lacks(
+                fit, [max(low, 0.0) + factor**2 * square - 1.0 for square in squares], trace
+            )
+
+        return of
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is better by more than chance."""
@@ -205,3 +212,15 @@ class FreeEvaluator(Evaluator):
             if both is not None and not any(map(self.shows_a_gap, judged)):
                 note = explained_together(final, both)
         return Remainder(left and not note, held_out, seen, note)
+
+
+def _excesses(fit: CandidateFit) -> list[float]:
+    """Return the mean square above the noise of each record, in units of it."""
+    pairs = zip(fit.errors, fit.noises, strict=True)
+    return [float(e @ e) / e.size / max(noise, 1e-150) ** 2 - 1.0 for e, noise in pairs]
+
+
+def _over_all(fit: CandidateFit, excesses: Sequence[float]) -> float:
+    """Return the excess over all records, by their samples."""
+    pairs = zip(fit.errors, excesses, strict=True)
+    return sum(error.size * excess for error, excess in pairs) / max(fit.samples, 1)

@@ -303,7 +303,8 @@ class BestFit:
 
     def __init__(self, rows: FloatArray, prior: FloatArray) -> None:
         self._rows, self._prior = np.ascontiguousarray(rows), prior
-        self._gram = gram(self._rows) + np.diag(prior**2)
+        self._gram = gram(self._rows)
+        self._gram[np.diag_indices(len(prior))] += prior**2
 
     def __call__(self, error: FloatArray, pull: FloatArray) -> FloatArray:
         """Return the multiples that explain an error best, shape (q,).
@@ -316,4 +317,6 @@ class BestFit:
             How much of each is in the model already, in multiples.
         """
         target = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
+        if target.size == 1 and self._gram[0, 0] > 0.0:
+            return np.asarray(target / self._gram[0, 0])
         return solve_square(self._gram, target).values

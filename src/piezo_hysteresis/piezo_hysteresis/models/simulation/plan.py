@@ -32,6 +32,8 @@ from piezo_hysteresis.models.simulation.state_space import (
 )
 from piezo_hysteresis.models.simulation.substep_run import PathRun
 
+# Recursions of a linear stage that are kept: records of one fit, and steps of its parameters.
+_REMEMBERED = 32
 # What leaves a held signal held.
 _HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)
 
@@ -185,11 +187,12 @@ class LinearStage:
         return rows
 
     def hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
-        """Return ticks to wait and the recursion, made anew where the parameters are new."""
+        """Return ticks to wait and the recursion, calculated once for the last few parameters."""
         key = (p.tobytes(), dt)
-        known: tuple[object, tuple[int, Hold]] | None = self.__dict__.get('_last')
-        if known is not None and known[0] == key:
-            return known[1]
+        last: dict[object, tuple[int, Hold]] = self.__dict__.setdefault('_last', {})
+        known = last.get(key)
+        if known is not None:
+            return known
         whole, part = delay_of(p[: self.delays], dt, self.ahead)
         systems = [
             part.block.system(p[part.span])
@@ -197,7 +200,8 @@ class LinearStage:
             if part.block.system is not None
         ]
         made = whole, hold_of(in_series(systems), dt, part)
-        self.__dict__['_last'] = (key, made)
+        # of other threads, too: a dictionary that is full begins again
+        self.__dict__['_last'] = {**last, key: made} if len(last) < _REMEMBERED else {key: made}
         return made
 
 
