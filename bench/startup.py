@@ -24,15 +24,12 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from bench.quick import parsed
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
-from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.client import Client
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_interfaces.msg import ActuatorState, Gap, ModelEstimate, Reference, VoltageCommand
@@ -53,17 +50,14 @@ NODES: dict[str, tuple[str, dict[str, Any], type, str]] = {
 WITH_MODEL = ('feedforward', 'control_loop', 'gap_monitor')
 
 
-class Speaker:
+class Speaker(Client):
     """Says one tick after the other to whoever listens, until an answer comes."""
 
     def __init__(self, processes: NodeProcesses, kind: type, topic: str, name: str) -> None:
-        self._context = joined(processes.domain)
-        self._node = Node('speaker', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__('speaker', processes.domain)
         self._answers: list[Any] = []
         qos = LATCHED if kind in (ModelEstimate, Gap) else LOOP
-        self._node.create_subscription(kind, topic, self._answers.append, qos)
+        self.node.create_subscription(kind, topic, self._answers.append, qos)
         inputs: dict[type, tuple[str, Callable[[int], Any]]] = {
             Reference: ('reference', lambda k: Reference(sample=k)),
             VoltageCommand: ('voltage/command', lambda k: VoltageCommand(sample=k)),
@@ -75,12 +69,12 @@ class Speaker:
         if name in ('attenuation', 'feedback'):
             inputs[VoltageCommand] = ('voltage/feedforward', inputs[VoltageCommand][1])
         self._says = [
-            (self._node.create_publisher(kind_, name_, LOOP), make)
+            (self.node.create_publisher(kind_, name_, LOOP), make)
             for kind_, (name_, make) in inputs.items()
             if name_ != topic and name != 'player'
         ]
 
-    def wait(self, timeout: float = 120.0) -> None:
+    def speak(self, timeout: float = 120.0) -> None:
         """Speak until the first answer."""
         end = time.monotonic() + timeout
         tick, spoken = 0, 0.0
@@ -93,13 +87,7 @@ class Speaker:
                 for publisher, make in self._says:
                     publisher.publish(make(tick))
                 tick += 1
-            self._executor.spin_once(timeout_sec=0.001)
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+            self.spin_once(0.001)
 
 
 def measure(name: str, folder: Path) -> tuple[float, float]:
@@ -116,7 +104,7 @@ def measure(name: str, folder: Path) -> tuple[float, float]:
         speaker = Speaker(processes, kind, topic, name)
         start = time.monotonic()
         node = processes.start(package, name, values)
-        speaker.wait()
+        speaker.speak()
         taken = time.monotonic() - start
         fields = Path(f'/proc/{node.pid}/stat').read_text().rsplit(')', 1)[1].split()
         speaker.close()

@@ -7,16 +7,12 @@ import time
 import urllib.request
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
-import rclpy
 from expectations import COMPARISONS, QUANTITIES, Live
 from rcl_interfaces.srv import ListParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
-from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.client import Client
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 
@@ -24,31 +20,16 @@ PATIENCE = 180.0  # s until what is expected has to be heard, on a busy machine
 STRETCH, STRETCHES = 2000, 3  # ticks that a tracking error is the rms of; the worst one counts
 
 
-class Ear:
+class Ear(Client):
     """A node that listens in a domain."""
 
     def __init__(self, domain: int, check: Callable[[], None]) -> None:
-        self._context = joined(domain)
-        self.node = Node('reader', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__('reader', domain)
         self._check = check
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
     def until(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> bool:
         """Serve until `condition` holds or the time is over; say whether it does."""
-        end = time.monotonic() + seconds
-        while not condition():
-            self._check()
-            if time.monotonic() > end:
-                return False
-            self._executor.spin_once(timeout_sec=0.05)
-        return True
+        return self.wait(condition, seconds, self._check)
 
 
 def tracking_rms(ear: Ear) -> Iterator[float]:
@@ -120,7 +101,7 @@ def hear(expected: Live, domain: int, check: Callable[[], None]) -> None:
     if expected.quantity == 'serves':
         _served(expected.value, check)
         return
-    with _ear(domain, check) as ear:
+    with Ear(domain, check) as ear:
         if expected.quantity == 'answers':
             _answered(ear, expected.value)
             return
@@ -135,15 +116,6 @@ def hear(expected: Live, domain: int, check: Callable[[], None]) -> None:
                 break
     shown = ', '.join(f'{each:.4g}' for each in heard[-5:]) or 'nothing'
     raise AssertionError(f'{expected.quantity} was {shown}, not {expected.comparison} {bound:g}')
-
-
-@contextmanager
-def _ear(domain: int, check: Callable[[], None]) -> Iterator[Ear]:
-    ear = Ear(domain, check)
-    try:
-        yield ear
-    finally:
-        ear.close()
 
 
 def _answered(ear: Ear, name: str) -> None:

@@ -7,15 +7,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.client import Client
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_interfaces.msg import ActuatorState, VoltageCommand
@@ -23,7 +20,7 @@ from piezo_interfaces.msg import ActuatorState, VoltageCommand
 Message = TypeVar('Message')
 
 
-class Listener:
+class Listener(Client):
     """Collects messages and calls services of the nodes under test.
 
     Parameters
@@ -33,19 +30,10 @@ class Listener:
     """
 
     def __init__(self, processes: NodeProcesses) -> None:
+        super().__init__('listener', processes.domain)
         self._processes = processes
-        self._context = joined(processes.domain)
-        self.node = Node('listener', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self.heard: dict[str, list[Any]] = {}
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
     def listen(self, kind: type[Message], topic: str, *, latched: bool = False) -> list[Message]:
         """Collect every message of `topic` in the list that is returned, ``heard[topic]``."""
@@ -102,24 +90,18 @@ class Listener:
         ProcessError
             If a node dies meanwhile.
         """
-        end = time.monotonic() + timeout
-        while not condition():
-            self._processes.check()
-            assert time.monotonic() < end, 'the awaited condition did not come true'
-            self._executor.spin_once(timeout_sec=0.05)
+        came = self.wait(condition, timeout, self._processes.check)
+        assert came, 'the awaited condition did not come true'
 
     def wait_briefly(self, condition: Callable[..., Any], seconds: float) -> None:
         """Serve until `condition` holds or the time is over."""
-        end = time.monotonic() + seconds
-        while not condition() and time.monotonic() < end:
-            self._processes.check()
-            self._executor.spin_once(timeout_sec=0.05)
+        self.wait(condition, seconds, self._processes.check)
 
     def serve(self, seconds: float) -> None:
         """Serve for a while; only where nothing is meant to happen."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left)
+            self.spin_once(left)
 
     def matched(self, topic: str, timeout: float = 90.0) -> None:
         """Serve until somebody publishes `topic`."""

@@ -10,19 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, read_bag
-from piezo_hysteresis.ros.middleware import joined
+from piezo_hysteresis.ros.client import Client
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses, ProcessError
 from piezo_hysteresis.ros.qos import LATCHED
-from piezo_hysteresis.ros.running import destroy
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import LoopStatus
 
@@ -70,24 +66,13 @@ class Tracking:
     seconds: float
 
 
-class Observer:
+class Observer(Client):
     """A node in this process that waits, watches and asks, in the domain of the processes."""
 
     def __init__(self, processes: NodeProcesses) -> None:
         self._processes = processes
-        self._context = joined(processes.domain)
-        self.node = Node('observer', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__('observer', processes.domain)
         self._neighbours = Neighbours(self.node, everywhere=True)
-
-    def __enter__(self) -> Observer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        destroy(self.node)
-        rclpy.shutdown(context=self._context)
 
     def until(
         self, condition: Callable[[], bool], what: str, moved: Callable[[], object] = lambda: None
@@ -111,7 +96,9 @@ class Observer:
             awaited.
         """
         still, before = time.monotonic(), object()
-        while not condition():
+
+        def check() -> None:
+            nonlocal still, before
             try:
                 self._processes.check()
             except ProcessError as error:
@@ -123,7 +110,8 @@ class Observer:
                 raise PiezoError(
                     f'{what} did not come: nothing has moved for {STILL:g} s; see the node logs'
                 )
-            self._executor.spin_once(timeout_sec=0.05)
+
+        self.wait(condition, check=check)
 
     def _starting(self) -> object:
         """Return what changes while nodes start: who is ready, works or uses the processor."""

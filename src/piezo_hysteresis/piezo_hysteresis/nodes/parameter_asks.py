@@ -6,19 +6,16 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import rclpy
 import yaml
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import counted, near, reason_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.ros.middleware import prepare
+from piezo_hysteresis.ros.client import Client
 
 # So long nobody new must come before those who are there are all [s].
 QUIET = 0.5
@@ -28,7 +25,7 @@ ALONE = 4.0
 AGAIN = 1.0
 
 
-class Asks:
+class Asks(Client):
     """Asks for the life of a `with` block.
 
     Parameters
@@ -38,23 +35,8 @@ class Asks:
     """
 
     def __init__(self, timeout: float) -> None:
+        super().__init__('_param')
         self._timeout = timeout
-        prepare()
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context)
-        self._node = Node(
-            '_param', context=self._context, enable_rosout=False, start_parameter_services=False
-        )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-
-    def __enter__(self) -> Asks:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
     def listed(self, node: str = '') -> list[str]:
         """Return the nodes, or parameters of one with their values.
@@ -151,23 +133,20 @@ class Asks:
         names: list[str] = []
         changed = time.monotonic()
         while time.monotonic() - changed < (QUIET if names else ALONE):
-            self._executor.spin_once(timeout_sec=0.05)
-            found = self._node.get_node_names_and_namespaces()
+            self.spin_once()
+            found = self.node.get_node_names_and_namespaces()
             seen = sorted(f'{s.rstrip("/")}/{n}' for n, s in found if not n.startswith('_'))
             if seen != names:
                 names, changed = seen, time.monotonic()
         return names or ['no node is running in this domain']
 
     def _client(self, node: str) -> AsyncParameterClient:
-        client = AsyncParameterClient(self._node, node)
-        end = time.monotonic() + self._timeout
-        while not client.services_are_ready():
-            self._executor.spin_once(timeout_sec=0.05)
-            if time.monotonic() > end:
-                known = self._nodes()
-                raise PiezoError(
-                    f'there is no node {node}{near(node, known)}; running: {", ".join(known)}'
-                )
+        client = AsyncParameterClient(self.node, node)
+        if not self.wait(client.services_are_ready, self._timeout):
+            known = self._nodes()
+            raise PiezoError(
+                f'there is no node {node}{near(node, known)}; running: {", ".join(known)}'
+            )
         return client
 
     def _answer(self, ask: Callable[[], Any], node: str) -> Any:
@@ -176,11 +155,14 @@ class Asks:
         asked: list[Any] = []
         while (left := end - time.monotonic()) > 0.0:
             asked.append(ask())
-            self._executor.spin_until_future_complete(asked[-1], timeout_sec=min(AGAIN, left))
-            for future in asked:
-                if future.done() and future.result() is not None:
-                    return future.result()
+            self.wait(lambda: any(map(_answered, asked)), min(AGAIN, left))
+            for future in filter(_answered, asked):
+                return future.result()
         raise PiezoError(f'{node} did not answer within {self._timeout:g} s')
+
+
+def _answered(future: Any) -> bool:
+    return future.done() and future.result() is not None
 
 
 def _meant(text: str) -> Any:

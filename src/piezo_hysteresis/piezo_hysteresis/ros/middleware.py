@@ -27,9 +27,9 @@ def prepare() -> None:
     os.environ.setdefault(PROFILES, profiles())
 
 
-def joined(domain: int) -> Context:
+def joined(domain: int | None = None) -> Context:
     """Return a context of its own in a domain, for nodes beside those of the process."""
     prepare()
     context = Context()
-    rclpy.init(context=context, domain_id=domain)
+    rclpy.init(args=[], context=context, domain_id=domain)
     return context

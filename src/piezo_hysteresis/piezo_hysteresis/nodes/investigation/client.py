@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from math import inf
 from typing import Any
 
-import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
-from piezo_hysteresis.ros.middleware import prepare
-from piezo_hysteresis.ros.running import destroy
+from piezo_hysteresis.ros.client import Client
 from piezo_interfaces.action import Investigate
 
 # For a discovery node to be found, and to come back after a restart [s].
@@ -28,7 +23,7 @@ class _Gone(Exception):
     """The discovery node has gone."""
 
 
-class Asking:
+class Asking(Client):
     """Asks for the life of a `with` block.
 
     Parameters
@@ -38,28 +33,9 @@ class Asking:
     """
 
     def __init__(self, namespace: str = '') -> None:
-        prepare()
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context)
-        self._node = Node(
-            '_investigate',
-            namespace=namespace,
-            context=self._context,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._client = ActionClient(self._node, Investigate, 'investigate')
-        self._watch = ActionWatch(self._node, self._client, 'investigate')
-
-    def __enter__(self) -> Asking:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        destroy(self._node)
-        rclpy.shutdown(context=self._context)
+        super().__init__('_investigate', namespace=namespace)
+        self._client = ActionClient(self.node, Investigate, 'investigate')
+        self._watch = ActionWatch(self.node, self._client, 'investigate')
 
     def investigate(
         self, goal: Investigate.Goal, on_feedback: Callable[[Investigate.Feedback], None]
@@ -75,7 +51,7 @@ class Asking:
         """
         patience = FOUND_WITHIN
         while True:
-            if not self._until(self._client.server_is_ready, patience):
+            if not self.wait(self._client.server_is_ready, patience):
                 raise PiezoError(
                     'no discovery node is running: start it, and say the same words again'
                 )
@@ -111,18 +87,12 @@ class Asking:
             raise PiezoError('the discovery node has gone: see that the actuator rests') from None
 
     def _follow(self, future: Any, patience: float = inf) -> None:
-        end = time.monotonic() + patience
-        while not future.done():
-            self._executor.spin_once(timeout_sec=0.05)
-            late = time.monotonic() > end
-            if (late or self._watch.lost) and not future.done():
+        def here() -> None:
+            if self._watch.lost and not future.done():
                 raise _Gone
 
-    def _until(self, condition: Callable[[], bool], patience: float) -> bool:
-        end = time.monotonic() + patience
-        while not condition() and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
-        return condition()
+        if not self.wait(future.done, patience, here):
+            raise _Gone
 
 
 def goal_of(**fields: Any) -> Investigate.Goal:
