@@ -58,7 +58,7 @@ class Bench:
             'simulator': world,
             'gap_monitor': model,
             'feedforward': model,
-            'excitation': {'actuator': PRESET},
+            'excitation': {'actuator': PRESET, 'folder': str(self.folder)},
             'discovery': {'folder': str(self.folder), **model},
         }
         return self.processes.start(package_of(name), name, settings[name])

@@ -44,7 +44,7 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
 def start_all(processes: NodeProcesses, listener: Listener, folder: Path) -> NodeProcess:
     drive = {
         'frequency': 5.0, 'voltage.amplitude': 0.5, 'ramp': 0.1,
-        'deadline': 120.0,
+        'deadline': 120.0, 'folder': str(folder),
     }  # fmt: skip
     dashboard = processes.start(
         'piezo_hysteresis', 'dashboard', {'port': 0, 'folder': str(folder)}
@@ -140,8 +140,9 @@ def test_the_page_over_live_processes(
         lambda: listener.get_parameter(f'/{SPACE}/simulator', 'effects.resonance') is True
     )
     run_sweep(browser, 'first', seconds='1')
-    browser.until("model('sweep.words').text.includes('recorded as first')", 120.0)
-    assert words(browser, 'sweep.words').count(f'<td>/{SPACE}/dashboard_recorder</td>') == 6
+    bag = tmp_path / 'sweeps' / 'first'
+    browser.until(f"model('sweep.words').text.includes('6 records in {bag}')", 120.0)
+    assert words(browser, 'sweep.words').count('sine_') == 6
     browser.until("model('discovery.data').value.includes('first')")
     browser.click('discovery.start')
     browser.until("model('discovery.bar').visible")

@@ -113,7 +113,7 @@ def test_nothing_is_left_of_a_demo_that_ends_early(
         env={**os.environ, 'COLUMNS': '200'},
     )
     try:
-        until(lambda: len(children(demo.pid)) >= 3 and all(map(joined, children(demo.pid))))
+        until(lambda: len(children(demo.pid)) >= 2 and all(map(joined, children(demo.pid))))
         started = children(demo.pid)
         simulator = next(pid for pid, line in started.items() if '/simulator ' in line)
         os.kill(simulator if victim == 'simulator' else demo.pid, number)

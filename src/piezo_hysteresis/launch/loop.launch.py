@@ -76,7 +76,7 @@ def _nodes(context):
     }
     parameters = {
         'simulator': [scenario, simulator],
-        'excitation': [scenario, {'actuator': values['preset']}],
+        'excitation': [scenario, {'actuator': values['preset'], **page}],
         'feedforward': [scenario, model],
         'attenuation': [scenario, _plant_of(values['model_file'])],
         'feedback': [scenario, _plant_of(values['model_file'])],

@@ -176,6 +176,7 @@ class RunSweep:
         pause: float
         waveform: str
         options: str
+        bag: str
         def __init__(
             self,
             *,
@@ -186,6 +187,7 @@ class RunSweep:
             pause: float = ...,
             waveform: str = ...,
             options: str = ...,
+            bag: str = ...,
         ) -> None: ...
 
     class Result:
@@ -197,10 +199,7 @@ class RunSweep:
         def names(self) -> Sequence[str]: ...
         @names.setter
         def names(self, value: list[str] | tuple[str, ...]) -> None: ...
-        @property
-        def recorded_by(self) -> Sequence[str]: ...
-        @recorded_by.setter
-        def recorded_by(self, value: list[str] | tuple[str, ...]) -> None: ...
+        bag: str
         def __init__(
             self,
             *,
@@ -209,7 +208,7 @@ class RunSweep:
             samples: int = ...,
             message: str = ...,
             names: list[str] | tuple[str, ...] = ...,
-            recorded_by: list[str] | tuple[str, ...] = ...,
+            bag: str = ...,
         ) -> None: ...
 
     class Feedback:

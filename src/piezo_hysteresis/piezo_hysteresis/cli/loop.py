@@ -87,7 +87,7 @@ def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, obje
         'dashboard': {'folder': arguments.folder, 'port': arguments.port},
         'excitation': {
             'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,
-            'reference.amplitude': 1e-6 * arguments.amplitude,
+            'reference.amplitude': 1e-6 * arguments.amplitude, 'folder': arguments.folder,
         },
     }  # fmt: skip
 

@@ -143,8 +143,8 @@ class BackgroundJob:
         Of a discovery: held-out gap in multiples of the noise floor.
     report : str
         Path of the report below the folder that is served, '' where there is none.
-    records : tuple of (str, str)
-        Of a sweep: its records, and who recorded each.
+    records : tuple of str
+        Of a sweep: its records.
     since : float
         When it was started [s, monotonic], NaN where that is not known.
     """
@@ -156,7 +156,7 @@ class BackgroundJob:
     before: float = float('nan')
     after: float = float('nan')
     report: str = ''
-    records: tuple[tuple[str, str], ...] = ()
+    records: tuple[str, ...] = ()
     since: float = float('nan')
 
     @property

@@ -13,7 +13,7 @@ UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is
 CORRECTED = 0.1  # tracking error, in parts of the gap, below which a correction takes it off
 #: Nodes that watch the loop and are not part of it: what they report does not change its light.
 WATCHERS = {
-    'gap_monitor', 'identification', 'discovery', 'observer', 'recorder', 'dashboard_recorder',
+    'gap_monitor', 'identification', 'discovery', 'observer', 'recorder', 'dashboard_listener',
     'player',
 }  # fmt: skip
 MUTE = 5.0  # a node that has not said how it is for so long does not count as fine [s]

@@ -170,8 +170,7 @@ def job_words(job: BackgroundJob) -> str:
             )
         )
     if job.records:
-        rows = [(name, by or 'no recorder') for name, by in job.records]
-        parts.append(_table(('record', 'recorded by'), rows))
+        parts.append(f'<p>{", ".join(map(escape, job.records))}</p>')
     if math.isfinite(job.before):
         parts.append(
             f'<p>Held-out gap <b>{job.before:.3g}</b> noise floors before, '

@@ -25,6 +25,8 @@ from piezo_hysteresis.drivers.worker import (
     SweepOutcome,
     SweepProgress,
 )
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.paths import new_inside
 from piezo_hysteresis.parameters.node_tables import GCS_DRIVER
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
@@ -105,7 +107,10 @@ class GcsDriver(Node):
         if self._is_busy:
             reason = 'another one is running; cancel it first'
         else:
-            reason = self._thread.check(self._order(goal, self._folder))
+            try:
+                reason = self._thread.check(self._order(goal, self._bag_of(goal)))
+            except PiezoError as error:
+                reason = str(error)
         if reason:
             self.get_logger().error(f'sweep refused: {reason}')
             self._counts['sweeps_refused'] += 1
@@ -128,7 +133,7 @@ class GcsDriver(Node):
         )
 
     async def _execute(self, goal: Any) -> RunSweep.Result:
-        done, bag = Future(), self._new_bag()
+        done, bag = Future(), self._bag_of(goal.request)
         self._counts['sweeps'] += 1
         running = self._thread.run(
             self._order(goal.request, bag), self._teller(goal), lambda: goal.is_cancel_requested
@@ -157,7 +162,16 @@ class GcsDriver(Node):
 
         return tell
 
-    def _new_bag(self) -> Path:
+    def _bag_of(self, goal: RunSweep.Goal) -> Path:
+        """Return the bag of a goal, a new one where it names none.
+
+        Raises
+        ------
+        PiezoError
+            If it is outside the folder of the node, or there already.
+        """
+        if goal.bag:
+            return new_inside(str(self._folder), goal.bag)
         taken = len(list(self._folder.glob('sweep_*'))) if self._folder.is_dir() else 0
         while (bag := self._folder / f'sweep_{taken + 1:04}').exists():
             taken += 1
@@ -168,7 +182,7 @@ class GcsDriver(Node):
         count = len(outcome.records)
         result.records, result.names = count, [record.name for record in outcome.records]
         result.samples = sum(len(record) for record in outcome.records)
-        result.recorded_by = [self.get_fully_qualified_name()] * count
+        result.bag = str(bag) if count else ''
         kept = f'{count} records at {outcome.rate:g} Hz in {bag}' if count else 'no record'
         if outcome.reason:
             goal.abort()

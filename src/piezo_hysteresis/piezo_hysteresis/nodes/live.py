@@ -136,8 +136,8 @@ class Observer(Client):
             ready = functools.partial(self._neighbours.is_ready, name)
             self.until(ready, f'the start of the {name}')
 
-    def sweep(self, order: LiveSweep, progress: Progress) -> None:
-        """Let the excitation run a sweep.
+    def sweep(self, order: LiveSweep, bag: Path, progress: Progress) -> None:
+        """Let the excitation run a sweep and record it.
 
         Raises
         ------
@@ -151,6 +151,7 @@ class Observer(Client):
             amplitudes=[float(a) for a in order.amplitudes],
             seconds=order.seconds,
             warm_up=order.warm_up,
+            bag=str(bag.resolve()),
         )
         at = [0.0]
 
@@ -182,17 +183,21 @@ class Observer(Client):
         return lambda: written[0]
 
 
-def _start_recorder(processes: NodeProcesses, bag: Path) -> NodeProcess:
+def _make_room(bag: Path) -> None:
     if bag.exists():
         shutil.rmtree(bag)
     bag.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _start_recorder(processes: NodeProcesses, bag: Path) -> NodeProcess:
+    _make_room(bag)
     return processes.start('piezo_hysteresis', 'recorder', {'out': str(bag)})
 
 
-def _wait_for_recorder(observer: Observer, count: int) -> None:
+def _wait_for_recorder(observer: Observer) -> None:
     def recorded() -> bool:
         infos = observer.node.get_subscriptions_info_by_topic
-        listed = (topics.STATE, topics.REFERENCE, topics.MARKER)[:count]
+        listed = (topics.STATE, topics.REFERENCE, topics.MARKER)
         return all(any(i.node_name == 'recorder' for i in infos(f'/{topic}')) for topic in listed)
 
     observer.until(recorded, 'the start of the recorder')
@@ -226,16 +231,14 @@ def record_sweep(
     PiezoError
         If a process dies or the sweep fails.
     """
+    _make_room(bag)
     with NodeProcesses() as processes, Observer(processes) as observer:
-        settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 2, **(simulator or {})}
+        settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 1, **(simulator or {})}
         processes.start('piezo_sim', 'simulator', settings)
-        processes.start('piezo_hysteresis', 'excitation', {'actuator': preset})
-        recorder = _start_recorder(processes, bag)
-        _wait_for_recorder(observer, 3)
+        excitation = {'actuator': preset, 'folder': str(bag.resolve().parent)}
+        processes.start('piezo_hysteresis', 'excitation', excitation)
         observer.until_ready('simulator', 'excitation')
-        observer.sweep(order, progress)
-        time.sleep(0.3)  # what is still on its way to the recorder
-        recorder.stop()
+        observer.sweep(order, bag, progress)
     return read_bag(bag)
 
 
@@ -272,7 +275,7 @@ def track(
         processes.start('piezo_hysteresis', 'feedforward', dict(feedforward))
         processes.start('piezo_hysteresis', 'attenuation', dict(attenuation))
         recorder = _start_recorder(processes, bag)
-        _wait_for_recorder(observer, 3)
+        _wait_for_recorder(observer)
         observer.until_ready('simulator', 'feedforward', 'attenuation')
         written = observer.watch_recorder()
         excitation = processes.start(

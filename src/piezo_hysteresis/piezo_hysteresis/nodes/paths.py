@@ -24,6 +24,20 @@ def inside(folder: str, path: str) -> Path:
     return target
 
 
+def new_inside(folder: str, path: str) -> Path:
+    """Return `path` inside `folder` where nothing is yet.
+
+    Raises
+    ------
+    PiezoError
+        If it leads out of the folder, or is there.
+    """
+    target = inside(folder, path)
+    if target.exists():
+        raise PiezoError(f'{target} exists already; give another name')
+    return target
+
+
 def requested_model(request: LoadModel.Request, folder: str) -> ModelFile:
     """Return the model that `request` carries as text, or names by a path inside `folder`.
 

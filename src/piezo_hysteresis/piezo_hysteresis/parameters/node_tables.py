@@ -70,6 +70,7 @@ EXCITATION = ParameterTable(
             low=0,
             high=99,
         ),
+        ParameterSpec('folder', RESULTS, 'Folder in which sweeps are recorded.', read_only=True),
         ParameterSpec('exit_when_done', False, 'End the process when the experiment ends.'),
         ParameterSpec(
             'deadline',

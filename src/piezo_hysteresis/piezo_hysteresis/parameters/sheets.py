@@ -29,10 +29,9 @@ _ALL = (
     NodeSheet(
         'excitation',
         'Publishes the reference (or open-loop voltage) of tick k + 1 after the state of tick '
-        'k, and runs sweeps, one record per frequency and amplitude. It finds the recorders '
-        'automatically. A record starts when each recorder has confirmed its marker, is valid '
-        'when each has all samples, and is repeated otherwise. Voltages beyond the range in '
-        '`loop/status` are refused before the first sample.',
+        'k, and runs sweeps, one record per frequency and amplitude. It records a sweep that '
+        'names a bag; a record of which a state was lost is run again. Voltages beyond the range '
+        'in `loop/status` are refused before the first sample.',
         node_tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         publishes=(
@@ -112,12 +111,11 @@ _ALL = (
     NodeSheet(
         'discovery',
         'Finds effects that a model lacks: in recorded data, as the verb `discover`, or on '
-        'the running actuator, as `investigate`, with experiments that it selects, starts and '
-        'records. While it records it subscribes to `actuator/state` and `record/marker`, and '
-        'its status contains the number of recorded samples.',
+        'the running actuator, as `investigate`, with experiments that it selects and starts; '
+        'the excitation records them. It subscribes to `actuator/state` during experiments.',
         node_tables.DISCOVERY,
         subscribes=(topics.LOOP_STATUS,),
-        publishes=('~/status', '/diagnostics'),
+        publishes=('/diagnostics',),
         actions=('discover', 'investigate'),
     ),
     NodeSheet(
@@ -133,7 +131,7 @@ _ALL = (
     NodeSheet(
         'dashboard',
         'Serves the live page: see [dashboard.md](dashboard.md). It subscribes to the topics '
-        'of every displayed actuator through nodes `dashboard_recorder`, and is a client of '
+        'of every displayed actuator through nodes `dashboard_listener`, and is a client of '
         'the parameters and actions of the other nodes.',
         node_tables.DASHBOARD,
         publishes=('/diagnostics',),
@@ -142,8 +140,8 @@ _ALL = (
     NodeSheet(
         'recorder',
         'Writes topics into a rosbag2 bag that is readable at any time, even after a kill. '
-        'Its status contains the number of recorded samples, so that an excitation or a '
-        'player can wait for it.',
+        'Its status contains the number of recorded samples, so that a player can wait for '
+        'it.',
         node_tables.RECORDER,
         subscribes=(topics.STATE, topics.REFERENCE, topics.MARKER),
         publishes=('~/status', '/diagnostics'),

@@ -28,7 +28,6 @@ from piezo_hysteresis.nodes.dashboard.investigation_job import InvestigationJob
 from piezo_hysteresis.nodes.dashboard.jobs import Jobs
 from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
 from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
-from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
 from piezo_hysteresis.parameters.dashboard_table import DASHBOARD, configure
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
@@ -43,14 +42,14 @@ STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
 
 
 class ActuatorSession:
-    """Topics, nodes, jobs and recorder of one actuator."""
+    """Topics, nodes and jobs of one actuator."""
 
-    def __init__(self, node: Node, live: Live, folder: Path, later: Later) -> None:
+    def __init__(self, node: Node, live: Live, folder: Path) -> None:
         self.live = live
-        self._node = silent_node(node, 'dashboard_recorder', live.actuator)
+        self._node = silent_node(node, 'dashboard_listener', live.actuator)
         self.ear = TopicCollector(self._node, live)
         self.directory = NodeRegistry(node, live)
-        self.jobs = Jobs(node, live, self.ear, RecorderReport(self._node), folder, later)
+        self.jobs = Jobs(node, live, folder)
         self.investigation = InvestigationJob(node, live, folder)
 
     def watch(self) -> None:
@@ -60,8 +59,7 @@ class ActuatorSession:
         self.investigation.watch()
 
     def close(self) -> None:
-        """Finish what is being recorded."""
-        self.jobs.close()
+        """Hear nothing more."""
         self._node.destroy_node()
 
 
@@ -75,9 +73,6 @@ def silent_node(node: Node, name: str, namespace: str = '') -> Node:
         enable_rosout=False,
         use_global_arguments=False,
     )
-
-
-Later = Callable[[float, Callable[[], None]], None]
 
 
 class Dashboard(Node):
@@ -144,7 +139,6 @@ class Dashboard(Node):
         self._common.poll()
         for desk in self._desks.values():
             desk.ear.poll()
-            desk.jobs.confirm()
 
     def _health(self) -> Health:
         findings = self._watch.findings({'lags': self._lags})
@@ -205,7 +199,7 @@ class Dashboard(Node):
             desk.directory.follow(name, event)
 
     def _open(self, live: Live) -> None:
-        self._desks[live.actuator] = ActuatorSession(self, live, self._folder, self._later)
+        self._desks[live.actuator] = ActuatorSession(self, live, self._folder)
         self._look()
 
     # --- from the threads of the page ----------------------------------------------------------

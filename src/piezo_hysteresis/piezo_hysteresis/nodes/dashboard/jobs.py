@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,36 +12,13 @@ from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from piezo_hysteresis.common import topics
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
-from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.dashboard.topic_collector import TopicCollector
-from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
-from piezo_hysteresis.nodes.recording.recorder_report import RecorderReport
-from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
-from piezo_hysteresis.records.recorder import Recorder
-from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import Discover, Investigate, RunSweep
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
-FINAL_STATUS_TIMEOUTS = 0.4  # what is still on its way when a sweep ends [s]
 EXPLAINED = 2.0  # within which a node that refuses says why in its log [s]
 GONE = 5.0  # without the node a job is lost [s]
-
-RECORDED = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
-
-
-def _keep(
-    write: Callable[[bytes, int], bool],
-    count: Callable[[bytes, bool], None] | None,
-    payload: bytes,
-    log_time: int,
-) -> None:
-    """Record one message, and count it where it is counted."""
-    kept = write(payload, log_time)
-    if count is not None:
-        count(payload, kept)
 
 
 class ActionJob:
@@ -79,7 +54,6 @@ class ActionJob:
         self._missed_since = math.inf
         self._asked = 0.0
         self._unexplained = False
-        self.on_end: Callable[[bool], None] = lambda accepted: None
         self.on_result: Callable[[Any], BackgroundJob] = lambda result: BackgroundJob(
             'done', 1.0, result.message
         )
@@ -112,7 +86,7 @@ class ActionJob:
         handle = future.result()
         if not handle.accepted:
             self._unexplained = True
-            self.fail(f'{self._server} refused; its log says why', accepted=False)
+            self.fail(f'{self._server} refused; its log says why')
             self._explain()
             return
         self._handle = handle
@@ -125,12 +99,10 @@ class ActionJob:
         result = future.result().result
         why = result.message or f'{self._server} failed; its log says why'
         job = self.on_result(result) if result.success else BackgroundJob('failed', 1.0, why)
-        self.on_end(getattr(result, 'samples', 1) > 0)  # else nothing was recorded
         self.write(job)
 
-    def fail(self, reason: str, accepted: bool = True) -> None:
+    def fail(self, reason: str) -> None:
         """End the job with a reason."""
-        self.on_end(accepted)
         self.write(BackgroundJob('failed', 0.0, reason))
 
     def cancel(self) -> None:
@@ -178,34 +150,18 @@ class Jobs:
         Asks.
     live : Live
         Of which actuator.
-    ear : TopicCollector
-        Hears what is recorded.
-    report : RecorderReport
-        Tells the excitation what has been.
     folder : Path
-        Where bags and reports go.
-    later : callable
-        Runs something after so many seconds.
+        Where bags and reports go; that of the excitation holds it.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        live: Live,
-        ear: TopicCollector,
-        report: RecorderReport,
-        folder: Path,
-        later: Callable[[float, Callable[[], None]], None],
-    ) -> None:
-        self._live, self._ear, self._folder, self._later = live, ear, folder, later
-        self._report = report
-        self._recorder: Recorder | None = None
+    def __init__(self, node: Node, live: Live, folder: Path) -> None:
+        self._live, self._folder = live, folder
+        self._recorded = ''
         self.sweep = ActionJob(
             node, live, RunSweep, 'run_sweep', 'excitation',
             lambda: live.sweep, lambda job: setattr(live, 'sweep', job),
         )  # fmt: skip
-        self.sweep.on_end = self._end_recording
-        self.sweep.on_result = self._swept
+        self.sweep.on_result = _swept
         self.discovery = ActionJob(
             node, live, Discover, 'discover', 'discovery',
             lambda: live.discovery, lambda job: setattr(live, 'discovery', job),
@@ -222,64 +178,21 @@ class Jobs:
     # --- sweep ---------------------------------------------------------------------------------
 
     def run_sweep(self, order: SweepOrder) -> None:
-        """Record and run a sweep."""
-        try:
-            self._record(self._folder / SWEEPS / order.name)
-        except PiezoError as error:
-            self._live.sweep = BackgroundJob('failed', 0.0, str(error))
+        """Let the excitation run a sweep and record it."""
+        if self._live.sweep.phase == 'running':
+            reason = 'another sweep is being recorded; wait for it or cancel it'
+            self._live.sweep = BackgroundJob('failed', 0.0, reason)
             return
+        self._recorded = order.name
         goal = RunSweep.Goal(
             frequencies=list(order.frequencies),
             amplitudes=list(order.amplitudes),
             seconds=order.seconds,
             warm_up=order.warm_up,
             pause=order.pause,
+            bag=str(self._folder.resolve() / SWEEPS / order.name),
         )
         self.sweep.send(goal, _swept_so_far)
-
-    def _record(self, bag: Path) -> None:
-        if self._recorder is not None:
-            raise PiezoError('another sweep is being recorded; wait for it or cancel it')
-        recorder = Recorder(bag)
-        counted = {topics.STATE: self._report.on_state, topics.MARKER: self._report.on_marker}
-        for short, kind in RECORDED.items():
-            definition, type_hash = definition_of(kind)
-            number = recorder.add_topic(
-                self._ear.topic(short), kind, definition=definition, type_hash=type_hash,
-                qos=offered_as_yaml(LOOP),
-            )  # fmt: skip
-            sink = partial(_keep, partial(recorder.write, number), counted.get(short))
-            self._ear.channels[short].sinks.append(sink)
-        self._recorder = recorder
-        self._report.begin(recorder)
-
-    def confirm(self) -> None:
-        """Tell the excitation what has been recorded since the last word."""
-        self._report.tell_news()
-
-    def _end_recording(self, accepted: bool) -> None:
-        if self._recorder is None:
-            return
-        if accepted:
-            self._later(FINAL_STATUS_TIMEOUTS, self._close)
-        else:
-            bag = self._recorder.path
-            self._close()
-            shutil.rmtree(bag, ignore_errors=True)  # of a sweep that never ran
-
-    def _close(self) -> None:
-        recorder, self._recorder = self._recorder, None
-        if recorder is not None:
-            for short in RECORDED:
-                self._ear.channels[short].sinks.clear()
-            self._report.end()
-            recorder.close()
-
-    def _swept(self, result: RunSweep.Result) -> BackgroundJob:
-        assert self._recorder is not None
-        text = f'{result.message}, recorded as {self._recorder.path.name}'
-        records = tuple(zip(result.names, result.recorded_by, strict=False))
-        return BackgroundJob('done', 1.0, text, records=records)
 
     # --- discovery -----------------------------------------------------------------------------
 
@@ -297,13 +210,13 @@ class Jobs:
     def bags(self) -> list[str]:
         """Return the recorded bags, the newest first, without the one being written."""
         folder = self._folder / SWEEPS
-        busy = self._recorder.path.name if self._recorder else ''
+        busy = self._recorded if self._live.sweep.busy else ''
         found = [p for p in folder.glob('*/') if (p / 'metadata.yaml').exists() and p.name != busy]
         return [p.name for p in sorted(found, key=lambda p: -p.stat().st_mtime)]
 
-    def close(self) -> None:
-        """Finish a recording that is under way."""
-        self._close()
+
+def _swept(result: RunSweep.Result) -> BackgroundJob:
+    return BackgroundJob('done', 1.0, result.message, records=tuple(result.names))
 
 
 def _swept_so_far(feedback: RunSweep.Feedback) -> str:

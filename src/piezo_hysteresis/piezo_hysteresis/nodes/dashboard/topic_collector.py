@@ -6,7 +6,6 @@ are therefore in no executor: they are emptied some 30 times a second.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
@@ -23,7 +22,6 @@ from piezo_hysteresis.dashboard.live_state import Counters, Gap, Live, LogLine, 
 from piezo_hysteresis.ros.diagnostics import state_of
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.readiness import WORKS
-from piezo_hysteresis.runtime.consumer_progress import PLACES
 from piezo_interfaces.msg import (
     ActuatorState,
     LoopStatus,
@@ -34,7 +32,6 @@ from piezo_interfaces.msg import (
 from piezo_interfaces.msg import Gap as GapMessage
 
 Message = TypeVar('Message')
-Sink = Callable[[bytes, int], object]
 
 # Nodes whose ~/status is shown.
 COUNTING = ('feedforward', 'attenuation', 'feedback', 'identification', 'recorder')
@@ -43,7 +40,7 @@ MOST = 20000  # messages of one topic at a time
 
 
 class Channel(Generic[Message]):
-    """One topic: takes what has come, hands it on raw and decoded."""
+    """One topic: takes what has come, hands it on decoded."""
 
     def __init__(
         self,
@@ -55,7 +52,6 @@ class Channel(Generic[Message]):
     ) -> None:
         self._kind, self._take = kind, take
         self._subscription = node.create_subscription(kind, topic, lambda _: None, qos)
-        self.sinks: list[Sink] = []
 
     def poll(self) -> None:
         """Empty the queue."""
@@ -63,10 +59,7 @@ class Channel(Generic[Message]):
         messages: list[Message] = []
         with handle:
             while len(messages) < MOST and (taken := handle.take_message(self._kind, True)):
-                payload = taken[0]
-                for sink in self.sinks:
-                    sink(payload, time.time_ns())
-                messages.append(deserialize_message(payload, self._kind))
+                messages.append(deserialize_message(taken[0], self._kind))
         if messages:
             self._take(messages)
 
@@ -167,7 +160,7 @@ class TopicCollector:
             key: getattr(m, key) for key in ('late', 'missed', 'refused', 'limited', 'doubled')
         }
         named = zip(m.names, m.counts, strict=False)
-        counts |= {key: count for key, count in named if key not in PLACES}
+        counts |= dict(named)
         self._live.counters[name] = Counters(self._live.clock(), m.sample, m.rate, counts)
 
 

@@ -33,7 +33,6 @@ from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, Excitatio
 from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
 from piezo_hysteresis.runtime.steady_command import SteadyCommand
 from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
-from piezo_hysteresis.runtime.sweep_run import Pause
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 
@@ -91,13 +90,17 @@ class Excitation(Node):
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._neighbours = Neighbours(self)
         self._sweeps = SweepServer(
-            self, self._params, self._neighbours, self._begin, self._answer, self._times.edge_at
+            self, self._params, self._begin, self._answer, self._times.edge_at
         )
         self._params.serve(self._apply, self._refuse)
         self._health = ExcitationHealth()
         Diagnostics(self, self._judge)
         wall_timer(self, 0.5, self._watch)
         wall_timer(self, REPEAT_AFTER, self._repeat)
+
+    def close(self) -> None:
+        """Finish the bag of a sweep that is under way."""
+        self._sweeps.close()
 
     # --- ticks ---------------------------------------------------------------------------------
 
@@ -126,7 +129,7 @@ class Excitation(Node):
             return
         self._newest_state = sample
         self._steady.hear(sample, voltage)
-        self._sweeps.note_state(voltage, unasked=sample > self._emitted)
+        self._sweeps.note_state(sample, voltage, payload)
         if not self._sweeps.waits:
             self._received = time.monotonic()
         self._emit(sample + 1)
@@ -185,7 +188,7 @@ class Excitation(Node):
     def _emit_sweep(self, sample: int) -> None:
         late = self._steady.behind and self._sweeps.over(sample)
         voltage = 0.0 if late else self._sweeps.voltage(sample)
-        if isinstance(voltage, Pause):
+        if voltage is None:
             self._last = None
             return
         if self._last is None:
@@ -292,7 +295,7 @@ class Excitation(Node):
         experiment.length = round(self._params.number('duration') * self._rate)
 
     def _watch(self) -> None:
-        silent = max(time.monotonic() - self._received, self._sweeps.waiting)
+        silent = time.monotonic() - self._received
         deadline = self._params.number('deadline')
         idle = self._params.text('mode') == 'idle' and not self._sweeps.active
         working = self._neighbours.working()
@@ -302,8 +305,8 @@ class Excitation(Node):
             return
         if self._sweeps.waits:
             reason = (
-                f'waited {silent:.0f} s for {self._sweeps.waits_for}: see that it runs and has '
-                'room to write, and run the sweep again'
+                f'waited {silent:.0f} s for {self._sweeps.waits_for}: see that it runs, and run '
+                'the sweep again'
             )
         else:
             reason = (

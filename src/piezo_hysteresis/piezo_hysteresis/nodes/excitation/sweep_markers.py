@@ -1,27 +1,27 @@
-"""Publishes sweep markers and checks that all subscribers are matched."""
+"""Publishes the markers of a sweep, and records it where a bag is asked for."""
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.stamps import nanoseconds_of, stamp_into
-from piezo_hysteresis.nodes.recording.reports import QUIET, Reports
+from piezo_hysteresis.common.stamps import stamp_into
+from piezo_hysteresis.nodes.recording.offered_qos import offered_as_yaml
+from piezo_hysteresis.nodes.recording.reports import subscribers
+from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of
 from piezo_hysteresis.records.markers import sample_text
-from piezo_hysteresis.ros.diagnostics import TOPIC as DIAGNOSTICS
-from piezo_hysteresis.ros.neighbours import Neighbours
+from piezo_hysteresis.records.recorder import Recorder
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP
-from piezo_hysteresis.runtime.consumer_progress import Progress
 from piezo_hysteresis.runtime.sweep_plan import SweepRecord
 from piezo_interfaces.msg import RecordMarker
-
-# Nodes that come and go all the time hold a sweep up no longer than this [s].
-LONGEST_QUIET = 4.0
 
 
 def missing_subscribers(publisher: Publisher, topic: str, count: int) -> str:
@@ -30,8 +30,8 @@ def missing_subscribers(publisher: Publisher, topic: str, count: int) -> str:
     return '' if there >= count else f'{count} subscribers of {topic}, {there} are there'
 
 
-class SweepAudience:
-    """The nodes that take the markers of a sweep in.
+class SweepMarkers:
+    """The markers of a sweep, and the bag of its states and markers.
 
     Parameters
     ----------
@@ -39,64 +39,60 @@ class SweepAudience:
         That runs the sweep.
     parameters : NodeParameters
         Of the node: ``rate``, ``actuator``, ``marker_listeners``.
-    neighbours : Neighbours
-        Who of them starts or compiles.
     edge_at : callable
         Returns the time at which a tick begins for readers of the actuator states [ns].
-    received : callable
-        Called when one of them has reported how far it is.
     """
 
     def __init__(
-        self,
-        node: Node,
-        parameters: NodeParameters,
-        neighbours: Neighbours,
-        edge_at: Callable[[int], int],
-        received: Callable[[], None],
+        self, node: Node, parameters: NodeParameters, edge_at: Callable[[int], int]
     ) -> None:
-        self._parameters, self._neighbours = parameters, neighbours
-        self.edge_at = edge_at
+        self._node, self._parameters, self._edge_at = node, parameters, edge_at
         self._publisher = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
-        self._reports = Reports(node, topics.MARKER, received)
+        self._recorder: Recorder | None = None
+        self._numbers: list[int] = []
 
-    def look(self) -> None:
-        """Notice who has come and who has gone."""
-        self._reports.look()
+    def missing(self) -> str:
+        """Return who has to be there before the first tick; empty where all are."""
+        there = subscribers(self._node, topics.MARKER)
+        count = max(self._parameters.integer('marker_listeners'), there)
+        return missing_subscribers(self._publisher, topics.MARKER, count)
 
-    def keepers(self) -> Mapping[str, Progress]:
-        """Return what the recorders have reported, by name."""
-        return self._reports.keepers()
+    def begin(self, bag: Path) -> None:
+        """Record from now on.
 
-    def missing(self, asked: float) -> str:
-        """Return who has to be there before the first tick; empty where all are.
-
-        Parameters
-        ----------
-        asked : float
-            When the sweep was asked for [s], on the monotonic clock.
+        Raises
+        ------
+        PiezoError
+            If the bag cannot be created.
         """
-        reports = self._reports
-        count = max(self._parameters.integer('marker_listeners'), reports.subscribed)
-        if missing := missing_subscribers(self._publisher, topics.MARKER, count):
-            return missing
-        if silent := reports.silent():
-            return f'the first word of {", ".join(silent)} on its status'
-        if starting := self._starting():
-            return starting
-        now = time.monotonic()
-        calm = now - max(asked, reports.quiet_since()) >= QUIET
-        return '' if calm or now - asked > LONGEST_QUIET else 'nodes that are just starting'
+        recorder = Recorder(bag)
+        self._numbers = []
+        for short, kind in ((topics.STATE, STATE), (topics.MARKER, MARKER)):
+            definition, type_hash = definition_of(kind)
+            name, qos = self._node.resolve_topic_name(short), offered_as_yaml(LOOP)
+            self._numbers.append(
+                recorder.add_topic(name, kind, definition=definition, type_hash=type_hash, qos=qos)
+            )
+        self._recorder = recorder
 
-    def _starting(self) -> str:
-        """Return who of the others is not there as a whole yet; empty for nobody."""
-        self._neighbours.look()
-        if awaiting_first_heartbeat := self._neighbours.awaiting_first_heartbeat():
-            return f'the first word of {", ".join(awaiting_first_heartbeat)} on {DIAGNOSTICS}'
-        return self._neighbours.working()
+    def state(self, payload: bytes) -> bool:
+        """Record a state as it came; return False if it had to be dropped."""
+        return self._write(0, payload)
 
-    def mark(self, record: SweepRecord, sample: int) -> int:
-        """Say that a record begins at tick `sample`; return the stamp of the marker [ns]."""
+    def _write(self, topic: int, payload: bytes) -> bool:
+        recorder = self._recorder
+        return recorder is None or recorder.write(self._numbers[topic], payload, time.time_ns())
+
+    def close(self, *, empty: bool = False) -> None:
+        """Finish the bag, if there is one; one that is `empty` is removed."""
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.close()
+            if empty:
+                shutil.rmtree(recorder.path, ignore_errors=True)
+
+    def mark(self, record: SweepRecord, sample: int) -> None:
+        """Mark that a record begins at tick `sample`."""
         info = record.info
         marker = RecordMarker(record=record.name, excitation=info.excitation)
         marker.actuator = self._parameters.text('actuator')
@@ -104,17 +100,18 @@ class SweepAudience:
         marker.amplitude = info.amplitude
         marker.warm_up = info.warm_up
         marker.input_unit = info.input_unit
-        return self._say(marker, sample)
+        self._publish(marker, sample)
 
-    def end(self, judged: str, verdict: str, sample: int) -> int:
-        """Say that a record ends at tick `sample`, or that `judged` does not count and why."""
+    def end(self, judged: str, verdict: str, sample: int) -> None:
+        """Mark that a record ends at tick `sample`, or that `judged` does not count and why."""
         marker = RecordMarker(excitation=verdict)
         marker.header.frame_id = judged
-        return self._say(marker, sample)
+        self._publish(marker, sample)
 
-    def _say(self, marker: RecordMarker, sample: int) -> int:
+    def _publish(self, marker: RecordMarker, sample: int) -> None:
         marker.rate = self._parameters.number('rate')
         marker.header.frame_id = marker.header.frame_id or sample_text(sample)
-        stamp_into(marker.header.stamp, self.edge_at(sample))
-        self._publisher.publish(marker)
-        return nanoseconds_of(marker.header.stamp)
+        stamp_into(marker.header.stamp, self._edge_at(sample))
+        payload = serialize_message(marker)
+        self._write(1, payload)
+        self._publisher.publish(payload)

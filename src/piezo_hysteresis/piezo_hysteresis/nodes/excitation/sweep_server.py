@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -11,20 +11,20 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.excitation.sweep_markers import SweepAudience
+from piezo_hysteresis.nodes.excitation.sweep_markers import SweepMarkers
+from piezo_hysteresis.nodes.paths import new_inside
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
-from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.sweep_plan import Sweep, narrowed, parse_options
-from piezo_hysteresis.runtime.sweep_run import Kept, Pause, SweepRun, kept_message
+from piezo_hysteresis.runtime.sweep_run import SweepRun, kept_message
 from piezo_interfaces.action import RunSweep
 
 # Time between two feedback messages [s].
 FEEDBACK_EVERY = 0.2
 
-# How often it is looked who has come or gone, while that decides and while a record runs [s].
-LOOK_EVERY, LOOK_SELDOM = 0.05, 0.25
+# How often it is looked who has come, while a sweep waits for subscribers [s].
+LOOK_EVERY = 0.05
 
 
 class SweepServer:
@@ -35,9 +35,7 @@ class SweepServer:
     node : Node
         Whose action it is.
     parameters : NodeParameters
-        Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``deadline``.
-    neighbours : Neighbours
-        Who of them starts or compiles.
+        Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``folder``.
     begin : callable
         Called when a sweep is accepted, so that the node starts to emit.
     resume : callable
@@ -55,7 +53,6 @@ class SweepServer:
         self,
         node: Node,
         parameters: NodeParameters,
-        neighbours: Neighbours,
         begin: Callable[[], None],
         resume: Callable[[], None],
         edge_at: Callable[[int], int],
@@ -74,14 +71,14 @@ class SweepServer:
         self._newest = -1
         self._first = -1
         self._reason = ''
-        self._kept: list[Kept] = []
+        self._ended: SweepRun | None = None
+        self._bag = ''
         self._range = (0.0, 0.0)
         self._voltage = 0.0
         self._refused = self._refused_before = self._known_until = 0
         self._recount = False
-        self._asked = self._looked = 0.0
         self._refuses = False
-        self._audience = SweepAudience(node, parameters, neighbours, edge_at, self._go_on)
+        self._markers = SweepMarkers(node, parameters, edge_at)
         self._server = ActionServer(
             node,
             RunSweep,
@@ -105,17 +102,7 @@ class SweepServer:
     @property
     def waits_for(self) -> str:
         """Whom it waits for; empty where it does not wait."""
-        if self._run is None:
-            return ''
-        return self._run.awaited if self._first >= 0 else self._missing()
-
-    @property
-    def waiting(self) -> float:
-        """How long a recorder has been waited for [s]."""
-        run = self._run
-        if run is None or self._first < 0 or not run.awaited:
-            return 0.0
-        return time.monotonic() - run.since
+        return self._missing() if self._run is not None and self._first < 0 else ''
 
     def _missing(self) -> str:
         """Return who has to be there before the first tick; empty where all are.
@@ -125,7 +112,7 @@ class SweepServer:
         """
         if self._recount:
             return 'loop/status: what was refused of the sweep before is not known yet'
-        return self._audience.missing(self._asked)
+        return self._markers.missing()
 
     @property
     def doing(self) -> str:
@@ -153,30 +140,39 @@ class SweepServer:
             return True
         assert self._run is not None
         if reason := self.beyond_range(*self._run.sweep.extremes):
-            self._node.get_logger().error(f'sweep refused: {reason}')
-            self._counts['sweeps_refused'] += 1
-            self._reason, self._refuses = reason, True
-            self._finish()
+            self._refuse(reason)
             return False
         if self._goal.is_cancel_requested:  # the node that is waited for may never come
             self._finish()
             return False
         if self._missing():
             return False
+        if self._bag:
+            try:
+                self._markers.begin(Path(self._bag))
+            except PiezoError as error:
+                self._refuse(str(error))
+                return False
         self._first = sample
         self._run.sweep.start(sample, self._voltage)
         return True
 
-    def voltage(self, sample: int) -> float | Pause:
-        """Return the voltage of tick `sample`, or why it gets none."""
+    def _refuse(self, reason: str) -> None:
+        self._node.get_logger().error(f'sweep refused: {reason}')
+        self._counts['sweeps_refused'] += 1
+        self._reason, self._refuses = reason, True
+        self._finish()
+
+    def voltage(self, sample: int) -> float | None:
+        """Return the voltage of tick `sample`, None where the sweep is over."""
         run = self._run
         assert run is not None
         if self._goal.is_cancel_requested or self._reason:
             run.stop(sample, REFUSED if self._reason else CANCELLED)
         voltage = run.step(sample)
-        if voltage is Pause.OVER:
+        if voltage is None:
             self._finish()
-        elif voltage is not Pause.HOLD:
+        else:
             if sample % self._ticks_to_report == 0:
                 self._report(run.sweep, sample)
             self._newest = sample
@@ -186,14 +182,14 @@ class SweepServer:
         """Return whether a sweep has started and tick `sample` lies behind its end."""
         return self._run is not None and self._first >= 0 and self._run.sweep.over(sample)
 
-    def note_state(self, voltage: float, unasked: bool) -> None:
-        """Note that a state has come; `unasked` where no command of ours was answered by it."""
+    def note_state(self, sample: int, voltage: float, payload: bytes) -> None:
+        """Note that a state has come, and record it."""
         self._voltage = voltage
-        if unasked and self._run is not None:
-            self._run.paced = True
+        if self._run is not None and self._first >= 0:
+            self._run.hear(sample, kept=self._markers.state(payload))
 
     def give_up(self, reason: str) -> None:
-        """End the sweep because the actuator or a recorder does not answer."""
+        """End the sweep because the actuator does not answer."""
         self._reason = reason
         if self._run is not None and self._first >= 0:
             self._run.stop(self._newest + 1, FAILED)
@@ -207,6 +203,7 @@ class SweepServer:
         if self._run is not None and self._newest > self._first:
             self.give_up('the actuator was started anew during the sweep; run it again')
         else:
+            self._markers.close(empty=True)
             self._first = -1
 
     def note_range(self, low: float, high: float) -> None:
@@ -246,6 +243,7 @@ class SweepServer:
         else:
             try:
                 self._planned(goal)
+                self._path(goal)
             except PiezoError as error:
                 reason = str(error)
         if reason:
@@ -268,6 +266,17 @@ class SweepServer:
             options=parse_options(goal.options),
         )
 
+    def _path(self, goal: RunSweep.Goal) -> str:
+        """Return the bag of a goal, empty for none.
+
+        Raises
+        ------
+        PiezoError
+            If it is outside the folder of the node, or there already.
+        """
+        folder = self._parameters.text('folder')
+        return str(new_inside(folder, goal.bag)) if goal.bag else ''
+
     async def _execute(self, goal: Any) -> RunSweep.Result:
         self._goal = goal
         self._first = self._newest = -1
@@ -275,10 +284,9 @@ class SweepServer:
         self._refused_before = self._refused
         self._done = Future()
         sweep = self._planned(goal.request)
-        self._run = SweepRun(sweep, self._audience)
+        self._bag = self._path(goal.request)
+        self._run = SweepRun(sweep, self._markers, recorded=bool(self._bag))
         self._counts['sweeps'] += 1
-        self._asked = time.monotonic()
-        self._audience.look()
         self._begin()
         await self._done
         return self._result(goal)
@@ -286,9 +294,11 @@ class SweepServer:
     def _result(self, goal: Any) -> RunSweep.Result:
         result = RunSweep.Result()
         result.samples = self._newest + 1 - self._first if self._newest >= 0 else 0
-        result.records = len(self._kept)
-        result.names = [record.name for record in self._kept]
-        result.recorded_by = [', '.join(record.by) for record in self._kept]
+        assert self._ended is not None
+        kept = self._ended.kept
+        result.records = len(kept)
+        result.names = [each.record.name for each in kept]
+        result.bag = self._bag if result.samples else ''
         if self._reason:
             goal.abort()
             result.message = self._reason
@@ -298,34 +308,27 @@ class SweepServer:
         else:
             goal.succeed()
             result.success = True
-            result.message = kept_message(self._kept)
+            result.message = kept_message(kept, self._ended.sweep, self._bag)
         self._counts['sweeps_failed'] += bool(self._reason) and not self._refuses
         self.last = result.message
         return result
 
     def _finish(self) -> None:
-        run, self._run = self._run, None
-        assert run is not None
+        self._ended, self._run = self._run, None
         assert self._done is not None
+        self._markers.close(empty=self._newest < 0)
         self._recount = self._refused > self._refused_before
-        self._kept = run.kept
         self._busy = False
         self._done.set_result(True)
 
-    # --- recorders -----------------------------------------------------------------------------
-
     def _look(self) -> None:
-        """Look who is there, often where that is waited for."""
-        now = time.monotonic()
-        if self._run is None or (not self.waits and now - self._looked < LOOK_SELDOM):
-            return
-        self._looked = now
-        self._audience.look()
-        self._go_on()
-
-    def _go_on(self) -> None:
-        if self.active:
+        """Go on once those are there that were waited for."""
+        if self._run is not None and self._first < 0:
             self._resume()
+
+    def close(self) -> None:
+        """Finish what is being recorded."""
+        self._markers.close()
 
     def _report(self, sweep: Sweep, sample: int) -> None:
         record = sweep.running(sample)

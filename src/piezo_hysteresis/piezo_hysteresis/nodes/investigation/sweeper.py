@@ -11,22 +11,24 @@ from math import isfinite
 from pathlib import Path
 
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
+from piezo_hysteresis.nodes.codecs import STATE
 from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
 from piezo_hysteresis.nodes.investigation.neighbours_asked import Unanswered, waited
-from piezo_hysteresis.nodes.investigation.sweep_bag import SweepBag
 from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
+from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import RunSweep
+from piezo_interfaces.msg import ActuatorState
 
-# What is still on its way when a sweep ends [s].
-FINAL_STATUS_TIMEOUTS = 0.4
 # How long an excitation or an actuator may be away, between two looks whether it is there [s].
 AWAY, LOOK = 60.0, 1.0
 # How often an experiment is started at least before it is given up.
 TRIES = 3
-# Longer than a record the sweep may take: recorders are waited for, and slow machines [s].
+# Longer than a record the sweep may take: it may be run again, and on slow machines [s].
 LATE = 120.0
 # Least time in which an actuator that was left elsewhere is brought to rest [s], and the share of
 # the slew that this may have.
@@ -62,7 +64,7 @@ class Circumstances:
 
 
 class Sweeper:
-    """Runs experiments by the action ``run_sweep``, and is the recorder of their bags.
+    """Runs experiments by the action ``run_sweep``, which records them.
 
     Parameters
     ----------
@@ -74,7 +76,7 @@ class Sweeper:
 
     def __init__(self, node: Node, reached: Callable[[], int]) -> None:
         self._node, self._reached = node, reached
-        self._goals, self._bag = SweepGoals(node), SweepBag(node)
+        self._goals, self._newest = SweepGoals(node), b''
 
     def run(self, experiment: PlannedExperiment, bag: Path, under: Circumstances) -> bool:
         """Run an experiment into a new bag, again where excitation or actuator were started anew.
@@ -106,19 +108,36 @@ class Sweeper:
         self, experiment: PlannedExperiment, bag: Path, under: Circumstances, again: bool
     ) -> bool:
         shutil.rmtree(bag, ignore_errors=True)
-        in_thread_of(self._node, lambda: self._bag.begin(bag))
+        node, inlets = self._node, list[Subscription]()
+        in_thread_of(node, lambda: inlets.append(self._hear()))
         try:
             if again:
                 self._come_to_rest(AT_REST * experiment.amplitude, under)
-            result = self._sweep(experiment, under)
-            time.sleep(FINAL_STATUS_TIMEOUTS)
+            result = self._sweep(experiment, bag, under)
         finally:
-            in_thread_of(self._node, self._bag.close)
-        if self._node.get_fully_qualified_name() not in ', '.join(result.recorded_by).split(', '):
-            raise Unanswered('the recorder missed some of the record')
+            in_thread_of(node, lambda: node.destroy_subscription(inlets[0]))
+        if not result.names:
+            raise Unanswered('the excitation missed some of the record')
         return bool(result.samples <= (experiment.seconds + RESTARTED) * under.rate)
 
-    def _sweep(self, experiment: PlannedExperiment, under: Circumstances) -> RunSweep.Result:
+    def _hear(self) -> Subscription:
+        """Keep the newest state: where the actuator is left shows how it comes to rest."""
+
+        def keep(payload: bytes) -> None:
+            self._newest = payload
+
+        return self._node.create_subscription(ActuatorState, topics.STATE, keep, LOOP, raw=True)
+
+    def _reached_last(self) -> tuple[int, float] | None:
+        """Return tick and voltage [V] of the last state that came, None where none ever did."""
+        if not self._newest:
+            return None
+        _, (sample, voltage, _) = STATE.decode(self._newest)
+        return sample, voltage
+
+    def _sweep(
+        self, experiment: PlannedExperiment, bag: Path, under: Circumstances
+    ) -> RunSweep.Result:
         goal = RunSweep.Goal(
             frequencies=[experiment.frequency],
             amplitudes=[experiment.amplitude],
@@ -126,6 +145,7 @@ class Sweeper:
             warm_up=experiment.prelude,
             waveform=experiment.spec['kind'],
             options=json.dumps({'parts': experiment.spec['parts']}),
+            bag=str(bag.resolve()),
         )
         return self._done(goal, under)
 
@@ -142,13 +162,13 @@ class Sweeper:
         One that keeps its own pace does so by itself; one that waits for each tick stands where
         it was, unless it was started anew.
         """
-        before = self._bag.newest
+        before = self._reached_last()
         waited(lambda: False, under.stopped, PACED)
-        now = self._bag.newest
+        now = self._reached_last()
         if before is None or now is None:
             return
         if now[0] != before[0]:
-            waited(lambda: abs((self._bag.newest or now)[1]) <= at_rest, under.stopped, AWAY)
+            waited(lambda: abs((self._reached_last() or now)[1]) <= at_rest, under.stopped, AWAY)
         elif self._reached() >= now[0] and abs(now[1]) > at_rest:
             slow = abs(now[1]) / (BELOW * under.slew) if isfinite(under.slew) else BACK
             back = max(BACK, slow)
@@ -158,6 +178,5 @@ class Sweeper:
             self._done(goal, under)
 
     def close(self) -> None:
-        """End a sweep that is under way, which brings the actuator to rest, and its recording."""
+        """End a sweep that is under way, which brings the actuator to rest."""
         self._goals.end()
-        self._bag.close()

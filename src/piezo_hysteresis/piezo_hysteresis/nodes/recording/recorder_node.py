@@ -16,7 +16,7 @@ from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level,
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.message_types import message_type
 from piezo_hysteresis.nodes.recording.offered_qos import matching, offered_as_yaml
-from piezo_hysteresis.nodes.recording.recorder_report import CONFIRM_AFTER, RecorderReport
+from piezo_hysteresis.nodes.recording.recorder_report import REPORT_AFTER, RecorderReport
 from piezo_hysteresis.parameters.node_tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
@@ -62,25 +62,24 @@ class RecorderNode(Node):
         self._inlets: list[tuple[Subscription, Callable[[bytes], None]]] = []
         self._problem = ''
         self._watch = CounterWatch(SENTENCES)
-        self._confirmed = self._topics_confirmed()
-        whole = len(self._confirmed) == 2
+        self._counted = self._topics_counted()
         # Announced before it subscribes: a node that sees the subscription can ask how far it is.
-        self._report.begin(self._recorder, confirms=whole)
+        self._report.begin(self._recorder, counts=len(self._counted) == 2)
         self._subscribe_ahead()
         self._look()
         wall_timer(self, 0.1, self._look)
-        wall_timer(self, CONFIRM_AFTER, self._report.tell_news)
+        wall_timer(self, REPORT_AFTER, self._report.tell_news)
         wall_timer(self, 1.0, self._tell)
 
     def _give_up(self, reason: str) -> None:
         self.get_logger().fatal(reason)
         raise SystemExit(2)
 
-    def _topics_confirmed(self) -> dict[str, Callable[[bytes, bool], None]]:
-        """Return who counts what comes over the topics of records, where they are wanted."""
+    def _topics_counted(self) -> dict[str, Callable[[], None]]:
+        """Return who counts what comes over the topics of records, where both are wanted."""
         counted = {topics.STATE: self._report.on_state, topics.MARKER: self._report.on_marker}
         resolved = {self.resolve_topic_name(name): count for name, count in counted.items()}
-        return {name: count for name, count in resolved.items() if name in self._missing}
+        return resolved if resolved.keys() <= self._missing else {}
 
     def _subscribe_ahead(self) -> None:
         """Subscribe to what the suite itself publishes before it appears, to lose nothing."""
@@ -110,20 +109,18 @@ class RecorderNode(Node):
         number = self._recorder.add_topic(
             name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
         )
-        writer = self._writer(number, self._confirmed.get(name))
+        writer = self._writer(number, self._counted.get(name))
         subscription = self.create_subscription(message_type(kind), name, writer, qos, raw=True)
         self._inlets.append((subscription, writer))
         self.get_logger().info(f'recording {name}')
 
-    def _writer(
-        self, number: int, count: Callable[[bytes, bool], None] | None
-    ) -> Callable[[bytes], None]:
+    def _writer(self, number: int, count: Callable[[], None] | None) -> Callable[[bytes], None]:
         write, now = self._recorder.write, time.time_ns
 
         def on_message(payload: bytes) -> None:
-            kept = write(number, payload, now())
+            write(number, payload, now())
             if count is not None:
-                count(payload, kept)
+                count()
 
         return on_message
 
