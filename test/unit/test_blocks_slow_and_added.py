@@ -146,3 +146,28 @@ def test_sensor_polynomial_and_square_laws() -> None:
     np.testing.assert_allclose(
         respond('electrostriction', u, {'electrostriction': 1e-6}), 1e-6 * u**2
     )
+
+
+def test_a_tone_is_guessed_beside_a_larger_slow_residual() -> None:
+    from piezo_hysteresis.blocks.effect import Residual
+    from piezo_hysteresis.blocks.mains_hum import guess
+
+    generator, dt, time = np.random.default_rng(4), 1e-3, 1e-3 * np.arange(8000)
+    slow = 8e-7 * np.exp(-time / 0.3) * np.cos(2.0 * np.pi * 3.3 * time)
+    tone = 5e-8 * np.sin(2.0 * np.pi * 41.3 * time + 0.4)
+    residual = slow + tone + 1e-8 * generator.standard_normal(time.size)
+    seen = Residual(np.zeros(time.size), np.zeros(time.size), residual, dt)
+    first = guess(seen)[0]
+    assert first['hum_frequency'] == pytest.approx(41.3, abs=0.02)
+    assert np.hypot(first['hum_sine'], first['hum_cosine']) == pytest.approx(5e-8, rel=0.1)
+
+
+def test_a_two_sided_sensor_curve_is_guessed_from_its_residual() -> None:
+    from piezo_hysteresis.blocks.effect import Residual
+    from piezo_hysteresis.blocks.sensor_two_sided import guess
+
+    v = 1e-5 + 2e-5 * np.sin(0.01 * np.arange(2000))
+    values = {'side_even': 300.0, 'side_odd': -700.0, 'side_centre': 1e-5}
+    curved = respond('sensor_two_sided', v, values, 1e-3)
+    found = guess(Residual(np.zeros(v.size), v, curved - v, 1e-3))[0]
+    assert found == pytest.approx(values, rel=1e-6)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from frozen_rounds import FREE, FROZEN, HELD, free, held, unpacked
 
+from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
@@ -110,3 +111,14 @@ def test_more_candidates_ask_for_more_evidence(first: dict[str, Round]) -> None:
     best = made.judged().best
     assert made.evaluator.is_sure(made.before, best, max(enough // 2, 1))
     assert not made.evaluator.is_sure(made.before, made.before, 1)
+
+
+def test_a_better_model_without_news_needs_no_further_evidence(first: dict[str, Round]) -> None:
+    made = first['held delay']
+    evaluator, best, many = made.evaluator, made.judged().best, 10**15
+    assert isinstance(evaluator, HeldEvaluator)
+    assert evaluator.shows_news(made.before)
+    adequate = not (evaluator.shows_news(best) or evaluator.shows_news_held_out(best))
+    assert evaluator.is_sure(made.before, best, many) is adequate
+    # nothing was known to be missing before
+    assert not evaluator.is_sure(best, best, many)

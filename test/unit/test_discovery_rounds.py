@@ -79,7 +79,13 @@ def test_a_richer_way_is_never_the_first_of_an_effect() -> None:
 
 def test_trials_that_went_best_go_on() -> None:
     tried = [fit(('a', 'x'), error=noise(k)) for k in (3.0, 1.0, 2.0)]
-    assert rounds.choose_first_fits(tried, POLICY.but(first_fits=2)) == [tried[1], tried[2]]
+    evaluator = SimpleNamespace(
+        map=lambda function, items: [function(each) for each in items],
+        policy=POLICY.but(first_fits=2),
+        score=lambda each: each.square,
+        first_judged=lambda each: each,
+    )
+    assert rounds.choose_first_fits(cast(Any, evaluator), tried) == [tried[1], tried[2]]
 
 
 def test_who_follows_need_only_come_near_the_one_that_goes_ahead() -> None:

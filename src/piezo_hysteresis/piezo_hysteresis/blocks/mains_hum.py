@@ -13,6 +13,9 @@ from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.spectrum import beside_the_drive
 
+# Lines about one that tell how large it is among them.
+_ABOUT = 51
+
 
 @jit
 def kernel(
@@ -28,14 +31,31 @@ def kernel(
     state[1] = count
 
 
-def guess(seen: Residual) -> dict[str, float]:
-    """Return the strongest line of the residual that is no harmonic of the drive."""
+def guess(seen: Residual) -> list[dict[str, float]]:
+    """Return the line that stands out most above its neighbours, and the largest one.
+
+    Neither is a harmonic of the drive. What a model misses of a drive that starts or grows is
+    large at low frequencies, and smooth: there the largest line need not be the tone.
+    """
+    _, lines = beside_the_drive(seen.residual, seen.dt, seen.frequency)
+    above = lines / np.maximum(_background(lines), 1e-300)
+    places = dict.fromkeys(int(np.argmax(each)) for each in (above, lines))
+    return [_tone(seen, lines, place) for place in places if lines[place] > 0.0]
+
+
+def _background(lines: FloatArray) -> FloatArray:
+    """Return the mean of the lines about each, those that were taken out left aside."""
+    from scipy.ndimage import uniform_filter1d
+
+    counted = uniform_filter1d((lines > 0.0).astype(np.float64), _ABOUT, mode='constant')
+    total = uniform_filter1d(lines, _ABOUT, mode='constant')
+    return np.asarray(total / np.maximum(counted, 1.0 / _ABOUT))
+
+
+def _tone(seen: Residual, lines: FloatArray, place: int) -> dict[str, float]:
+    """Return the tone near a line that is nearest to the residual."""
     n = seen.residual.size
     time = seen.start + np.arange(n) * seen.dt
-    _, lines = beside_the_drive(seen.residual, seen.dt, seen.frequency)
-    place = int(np.argmax(lines))
-    if lines[place] == 0.0:
-        return {}
     # the peak of a parabola through the three largest lines, in log
     offset = 0.0
     if 0 < place < n // 2 and lines[place - 1] > 0.0 and lines[place + 1] > 0.0:

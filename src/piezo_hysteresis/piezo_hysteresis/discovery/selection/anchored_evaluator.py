@@ -232,9 +232,19 @@ class HeldEvaluator(Evaluator):
         return of
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
-        """Return whether `after` is better by more than chance, candidates counted."""
+        """Return whether `after` is better by more than chance, candidates counted.
+
+        That `before` misses something is known where it shows news. A better model that shows
+        none explains the records, also where a few harmonics hold all of the evidence.
+        """
         gain = self.score(before) - self.score(after)
-        return gain >= self.policy.sure + float(np.log(tried))
+        if gain >= self.policy.sure + float(np.log(tried)):
+            return True
+        return gain > 0.0 and self._is_adequate(after) and not self._is_adequate(before)
+
+    def _is_adequate(self, fit: CandidateFit) -> bool:
+        """Return whether a model shows no news on training and held-out views."""
+        return not (self.shows_news(fit) or self.shows_news_held_out(fit))
 
     def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
         """Return whether an effect takes time and explains enough, on held-out records too."""

@@ -47,8 +47,8 @@ class SelectionPolicy:
     first_fits: int = number(
         10,
         '1',
-        'Candidates with a first fit, best trials first; as many as trials, because some start '
-        'worse than the model without them.',
+        'Candidates with a first fit, best trials first; with a named baseline as many as trials, '
+        'because some start worse than the model without them.',
         'effort',
     )
     final_fits: int = number(
@@ -359,7 +359,7 @@ POLICY = SelectionPolicy()
 HELD = POLICY.but(
     trust=0.85,
     trials=24,
-    first_fits=24,
+    first_fits=12,
     final_within=16.0,
     final_fits=6,
     variants_first=1,

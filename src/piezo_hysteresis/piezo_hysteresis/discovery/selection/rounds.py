@@ -88,7 +88,7 @@ def select(
     chosen = choose_trials(scores, least, evaluator.policy)
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
     progress(0.4, f'{len(chosen)} candidates tried')
-    hopeful = choose_first_fits([fit for fit in tried if fit is not None], evaluator.policy)
+    hopeful = choose_first_fits(evaluator, [fit for fit in tried if fit is not None])
     first = evaluator.raced(
         lambda each, enough: _first_fit(evaluator, each, enough),
         hopeful,
@@ -203,13 +203,13 @@ def _trial(
     return best
 
 
-def choose_first_fits(
-    tried: Sequence[CandidateFit], policy: SelectionPolicy
-) -> list[CandidateFit]:
+def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> list[CandidateFit]:
     """Return the trials that went best; they were all on the same samples."""
-    return sorted(tried, key=lambda fit: (fit.square, fit.effect, fit.variant))[
-        : policy.first_fits
-    ]
+    scores = evaluator.map(lambda fit: evaluator.score(evaluator.first_judged(fit)), tried)
+    pairs = sorted(
+        zip(scores, tried, strict=True), key=lambda p: (p[0], p[1].effect, p[1].variant)
+    )
+    return [fit for _, fit in pairs[: evaluator.policy.first_fits]]
 
 
 def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
