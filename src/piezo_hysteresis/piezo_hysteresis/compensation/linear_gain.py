@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -33,37 +32,7 @@ class LinearGain(Protocol):
         """Return the gain [m/V] at `frequency` [Hz]."""
 
 
-@jit
-def gain_at(frequency: float, packed: FloatArray) -> complex:
-    """Return the gain [m/V] at `frequency` [Hz] from the numbers of a `LinearGain`."""
-    kind = int(packed[0])
-    if kind == _MODE:
-        answer = complex(packed[1], 0.0)
-        if packed[2] > 0.0:
-            ratio = frequency / packed[2]
-            answer /= complex(1.0 - ratio * ratio, 2.0 * packed[3] * ratio)
-        lag = 2.0 * math.pi * frequency * (0.5 * packed[4] + packed[5])
-        return answer * complex(math.cos(lag), -math.sin(lag))
-    if kind == _RECURSION:
-        turn = 2.0 * math.pi * frequency * packed[4]
-        z = complex(math.cos(turn), -math.sin(turn))
-        return complex(packed[1] / (1.0 - z - packed[2] * z * z - packed[3] * z * z * z))
-    # Horner's rule: a sine and a cosine per number would take as long as many ticks.
-    turn = 2.0 * math.pi * frequency * packed[1]
-    z = complex(math.cos(turn), -math.sin(turn))
-    total = complex(0.0, 0.0)
-    for k in range(packed.size - 1, 1, -1):
-        total = total * z + packed[k]
-    return total
-
-
-def packed_pulse(pulse: FloatArray, dt: float) -> FloatArray:
-    """Return the numbers of a gain that is known by its response to a pulse, [m/V] per tick."""
-    return np.concatenate([(_PULSE, dt), pulse])
-
-
-@dataclass(frozen=True)
-class ModeGain:
+class ModeGain(NamedTuple):
     """A gain, one lightly damped mode, a zero-order hold and a delay.
 
     Attributes
@@ -90,17 +59,14 @@ class ModeGain:
     @property
     def packed(self) -> FloatArray:
         """Numbers that `gain_at` reads."""
-        return np.array(
-            [_MODE, self.gain, self.natural_frequency, self.damping_ratio, self.dt, self.delay]
-        )
+        return np.array([_MODE, *self])
 
     def __call__(self, frequency: float) -> complex:
         """Return the gain [m/V] at `frequency` [Hz]."""
         return complex(gain_at(float(frequency), self.packed))
 
 
-@dataclass(frozen=True)
-class ArGain:
+class ArGain(NamedTuple):
     """The linear part of the extended model, Fujii 2018 (3): third-order all-pole recursion.
 
     Attributes
@@ -121,11 +87,43 @@ class ArGain:
     @property
     def packed(self) -> FloatArray:
         """Numbers that `gain_at` reads."""
-        return np.array([_RECURSION, self.gain, self.c1, self.c2, self.dt])
+        return np.array([_RECURSION, *self])
 
     def __call__(self, frequency: float) -> complex:
         """Return the gain [m/V] at `frequency` [Hz]."""
         return complex(gain_at(float(frequency), self.packed))
+
+
+@jit
+def gain_at(frequency: float, packed: FloatArray) -> complex:
+    """Return the gain [m/V] at `frequency` [Hz] from the numbers of a `LinearGain`."""
+    kind = int(packed[0])
+    if kind == _MODE:
+        mode = ModeGain(packed[1], packed[2], packed[3], packed[4], packed[5])
+        answer = complex(mode.gain, 0.0)
+        if mode.natural_frequency > 0.0:
+            ratio = frequency / mode.natural_frequency
+            answer /= complex(1.0 - ratio * ratio, 2.0 * mode.damping_ratio * ratio)
+        lag = 2.0 * math.pi * frequency * (0.5 * mode.dt + mode.delay)
+        return answer * complex(math.cos(lag), -math.sin(lag))
+    if kind == _RECURSION:
+        row = ArGain(packed[1], packed[2], packed[3], packed[4])
+        turn = 2.0 * math.pi * frequency * row.dt
+        z = complex(math.cos(turn), -math.sin(turn))
+        return complex(row.gain / (1.0 - z - row.c1 * z * z - row.c2 * z * z * z))
+    # Horner's rule: a sine and a cosine per number would take as long as many ticks.
+    dt, pulse = packed[1], packed[2:]
+    turn = 2.0 * math.pi * frequency * dt
+    z = complex(math.cos(turn), -math.sin(turn))
+    total = complex(0.0, 0.0)
+    for k in range(pulse.size - 1, -1, -1):
+        total = total * z + pulse[k]
+    return total
+
+
+def packed_pulse(pulse: FloatArray, dt: float) -> FloatArray:
+    """Return the numbers of a gain that is known by its response to a pulse, [m/V] per tick."""
+    return np.concatenate([(_PULSE, dt), pulse])
 
 
 def linear_gain(parameters: Mapping[str, float], dt: float) -> LinearGain:

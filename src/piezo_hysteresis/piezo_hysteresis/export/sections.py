@@ -49,6 +49,7 @@ from piezo_hysteresis.compensation.limiter import (
     limit,
     packed_limits,
 )
+from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.sensor_guard import forget_watch
 from piezo_hysteresis.compensation.transition import (
@@ -234,8 +235,11 @@ _LIVE = {
     'forgetting': places.FORGETTING, 'gain': places.ERROR_GAIN,
     'switch_frequency': places.SWITCH,
 }  # fmt: skip
-#: Places of gain, natural frequency and damping ratio in the packed gain of a mode.
-_GAIN = {'gain': 1, 'natural_frequency': 2, 'damping_ratio': 3}
+#: What of the mode may change, and its places in the packed gain, behind its kind.
+_GAIN = {
+    name: 1 + ModeGain._fields.index(name)
+    for name in ('gain', 'natural_frequency', 'damping_ratio')
+}
 
 
 def attenuation_section(link: HarmonicAttenuation) -> Section:

@@ -11,6 +11,7 @@ An error that keeps growing makes the order start anew from 0, with the gain tha
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
@@ -96,12 +97,40 @@ def fitted_at(p: FloatArray) -> int:
     return _LINES + LINE_SIZE * room(p)
 
 
+class Fit(NamedTuple):
+    """Where in the memory the fit of a window stands.
+
+    Attributes
+    ----------
+    orders, found : int
+        The fitted orders, and how many were found to be separable.
+    basis, size : int
+        The basis of one tick, and how many functions it has.
+    normal, end : int
+        The normal equations, and what is behind them.
+    """
+
+    orders: int
+    found: int
+    basis: int
+    size: int
+    normal: int
+    end: int
+
+
+@jit
+def fit_of(count: int, p: FloatArray) -> Fit:
+    """Return where the fit of `count` orders stands."""
+    orders = fitted_at(p)
+    basis, size = orders + room(p) + _BESIDES, 1 + 2 * count
+    normal = basis + size
+    return Fit(orders, count, basis, size, normal, normal + (size + 1) * (size + 1))
+
+
 @jit
 def afc_size(p: FloatArray) -> int:
     """Return the size of the memory for packed settings."""
-    fitted = room(p) + _BESIDES
-    m = 1 + 2 * fitted
-    return fitted_at(p) + fitted + m + (m + 1) * (m + 1)
+    return fit_of(room(p) + _BESIDES, p).end
 
 
 @jit
@@ -132,14 +161,13 @@ def update(
         return
     if memory[_TICKS] <= memory[_SKIP]:
         return
-    first, fitted = fitted_at(p), int(memory[_FITTED])
-    m, place = 1 + 2 * fitted, first + room(p) + _BESIDES
+    fit = fit_of(int(memory[_FITTED]), p)
     accumulate(
         error,
         phase,
-        memory[first : first + fitted],
-        memory[place : place + m],
-        memory[place + m :],
+        memory[fit.orders : fit.orders + fit.found],
+        memory[fit.basis : fit.normal],
+        memory[fit.normal :],
     )
     if memory[_TICKS] >= memory[_SKIP] + memory[_LENGTH]:
         close_window(memory, p, g, dt)
@@ -233,10 +261,9 @@ def drop_window(
         memory[_POWER] = 0.0
     choose_orders(frequency, memory, p, dt)
     reschedule(frequency, kept, memory, p, g, dt)
-    m = 1 + 2 * int(memory[_FITTED])
-    place = fitted_at(p) + room(p) + _BESIDES + m
-    for k in range((m + 1) * (m + 1)):
-        memory[place + k] = 0.0
+    fit = fit_of(int(memory[_FITTED]), p)
+    for k in range(fit.normal, fit.end):
+        memory[k] = 0.0
 
 
 @jit
@@ -305,16 +332,14 @@ def reschedule(
 @jit
 def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Learn from the window that has ended, and begin the next."""
-    first, fitted = fitted_at(p), int(memory[_FITTED])
-    m, place = 1 + 2 * fitted, first + room(p) + _BESIDES
-    solution = scratch(m)
-    normal = memory[place + m : place + m + (m + 1) * (m + 1)]
+    fit = fit_of(int(memory[_FITTED]), p)
+    solution, normal = scratch(fit.size), memory[fit.normal : fit.end]
     deviation = solve_normal(normal, memory[_TICKS] - memory[_SKIP], solution)
     if not math.isfinite(deviation):  # a window that tells nothing moves nothing
         drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
         return
     memory[WINDOWS] += 1.0
-    judge_window(normal[m * (m + 1) + m] / (memory[_TICKS] - memory[_SKIP]), memory)
+    judge_window(normal[normal.size - 1] / (memory[_TICKS] - memory[_SKIP]), memory)
     count = int(memory[_COUNT])
     with_mean = p[WITH_MEAN] > 0.0
     errors, changes = scratch((count + 1, 2)), scratch(count + 1)
@@ -324,8 +349,8 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
         at = _LINES + LINE_SIZE * i if i < count else _MEAN
         errors[i, 0], errors[i, 1] = solution[0], 0.0
         if i < count:
-            for k in range(fitted):
-                if memory[first + k] == memory[at + ORDER]:
+            for k in range(fit.found):
+                if memory[fit.orders + k] == memory[at + ORDER]:
                     errors[i, 0], errors[i, 1] = solution[1 + 2 * k], solution[2 + 2 * k]
         moved = math.hypot(
             errors[i, 0] - memory[at + ERROR], errors[i, 1] - memory[at + ERROR + 1]

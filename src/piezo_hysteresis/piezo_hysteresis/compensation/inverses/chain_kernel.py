@@ -31,8 +31,17 @@ _FORCE = STRUCTURE + STATE_SIZE
 _MOVED = _FORCE + 1
 _MEMORIES = _MOVED + 1
 
-#: ``through(signal, memory, p, dt)``: a row of blocks on displacement, velocity, acceleration.
-_Through = Callable[[FloatArray, FloatArray, FloatArray, float], None]
+
+class Motion(NamedTuple):
+    """A displacement [m] with its first two derivatives, or a signal that has none."""
+
+    displacement: float
+    velocity: float
+    acceleration: float
+
+
+#: ``through(motion, memory, p, dt)``: a row of blocks on a motion.
+_Through = Callable[[Motion, FloatArray, FloatArray, float], Motion]
 
 
 class ChainKernel(NamedTuple):
@@ -89,23 +98,22 @@ def _whole(undone: _Through, solved: _Through, kept: _Through, clamped: Any, bac
         reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
         low: float, high: float,
     ) -> None:  # fmt: skip
-        ahead, signal, structure = scratch((3, 1)), scratch(3), memory[STRUCTURE:_FORCE]
+        ahead, structure = scratch((3, 1)), memory[STRUCTURE:_FORCE]
         for k in range(voltage.size):
             carry_ahead(reference[:, k : k + 1], ahead, structure, p[_LEAD], dt)
-            signal[0], signal[1], signal[2] = ahead[0, 0] + p[REST], ahead[1, 0], ahead[2, 0]
-            undone(signal, memory, p, dt)
+            at = Motion(ahead[0, 0] + p[REST], ahead[1, 0], ahead[2, 0])
+            at = undone(at, memory, p, dt)
             place = voltage[k : k + 1]
-            place[0] = signal[0] + p[_K1] * signal[1] + p[_K2] * signal[2]
+            place[0] = at.displacement + p[_K1] * at.velocity + p[_K2] * at.acceleration
             if p[_LEAD] > 0.0:
                 lift_droop(place, structure)
-            signal[0] = place[0] + back(signal[0], memory, p, dt)
-            solved(signal, memory, p, dt)
-            u = signal[0]
+            target = place[0] + back(at.displacement, memory, p, dt)
+            u = solved(Motion(target, 0.0, 0.0), memory, p, dt).displacement
             if u > high or u < low:
                 u = min(max(u, low), high)
                 memory[_STROKE] += 1.0
-            voltage[k] = signal[0] = u
-            kept(signal, memory, p, dt)
+            voltage[k] = u
+            kept(Motion(u, 0.0, 0.0), memory, p, dt)
         memory[_CLAMPED] = clamped(memory)
 
     return run
@@ -130,8 +138,8 @@ def _acting_back(restoring: Any, count: int) -> Any:
 
 
 @jit
-def _nothing(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
-    return
+def _nothing(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
+    return at
 
 
 @jit
@@ -151,9 +159,8 @@ def _before(one: _Through, other: _Through) -> _Through:
     """Return `one` and then `other`."""
 
     @jit
-    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
-        one(signal, memory, p, dt)
-        other(signal, memory, p, dt)
+    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
+        return other(one(at, memory, p, dt), memory, p, dt)
 
     return through
 
@@ -163,8 +170,8 @@ def _solve(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     solve = inverse.solve
 
     @jit
-    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
-        signal[0] = solve(signal[0], memory[place:], p[numbers:], dt)
+    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
+        return Motion(solve(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
     return through
 
@@ -174,8 +181,8 @@ def _keep(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     commit = inverse.commit
 
     @jit
-    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
-        signal[0] = commit(signal[0], memory[place:], p[numbers:], dt)
+    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
+        return Motion(commit(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
     return through
 
@@ -185,15 +192,14 @@ def _undo(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     solve, commit, shape = inverse.solve, inverse.commit, inverse.shape
 
     @jit
-    def through(signal: FloatArray, memory: FloatArray, p: FloatArray, dt: float) -> None:
+    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         own, numbers_of_it = memory[place:], p[numbers:]
-        d = solve(signal[0], own, numbers_of_it, dt)
+        d = solve(at.displacement, own, numbers_of_it, dt)
         slope, bend = shape(d, own, numbers_of_it, dt)
         commit(d, own, numbers_of_it, dt)
         if slope == 0.0:
             slope = numbers_of_it[FIRST_SLOPE]
-        v = signal[1] / slope
-        signal[0], signal[1] = d, v
-        signal[2] = (signal[2] - bend * v * v) / slope
+        v = at.velocity / slope
+        return Motion(d, v, (at.acceleration - bend * v * v) / slope)
 
     return through
