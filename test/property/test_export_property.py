@@ -39,15 +39,16 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.export.compensator import compensator_of
 from piezo_hysteresis.export.doors import compensator_doors, plant_doors
 from piezo_hysteresis.export.fields import of_model
-from piezo_hysteresis.export.more_sections import frequency_section, repetitive_section
 from piezo_hysteresis.export.native import object_code
 from piezo_hysteresis.export.plant_functions import plant_of
 from piezo_hysteresis.export.sections import (
     attenuation_section,
     feedback_section,
+    frequency_section,
     inverse_section,
     limiter_section,
     limits_fields,
+    repetitive_section,
 )
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.waveforms import Sine

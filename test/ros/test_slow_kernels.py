@@ -17,8 +17,8 @@ from live_nodes import LiveNodes
 from rcl_interfaces.msg import Log
 
 from piezo_hysteresis.records import Record, write_bag
-from piezo_hysteresis.ros.heartbeats import FRESH
 from piezo_hysteresis.ros.processes import NodeProcess
+from piezo_hysteresis.ros.readiness import FRESH
 from piezo_interfaces.msg import ActuatorState, LoopStatus
 
 pytestmark = pytest.mark.ros

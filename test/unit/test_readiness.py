@@ -9,8 +9,7 @@ import pytest
 
 from piezo_hysteresis.kernels import watch
 from piezo_hysteresis.ros import readiness
-from piezo_hysteresis.ros.heartbeats import FRESH, Heartbeats
-from piezo_hysteresis.ros.readiness import Herald, Readiness
+from piezo_hysteresis.ros.readiness import FRESH, Heartbeats, Herald, Readiness
 
 
 class Ear:

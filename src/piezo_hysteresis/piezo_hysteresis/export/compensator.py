@@ -11,8 +11,14 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.energy import slow_enough
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE
 from piezo_hysteresis.compensation.sensor_guard import POINT_SIZE, READ_SIZE
-from piezo_hysteresis.export.component import Component
-from piezo_hysteresis.export.fields import IMPOSSIBLE, OK, UNINITIALISED, Field, checking
+from piezo_hysteresis.export.fields import (
+    IMPOSSIBLE,
+    OK,
+    UNINITIALISED,
+    Component,
+    Field,
+    checking,
+)
 from piezo_hysteresis.export.sections import Section
 from piezo_hysteresis.jit import leaf, scratch
 

@@ -9,8 +9,7 @@ import numpy as np
 from numba import carray
 
 from piezo_hysteresis.export.compensator import INPUT_SIZE
-from piezo_hysteresis.export.component import Component
-from piezo_hysteresis.export.fields import Field
+from piezo_hysteresis.export.fields import Component, Field
 from piezo_hysteresis.export.native import Entry
 from piezo_hysteresis.jit import leaf
 

@@ -1,4 +1,4 @@
-"""The numbers that a user may set: names, units and ranges of the suite's own tables."""
+"""The numbers that a user may set, with units and ranges of the suite's tables, and of what."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -96,3 +97,32 @@ def checking(fields: Sequence[Field]) -> Callable[[FloatArray], int]:
         return OK
 
     return check
+
+
+class Component(NamedTuple):
+    """A state, its functions and its fields.
+
+    Attributes
+    ----------
+    step : callable
+        One tick: ``step(s, x, voltage)`` of a loop, ``step(s, voltage, displacement)`` of a plant;
+        answers bits, see the module that makes it.
+    begin, change : callable
+        ``begin(s, values)`` and ``change(s, values)``: 0, or why not.
+    reset : callable
+        ``reset(s)``.
+    size : int
+        Numbers in the state.
+    fields : tuple of Field
+        What may be set.
+    rows : tuple of (str, int)
+        Sections of the state and their sizes.
+    """
+
+    step: Callable[..., int]
+    begin: Callable[[FloatArray, FloatArray], int]
+    change: Callable[[FloatArray, FloatArray], int]
+    reset: Callable[[FloatArray], int]
+    size: int
+    fields: tuple[Field, ...]
+    rows: tuple[tuple[str, int], ...]

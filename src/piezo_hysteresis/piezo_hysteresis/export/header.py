@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from piezo_hysteresis.export.component import Component
-from piezo_hysteresis.export.fields import Field
+from piezo_hysteresis.export.fields import Component, Field
 from piezo_hysteresis.export.programs import filled
 
 

@@ -20,24 +20,31 @@ from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import closed_loop
-from piezo_hysteresis.export.archive import archive
-from piezo_hysteresis.export.build_files import cmake, makefile
 from piezo_hysteresis.export.compensator import compensator_of
-from piezo_hysteresis.export.component import Component
 from piezo_hysteresis.export.doors import compensator_doors, plant_doors
-from piezo_hysteresis.export.fields import of_model
+from piezo_hysteresis.export.fields import Component, of_model
 from piezo_hysteresis.export.header import About, header
-from piezo_hysteresis.export.more_sections import frequency_section, repetitive_section
 from piezo_hysteresis.export.native import ExportError, known_target, object_code
 from piezo_hysteresis.export.plant_functions import plant_of
-from piezo_hysteresis.export.programs import Drive, bench, example, plant_test, selftest
+from piezo_hysteresis.export.programs import (
+    Drive,
+    archive,
+    bench,
+    cmake,
+    example,
+    makefile,
+    plant_test,
+    selftest,
+)
 from piezo_hysteresis.export.sections import (
     Section,
     attenuation_section,
     feedback_section,
+    frequency_section,
     inverse_section,
     limiter_section,
     limits_fields,
+    repetitive_section,
     switched,
 )
 from piezo_hysteresis.models.modelfile import ModelFile

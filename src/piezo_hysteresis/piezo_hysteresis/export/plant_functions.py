@@ -9,8 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.export.compensator import NOT_FINITE
-from piezo_hysteresis.export.component import Component
-from piezo_hysteresis.export.fields import OK, UNINITIALISED, Field, checking, of_model
+from piezo_hysteresis.export.fields import OK, UNINITIALISED, Component, Field, checking, of_model
 from piezo_hysteresis.export.pieces import in_series, piece_of
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model

@@ -1,7 +1,8 @@
-"""The C programs beside a library: an example, a self-test, a bench."""
+"""What is beside the object code of a library: its archive, C programs, files to build it."""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -76,3 +77,46 @@ def plant_test(name: str, stroke: float) -> str:
 def bench(name: str, drive: Drive) -> str:
     """Return the bench: time of single steps, and a loop by the clock."""
     return filled('bench.c', name=name, drive=drive)
+
+
+def makefile(name: str, with_loop: bool) -> str:
+    """Return the Makefile: the example, the self-test and the bench; without a loop the test."""
+    return filled('Makefile.txt', name=name, programs=_programs(with_loop))
+
+
+def cmake(name: str, version: str, with_loop: bool) -> str:
+    """Return the CMakeLists.txt."""
+    return filled('CMakeLists.txt', name=name, version=version, programs=_programs(with_loop))
+
+
+def _programs(with_loop: bool) -> str:
+    return 'example selftest bench' if with_loop else 'selftest'
+
+
+_MAGIC = b'!<arch>\n'
+
+
+def archive(name: str, code: bytes, symbols: list[str]) -> bytes:
+    """Return an archive in the format of ar (SysV), with the table of symbols that linkers read.
+
+    It is written without a tool: no compiler is needed to export.
+
+    Parameters
+    ----------
+    name : str
+        Of the object file; up to 15 letters.
+    code : bytes
+        The object file.
+    symbols : list of str
+        What it defines for others.
+    """
+    names = b''.join(symbol.encode() + b'\0' for symbol in symbols)
+    size = 4 + 4 * len(symbols) + len(names)
+    first = len(_MAGIC) + 60 + size + size % 2
+    table = struct.pack(f'>{1 + len(symbols)}I', len(symbols), *([first] * len(symbols))) + names
+    return _MAGIC + _member('/', table) + _member(f'{name}/', code)
+
+
+def _member(name: str, content: bytes) -> bytes:
+    head = f'{name:<16}{0:<12}{0:<6}{0:<6}{"644":<8}{len(content):<10}'.encode() + b'`\n'
+    return head + content + b'\n' * (len(content) % 2)

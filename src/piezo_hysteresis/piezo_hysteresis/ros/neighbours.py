@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from piezo_hysteresis.ros.diagnostics import TOPIC, state_of
-from piezo_hysteresis.ros.heartbeats import Heartbeats
+from piezo_hysteresis.ros.readiness import Heartbeats
 
 
 class Neighbours(Heartbeats):
